@@ -12,6 +12,8 @@ import numpy as np
 
 from analysis import published
 from analysis.audit.audit import Comparison, compare
+from analysis.comparison.results import Compared
+from analysis.comparison.results import compute as compute_comparisons
 from analysis.documents import page
 from analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from analysis.documents.tables import WIDTH, Section, text
@@ -20,6 +22,7 @@ from analysis.identification.time_course import TimeCourse
 from analysis.reading.dataset import read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
 from analysis.reading.study import Study, nothing_left
+from analysis.report import comparison_sections
 from analysis.report.sections import METHODS, sections
 from analysis.statistics.anova import Anova
 from experiment.errors import DatasetError
@@ -34,14 +37,28 @@ FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
 
 @dataclass(frozen=True)
 class Analysis:
-    """The results of an analysis, and the files that hold them."""
+    """The results of an analysis, and the files that hold them; `found` are those of a study's kind of trial."""
 
     study: Study
-    results: Results
+    found: Results | Compared
     comparison: Comparison | None
     sections: tuple[Section, ...]
     out: Path
     files: tuple[Path, ...]
+
+    @property
+    def results(self) -> Results:
+        """Return the results of identifications. Raises `TypeError` for comparisons."""
+        if not isinstance(self.found, Results):
+            raise TypeError("comparisons have other results: compared")
+        return self.found
+
+    @property
+    def compared(self) -> Compared:
+        """Return the results of comparisons. Raises `TypeError` for identifications."""
+        if not isinstance(self.found, Compared):
+            raise TypeError("identifications have other results: results")
+        return self.found
 
     @property
     def report(self) -> Path:
@@ -63,7 +80,9 @@ class Analysis:
     def as_dict(self) -> dict[str, Any]:
         """Return everything for JSON, with None instead of NaN or infinity where something is not defined."""
         paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
-        return {**_numbers(self.study, self.results, self.comparison), **paths}
+        if isinstance(self.found, Compared):
+            return {**_compared(self.study, self.found), **paths}
+        return {**_numbers(self.study, self.found, self.comparison), **paths}
 
 
 def analyse(
@@ -88,6 +107,10 @@ def analyse(
     if not study.attempts["included"].any():
         raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
     printed = published.load(study.id)
+    if study.answers is not None:
+        if dissimilarities is not None:
+            raise DatasetError(f"{study.id}: got --dissimilarities and comparisons; allowed: one of them; leave it out")
+        return _comparisons(study, compute_comparisons(study, printed), place, figures=figures)
     if dissimilarities is not None:
         alike = from_file(dissimilarities, study.materials)
     else:
@@ -97,6 +120,23 @@ def analyse(
     parts = sections(study, results, comparison)
     content = _content(study, results, comparison, parts, figures=figures)
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
+
+
+def _comparisons(study: Study, found: Compared, place: Path, *, figures: bool) -> Analysis:
+    """Write the analysis of a study of comparisons."""
+    parts = comparison_sections.sections(study, found)
+    drawn: tuple[Sheet, ...] = ()
+    if figures:
+        from analysis.report import comparison_figures
+
+        drawn = comparison_figures.sheets(found, study.label)
+    title, numbers = study.name.removeprefix(f"{study.label}: "), _compared(study, found)
+    content = page.folder(title, study.label, parts, drawn, comparison_sections.METHODS, numbers) | _bids(study)
+    return Analysis(study, found, None, parts, place, publish(place, content, study.label, "analyse"))
+
+
+def _compared(study: Study, found: Compared) -> dict[str, Any]:
+    return {**_facts(study), "quality": found.quality, "tasks": [_plain(task) for task in found.tasks]}
 
 
 def _content(
@@ -139,7 +179,7 @@ def _counts(results: Results) -> Section:
     return Section("counts", "Counts", records=records)
 
 
-def _numbers(study: Study, results: Results, comparison: Comparison | None) -> dict[str, Any]:
+def _facts(study: Study) -> dict[str, Any]:
     return {
         "study": study.id,
         "name": study.name,
@@ -147,6 +187,14 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "label": study.label,
         "materials": list(study.materials),
         "participants": list(study.participants),
+        "exclusions": [asdict(exclusion) for exclusion in study.exclusions],
+        "unasked": [asdict(one) for one in study.unasked],
+    }
+
+
+def _numbers(study: Study, results: Results, comparison: Comparison | None) -> dict[str, Any]:
+    return {
+        **_facts(study),
         "tasks": [_task(task) for task in results.tasks],
         "identification": [_plain(found) for found in results.identifications],
         "one_way": [{**_plain(pair), "anova": _anova(pair.anova)} for pair in results.pairs],
@@ -158,8 +206,6 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "icc": [asdict(reliability) for reliability in results.reliabilities],
         "variance_components": _plain(results.components),
         "comparison": _plain(comparison),
-        "exclusions": [asdict(exclusion) for exclusion in study.exclusions],
-        "unasked": [asdict(one) for one in study.unasked],
     }
 
 

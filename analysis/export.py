@@ -2,8 +2,9 @@
 
 `trials.csv` is tidy, with one row for each attempt. R reads `long.csv`, the counts by participant and cell. JASP reads
 `wide.csv` for repeated measures, with one row for each participant. `psychopy.csv` has the columns of PsychoPy's own
-data files. Files are UTF-8 with commas; a missing value is NA, or empty for PsychoPy; an apostrophe stands before a
-text that a spreadsheet would compute.
+data files. Of comparisons there are `trials.csv` and `pairs.csv`, the counts by participant and ordered pair. Files are
+UTF-8 with commas; a missing value is NA, or empty for PsychoPy; an apostrophe stands before a text that a spreadsheet
+would compute.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from analysis.documents.output import check, publish
@@ -19,6 +21,7 @@ from analysis.documents.tables import cell
 from analysis.identification.confusion import confusion_of
 from analysis.reading.dataset import MISSING, read_pooled
 from analysis.reading.study import Study
+from experiment.records import tapping
 from experiment.records.events import NO_ANSWER
 
 LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated, reconstructed or imported", "text")
@@ -85,6 +88,37 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
 }
 """File -> its columns: name, what it holds, unit or kind."""
 
+FIRST, SECOND = ("first", "material presented first", "text"), ("second", "material presented second", "text")
+
+COMPARED: Mapping[str, tuple[tuple[str, str, str], ...]] = {
+    "trials.csv": (
+        LABEL,
+        PARTICIPANT,
+        TASK,
+        ("trial", "place of the trial in its order, from 1", "whole number"),
+        ("attempt", "1 for the first attempt at this trial", "whole number"),
+        ("counted", "1: the attempt that counts; 0: done again", "0 or 1"),
+        ("included", "1: in the analysis; 0: left out, see exclusions.csv", "0 or 1"),
+        FIRST,
+        SECOND,
+        ("answered", f"which was named: first, second, or tie; {NO_ANSWER}: none was named", "text"),
+        ("right", "1: the later of the study's materials was named; NA: one material twice, or no answer", "0 or 1"),
+        ("response_time_s", "both samples laid out to the choice of the answer", "seconds"),
+    ),
+    "pairs.csv": (
+        LABEL,
+        PARTICIPANT,
+        TASK,
+        FIRST,
+        SECOND,
+        ("first_named", "included trials in which the first was named", "whole number"),
+        ("second_named", "included trials in which the second was named", "whole number"),
+        ("ties", "included trials in which neither was named", "whole number"),
+    ),
+    "exclusions.csv": COLUMNS["exclusions.csv"],
+}
+"""The same of comparisons; `pairs.csv` holds what BradleyTerry2 asks for."""
+
 DICTIONARY = "data_dictionary.csv"
 
 
@@ -101,6 +135,9 @@ def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
 
 def files(study: Study) -> dict[str, bytes]:
     """Return every file by name; the dictionary describes every column of the others."""
+    if study.answers is not None:
+        compared = {"trials.csv": _compared(study), "pairs.csv": _pairs(study), "exclusions.csv": _exclusions(study)}
+        return _written(study, compared, COMPARED)
     wide, wide_columns = _wide(study)
     frames = {
         "trials.csv": _trials(study),
@@ -109,7 +146,12 @@ def files(study: Study) -> dict[str, bytes]:
         "exclusions.csv": _exclusions(study),
         "psychopy.csv": _psychopy(study),
     }
-    described = {**COLUMNS, "wide.csv": wide_columns}
+    return _written(study, frames, {**COLUMNS, "wide.csv": wide_columns})
+
+
+def _written(
+    study: Study, frames: Mapping[str, pd.DataFrame], described: Mapping[str, tuple[tuple[str, str, str], ...]]
+) -> dict[str, bytes]:
     dictionary = pd.DataFrame(
         [(name, *column) for name, columns in described.items() for column in columns],
         columns=["file", "column", "description", "unit"],
@@ -125,6 +167,25 @@ def files(study: Study) -> dict[str, bytes]:
         missing = "" if name == "psychopy.csv" else "NA"
         written[name] = frame.to_csv(index=False, na_rep=missing, lineterminator="\n").encode()
     return written
+
+
+def _compared(study: Study) -> pd.DataFrame:
+    frame = study.attempts.copy()
+    frame["answered"] = frame["answered"].where(frame["answered"] != MISSING)
+    place = {material: index for index, material in enumerate(study.materials)}
+    ahead = frame["first"].map(place) - frame["second"].map(place)
+    wanted = pd.Series(np.where(ahead > 0, tapping.FIRST, tapping.SECOND), index=frame.index)
+    judged = frame["answered"].isin(study.answers or ()) & (ahead != 0)
+    frame["right"] = (frame["answered"] == wanted).astype("Int64").where(judged)
+    return frame.assign(counted=frame["counted"].astype(int), included=frame["included"].astype(int))
+
+
+def _pairs(study: Study) -> pd.DataFrame:
+    names = {"first_named": tapping.FIRST, "second_named": tapping.SECOND, "ties": tapping.TIE}
+    keys = ["participant", "task", "first", "second"]
+    included = study.attempts[study.attempts["included"]]
+    counted = included.assign(**{name: (included["answered"] == said).astype(int) for name, said in names.items()})
+    return counted.groupby(keys, sort=False)[list(names)].sum().reset_index()
 
 
 def _trials(study: Study) -> pd.DataFrame:

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from analysis.reading.study import Study
 from analysis.statistics.exact import NotDefined, mean, sum_of_squares
+from experiment.errors import DatasetError
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,11 @@ def confusion(
 
 
 def confusion_of(study: Study, task: str) -> Confusion:
-    """Return the counts of the included trials of one task of a study."""
+    """Return the counts of the included trials of one task of a study. Raises `DatasetError` for comparisons."""
+    if study.answers is not None:
+        raise DatasetError(
+            f"{study.id}: got comparisons of pairs; allowed: trials in which a material is named; give another dataset"
+        )
     trials = study.trials(task)
     who, presented, answered = (trials[name].tolist() for name in ("participant", "presented", "answered"))
     return confusion(who, presented, answered, study.materials)

@@ -14,7 +14,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -25,7 +25,8 @@ from analysis.documents.tables import plural
 from analysis.reading.study import Part, Study, Task, check_chances, exclude
 from experiment import storage
 from experiment.errors import DatasetError
-from experiment.records.events import EVENT_COLUMNS, NO_ANSWER
+from experiment.records.events import COMPARISON_COLUMNS, EVENT_COLUMNS, NO_ANSWER
+from experiment.records.tapping import FIRST, SECOND, TIE
 from experiment.settings.characters import JOINERS, hidden, quoted
 
 if TYPE_CHECKING:
@@ -40,6 +41,16 @@ FURTHER = {
     "dissimilarity_m_s2": "dissimilarity",
 }
 """The name of each further column of numbers in the frame, and in the events file."""
+
+OF_STEPS = {
+    "foot_speed_mm_s": ("foot_speed", "a number from 0"),
+    "frames_lost": ("frames_lost", "a whole number from 0"),
+    "delivered": ("delivered", "0, 1"),
+    "onset_error_s": ("onset_error", "a number"),
+}
+"""What only footsteps have: its name in the frame, its column, and what that may hold; NaN of other trials."""
+
+ANSWERS = (FIRST, SECOND, TIE)
 
 ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED")
 
@@ -59,6 +70,7 @@ def read(root: Path) -> Study:
     session_ids: dict[tuple[str, str], str] = {}
     tasks: dict[str, Task] = {}
     materials: tuple[str, ...] = ()
+    answers: tuple[str, ...] | None = None
     for participant in withdrawn:
         for task in facts["Tasks"]:
             path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
@@ -73,6 +85,9 @@ def read(root: Path) -> Study:
             if materials and materials != tuple(sidecar["Materials"]):
                 raise DatasetError(f"{beside}: Materials differ from those of other files; mend one of them")
             materials = tuple(sidecar["Materials"])
+            if tasks and answers != _answers(sidecar):
+                raise DatasetError(f"{beside}: Answers differ from those of other files; mend one of them")
+            answers = _answers(sidecar)
             tasks[task] = Task(task, str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", "")))
             if (session_id := sidecar.get("SessionId")) is not None:
                 for (who, other), known in session_ids.items():
@@ -82,7 +97,7 @@ def read(root: Path) -> Study:
                             "them"
                         )
                 session_ids[participant, task] = str(session_id)
-            rows += _events(path, participant, task, materials, facts["Origin"], sidecar["Rows"])
+            rows += _events(path, participant, task, _Levels(materials, answers, facts["Origin"]), sidecar["Rows"])
     if not rows:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
     protocol: Protocol | None = None
@@ -110,7 +125,21 @@ def read(root: Path) -> Study:
         unasked=unasked,
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
         parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol),),
+        answers=answers,
     )
+
+
+@dataclass(frozen=True)
+class _Levels:
+    """What the cells of an events file may hold; `answers` is None where answers are materials."""
+
+    materials: tuple[str, ...]
+    answers: tuple[str, ...] | None
+    origin: str
+
+
+def _answers(sidecar: dict[str, Any]) -> tuple[str, ...] | None:
+    return tuple(sidecar["Answers"]) if "Answers" in sidecar else None
 
 
 def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -169,6 +198,11 @@ def _sidecar(path: Path) -> dict[str, Any]:
         raise DatasetError(
             f"{path}: Materials is {materials!r}; allowed: a list of two names or more; make the dataset again"
         )
+    answers = sidecar.get("Answers", [])
+    if not (isinstance(answers, list) and all(answer in ANSWERS for answer in answers)):
+        raise DatasetError(
+            f"{path}: Answers is {answers!r}; allowed: a list of {', '.join(ANSWERS)}; make the dataset again"
+        )
     if not isinstance(rows, int):
         raise DatasetError(f"{path}: Rows is {rows!r}; allowed: the number of rows; make the dataset again")
     return sidecar
@@ -217,18 +251,17 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
             )
 
 
-def _events(
-    path: Path, participant: str, task: str, materials: tuple[str, ...], origin: str, count: int
-) -> list[dict[str, object]]:
+def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> list[dict[str, object]]:
     columns, lines = _table(path)
-    if missing := [column for column in EVENT_COLUMNS if column not in columns]:
+    own = EVENT_COLUMNS if levels.answers is None else COMPARISON_COLUMNS
+    if missing := [column for column in own if column not in columns]:
         raise DatasetError(f"{path}: missing columns: {', '.join(missing)}; make the dataset again")
     if len(lines) != count:
         raise DatasetError(f"{path}: {plural(len(lines), 'row')}, its sidecar says {count}; make the dataset again")
     rows: list[dict[str, object]] = []
     counted: set[object] = set()
     for number, line in enumerate(lines, start=2):
-        row = _event(dict(zip(columns, line, strict=True)), f"{path}: line {number}", materials, origin)
+        row = _event(dict(zip(columns, line, strict=True)), f"{path}: line {number}", levels)
         if row["counted"]:
             if row["trial"] in counted:
                 raise DatasetError(f"{path}: line {number}: trial {row['trial']} counts twice; one attempt may count")
@@ -237,10 +270,16 @@ def _events(
     return rows
 
 
-def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], origin: str) -> dict[str, object]:
-    counted = cells["counted"]
-    answers = (*materials, NO_ANSWER) if counted == "1" else (*materials, NO_ANSWER, MISSING)
-    choices = {"counted": ("0", "1"), "presented": materials, "answered": answers, "origin": (origin,)}
+def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, object]:
+    counted, materials = cells["counted"], levels.materials
+    presented = ("presented",) if levels.answers is None else ("first", "second")
+    answers = (*(materials if levels.answers is None else levels.answers), NO_ANSWER)
+    choices = {
+        "counted": ("0", "1"),
+        **dict.fromkeys(presented, materials),
+        "answered": answers if counted == "1" else (*answers, MISSING),
+        "origin": (levels.origin,),
+    }
     for column, allowed in choices.items():
         if cells[column] not in allowed:
             raise DatasetError(f"{where}: {column}: got {cells[column]!r}; allowed: {', '.join(allowed)}; mend the row")
@@ -248,13 +287,14 @@ def _event(cells: Mapping[str, str], where: str, materials: tuple[str, ...], ori
         "trial": _whole(cells["trial"], f"{where}: trial"),
         "attempt": _whole(cells["attempt"], f"{where}: attempt"),
         "counted": counted == "1",
-        "presented": cells["presented"],
+        "presented": " | ".join(cells[column] for column in presented),
+        **({column: cells[column] for column in presented} if levels.answers is not None else {}),
         "answered": cells["answered"],
         "response_time_s": _number(cells["response_time"], f"{where}: response_time", "a number from 0"),
-        "foot_speed_mm_s": _number(cells["foot_speed"], f"{where}: foot_speed", "a number from 0"),
-        "frames_lost": _number(cells["frames_lost"], f"{where}: frames_lost", "a whole number from 0"),
-        "delivered": _number(cells["delivered"], f"{where}: delivered", "0, 1"),
-        "onset_error_s": _number(cells["onset_error"], f"{where}: onset_error"),
+        **{
+            name: _number(cells.get(column, MISSING), f"{where}: {column}", allowed)
+            for name, (column, allowed) in OF_STEPS.items()
+        },
         **{name: _number(cells.get(column, MISSING), f"{where}: {column}") for name, column in FURTHER.items()},
         "stimulus_method": cells.get("stimulus_method", MISSING),
         "redo_reason": cells["redo_reason"],
@@ -326,6 +366,8 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
                 f"{name}: got the materials {', '.join(study.materials)}; allowed: {', '.join(first.materials)}, as in "
                 f"{names[0]}; analyse it apart"
             )
+        if study.answers != first.answers:
+            raise DatasetError(f"{name}: got other answers than in {names[0]}; allowed: the same; analyse it apart")
     for index, study in enumerate(studies):
         for other in range(index):
             _check_apart(studies[other], study, (names[other], names[index]))
@@ -348,6 +390,7 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         unasked=tuple(one for study in renamed for one in study.unasked),
         parts=parts,
         ordered=all(study.ordered for study in studies),
+        answers=first.answers,
     )
 
 

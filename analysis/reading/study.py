@@ -187,7 +187,10 @@ class Study:
     `session_ids` participant and task -> id, as far as they are known. `attempts` has a row for each attempt:
     participant, task, trial, attempt, counted, presented, answered, response_time_s, foot_speed_mm_s, frames_lost,
     delivered (1, 0 or NaN), onset_error_s, redo_reason, included, and the columns of `dataset.FURTHER`.
-    `ordered` says whether the numbers of the trials are the order in which they were done.
+
+    `answers` are those of comparisons, where `attempts` has the columns first and second too and `presented` is both;
+    None where answers are materials. `ordered` says whether the numbers of the trials are the order in which they were
+    done.
     """
 
     id: str
@@ -203,6 +206,7 @@ class Study:
     exclusions: tuple[Exclusion, ...]
     unasked: tuple[Unasked, ...]
     parts: tuple[Part, ...]
+    answers: tuple[str, ...] | None = None
     ordered: bool = True
 
     def trials(self, task: str) -> pd.DataFrame:
@@ -282,7 +286,7 @@ def _incomplete(study: Study) -> list[str]:
     rows = study.attempts[study.attempts["counted"]]
     counted = Counter(zip(rows["participant"].tolist(), rows["task"].tolist(), strict=True))
     planned = {
-        (participant, task.id): task.repetitions * len(study.materials)
+        (participant, task.id): part.protocol.trials(task)
         for part in study.parts
         if part.protocol
         for task in part.protocol.tasks

@@ -370,13 +370,13 @@ def _record(line: Line) -> dict[str, object]:
     }  # fmt: skip
 
 
-def _formulas(text: str) -> tuple[tuple[str, str], ...]:
+def formulas(text: str) -> tuple[tuple[str, str], ...]:
     """Return the name and formula of each block: a line with the name, then the formula, indented."""
     blocks = (block.partition("\n") for block in re.split(r"\n(?=\S)", text.strip()))
     return tuple((name, " ".join(formula.split())) for name, _, formula in blocks)
 
 
-METHODS = _formulas(f"""
+METHODS = formulas(f"""
 Answer ratio
     r = count of an answer / trials in which the material was presented, for one participant; trials without an answer
     count among the trials.

@@ -247,10 +247,9 @@ def rehearse(
     from experiment.desk.terminal import TerminalConsole
     from experiment.protocol import files
     from experiment.rehearsal import study
-    from experiment.rehearsal.footstep import recorded_takes
 
     file = protocol_file or files.shipped("okamoto2012.toml")
-    generic = recorded_takes.generic(material.id for material in files.load(file).materials)
+    generic = study.generic(files.load(file))
     if generic and not as_json:
         typer.echo(generic, err=True)
     screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if real_time and not as_json else None

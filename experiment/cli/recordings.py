@@ -103,7 +103,7 @@ def validate(
     from experiment.protocol import files
     from experiment.recordings import manifest
 
-    average = files.load(protocol_file).footstep.synthesis.average if protocol_file is not None else "magnitude"
+    average = files.load(protocol_file).footsteps.synthesis.average if protocol_file is not None else "magnitude"
     recorded = manifest.load_all(folder)
     if fresh is not None:
         if fresh.resolve() == folder.resolve():
@@ -173,7 +173,7 @@ def plan(
     from experiment.errors import ScheduleError
     from experiment.protocol import files
     from experiment.protocol.files import shipped
-    from experiment.session import scene_cost
+    from experiment.session.footstep import scene_cost
 
     protocol = files.load(protocol_file)
     tasks = [one.id for one in protocol.tasks if task in (None, one.id)]

@@ -169,7 +169,7 @@ def calibrate_tracker(
     from experiment.protocol import files
 
     heights_mm = calibrating.heights_asked(points)
-    step = files.load(protocol).footstep.step if protocol is not None else None
+    step = files.load(protocol).footsteps.step if protocol is not None else None
     if out is not None and out.exists():
         raise RigError(f"{out}: got a file that exists; allowed: a new file; name another")
     before, clock = rigs.load(rig), MonotonicClock()

@@ -1,8 +1,8 @@
 """Writing the files of a BIDS `beh` dataset: plain tables and sidecars, the same bytes for the same content.
 
 Journals and printed counts are both converted with it. Every file is moved to its place whole. The layout is the Brain
-Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials`, `Rows` and `SessionId` are
-palpate's own, and analysis reads them.
+Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials`, `Answers`, `Rows` and
+`SessionId` are palpate's own, and analysis reads them.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from experiment import storage
 from experiment.errors import DatasetError
-from experiment.records.events import EVENT_COLUMNS, FURTHER_COLUMNS, IMPORTED_COLUMNS, NO_ANSWER
+from experiment.records.events import COMPARISON_COLUMNS, EVENT_COLUMNS, FURTHER_COLUMNS, IMPORTED_COLUMNS, NO_ANSWER
 
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"
@@ -78,7 +78,8 @@ class TaskText:
     """What the sidecar of a task's events says.
 
     `materials` maps each id, in order, to its description; `session_id` is the journal's, None where there is no
-    journal.
+    journal. `answers` are those of a comparison, each with what it names; None in a task of another kind, whose answers
+    are materials.
     """
 
     id: str
@@ -90,6 +91,7 @@ class TaskText:
     origin: Origin
     notes: Mapping[str, object] = field(default_factory=dict)
     session_id: str | None = None
+    answers: Mapping[str, str] | None = None
 
 
 @dataclass(frozen=True)
@@ -193,16 +195,21 @@ def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
 def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> Files:
     """Return the events of one session, and the sidecar that describes every column.
 
-    `participant` is a label without `sub-`; a row is one attempt. Its keys are the columns of `EVENT_COLUMNS`, and
-    those of `FURTHER_COLUMNS`, which stand in the table where some row has them.
+    `participant` is a label without `sub-`; a row is one attempt. Its keys are the columns of `EVENT_COLUMNS`, or of
+    `COMPARISON_COLUMNS` where the task has `answers`, and those of `FURTHER_COLUMNS`, which stand in the table where
+    some row has them.
     """
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
     known = {name for row in attempts for name in row}
-    texts = {**EVENT_COLUMNS, **{name: text for name, text in FURTHER_COLUMNS.items() if name in known}}
+    own = EVENT_COLUMNS if task.answers is None else COMPARISON_COLUMNS
+    texts = {**own, **{name: text for name, text in FURTHER_COLUMNS.items() if name in known}}
     columns = _described(texts, task.origin)
-    columns["presented"]["Levels"] = dict(task.materials)
-    columns["answered"]["Levels"] = {**task.materials, NO_ANSWER: "no material was named"}
+    for name in ("presented", "first", "second"):
+        if name in columns:
+            columns[name]["Levels"] = dict(task.materials)
+    answers = task.materials if task.answers is None else task.answers
+    columns["answered"]["Levels"] = {**answers, NO_ANSWER: "no material was named"}
     sidecar: dict[str, object] = {
         "TaskName": task.id,
         "TaskTitle": task.title,
@@ -210,6 +217,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
         "Instructions": task.instructions,
         "StimulusPresentation": dict(task.stimulus_presentation),
         "Materials": list(task.materials),
+        **({"Answers": list(task.answers)} if task.answers is not None else {}),
         "Rows": len(attempts),
         **({"SessionId": task.session_id} if task.session_id else {}),
         **task.notes,

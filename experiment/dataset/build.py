@@ -16,7 +16,7 @@ from experiment import __version__, storage
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker import frames
 from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.dataset import bids
+from experiment.dataset import bids, comparison
 from experiment.dataset.beliefs import Believed, believed, collected
 from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
@@ -41,7 +41,7 @@ ORIGINS: dict[Purpose, bids.Origin] = {
 
 READ = {
     "dataset_description.json": ("Name", "Palpate"),
-    "_events.json": ("TaskTitle", "Instructions", "Materials", "Rows", "SessionId"),
+    "_events.json": ("TaskTitle", "Instructions", "Materials", "Answers", "Rows", "SessionId"),
 }
 """What analysis reads of JSON files, by the end of their names; the rest is told by each version in its own words."""
 
@@ -66,6 +66,20 @@ Recorded with palpate. The journals under sourcedata/ are the record of what hap
 hash of the one before it.
 """,
 }
+
+
+README_OF_PAIRS = {
+    "REHEARSAL": """
+Everything in this dataset was made by simulated participants, who compared simulated surfaces through the real
+session. It shows that the study's whole path works. It says nothing about any participant or material. The surfaces
+of Wellman and Howe ring as their Table 1 says; any other is simulated generically: it resembles nothing.
+""",
+    "PRACTICE": """
+An experimenter practised: the keys were theirs; participants and surfaces were simulated. Nothing here is data of
+the study, and it says nothing about any participant or material.
+""",
+}
+"""The same where materials are compared."""
 
 
 @dataclass(frozen=True)
@@ -148,7 +162,9 @@ def _sessions(dataset: Believed) -> Iterator[_Session]:
 def _events(root: Path, dataset: Believed, session: _Session) -> bids.Files:
     protocol, origin, header = dataset.protocol, ORIGINS[dataset.purpose], session.contents.header
     task = _task_text(protocol, protocol.task(header.task), origin, header.session_id)
-    return bids.events(root, header.participant, task, _rows(session, origin))
+    paired = protocol.comparison is not None
+    rows = comparison.rows(session.contents, origin) if paired else _rows(session, origin)
+    return bids.events(root, header.participant, task, rows)
 
 
 def _study_files(root: Path, dataset: Believed) -> bids.Files:
@@ -173,7 +189,7 @@ def _study_files(root: Path, dataset: Believed) -> bids.Files:
         authors=("palpate, simulated",) if simulated else ("The laboratory named in the protocol",),
         tasks=tuple(task.id for task in protocol.tasks),
         references=(protocol.study.source,),
-        readme=README[origin],
+        readme=(README if protocol.comparison is None else README | README_OF_PAIRS)[origin],
         software_version=__version__,
     )
     return bids.participants(root, people, origin=origin) | bids.description(root, text)
@@ -393,13 +409,18 @@ def raw_frames(journal_file: Path, steps: Sequence[FootStep | BrokenOff]) -> lis
 
 
 def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:
+    what, answers = f"{len(protocol.materials)} materials", None
+    if (compared := protocol.comparison) is not None:
+        what = f"{len(protocol.presentations)} pairs of {what}, compared by their {compared.quality}"
+        answers = {answer: comparison.ANSWERS[answer] for answer in compared.answers.values()}
     return bids.TaskText(
         id=task.id,
         title=task.title,
-        description=f"{task.title}. {len(protocol.materials)} materials, {task.repetitions} trials each.",
+        description=f"{task.title}. {what}, {task.repetitions} trials each.",
         instructions=task.instruction,
         materials={m.id: m.description for m in protocol.materials},
         stimulus_presentation={"SoftwareName": "palpate", "SoftwareVersion": __version__},
         origin=origin,
         session_id=session_id,
+        answers=answers,
     )

@@ -199,7 +199,8 @@ def _session(path: Path, headers: list[Header]) -> str:
     build.raw_frames(path, steps)
     torn = f"; {count(len(contents.torn), 'byte')} at its end: a line that was never finished" if contents.torn else ""
     told = f"{count(len(contents.lines), 'line')} in an unbroken chain up to its head{torn}"
-    return f"{told}; its rig and the frames of {count(len(steps), 'step')} are those that it names"
+    frames = f" and the frames of {count(len(steps), 'step')} are those" if steps else " is the one"
+    return f"{told}; its rig{frames} that it names"
 
 
 def _roster(path: Path, rosters: list[Roster]) -> str:

@@ -46,6 +46,7 @@ from experiment.desk.port import (
     Noted,
     Remark,
     Repeated,
+    laid_out,
 )
 from experiment.desk.prompts import NOTHING, Theirs
 from experiment.errors import LinkError, PalpateError, PauseAsked
@@ -356,7 +357,8 @@ class LinkedConsole:
         text = RESTS.partition(" Then press")[0]
         self._put("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
 
-    def place(self, *, trial: int, material: str) -> None:
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        material = laid_out(presented)
         self._now(trial=trial, attempt=1, lay_out=material)
         self._put("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
 

@@ -118,8 +118,8 @@ class Console(Rester, Protocol):
         """
         ...
 
-    def place(self, *, trial: int, material: str) -> None:
-        """Return when the real object has been laid out."""
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        """Return when the real object has been laid out, or, of a pair, both."""
         ...
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
@@ -164,6 +164,11 @@ class Console(Rester, Protocol):
     def ignored(self) -> str:
         """Return what was typed before it was asked for, since this was called last; it answered nothing."""
         ...
+
+
+def laid_out(presented: tuple[str, ...]) -> str:
+    """Return in words what is to be laid out: one object, or a pair with the place of each."""
+    return presented[0] if len(presented) == 1 else f"{presented[0]} as the first and {presented[1]} as the second"
 
 
 BY_EXPERIMENTER = "by the experimenter"

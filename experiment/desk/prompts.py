@@ -61,8 +61,12 @@ NOTHING = Theirs()
 
 def theirs(protocol: Protocol) -> Theirs:
     """Return what a protocol leaves to the participant."""
-    answers = (material.spoken[0] for material in protocol.materials if protocol.answers.on_screen)
-    return Theirs(frozenset({"level"} if protocol.masker.level_set_by == "participant" else ()), tuple(answers))
+    if protocol.comparison is None:
+        answers = tuple(material.spoken[0] for material in protocol.materials)
+    else:
+        answers = tuple(protocol.comparison.answers.values())
+    level = frozenset({"level"} if protocol.masker.level_set_by == "participant" else ())
+    return Theirs(level, answers if protocol.answers.on_screen else ())
 
 
 def _loudest(gauges: Gauges | None) -> bool:

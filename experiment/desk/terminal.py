@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
-from experiment.desk.port import RESTS, WITHOUT, Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.port import RESTS, WITHOUT, Attended, Corrected, Noted, Remark, Repeated, laid_out
 from experiment.errors import ScreenGone
 from experiment.settings import characters
 
@@ -179,8 +179,8 @@ class TerminalConsole(_Lines):
             self.show(why)
         self._ask(f"{self._heading}  {RESTS}")
 
-    def place(self, *, trial: int, material: str) -> None:
-        self._ask(f"{self._heading}  Trial {trial}. Lay out {material}, then press Enter: ")
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        self._ask(f"{self._heading}  Trial {trial}. Lay out {laid_out(presented)}, then press Enter: ")
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         again = f", attempt {attempt}" if attempt > 1 else ""

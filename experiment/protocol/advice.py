@@ -43,6 +43,8 @@ def _chances(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _band(protocol: Protocol) -> Iterator[Problem]:
+    if protocol.footstep is None:
+        return
     high_hz, rate_hz = protocol.footstep.tactile.high_hz, protocol.footstep.synthesis.rate_hz
     if high_hz > rate_hz / 2:
         allowed = (
@@ -74,7 +76,7 @@ def _orders(protocol: Protocol) -> Iterator[Problem]:
 def _duration(protocol: Protocol) -> Iterator[Problem]:
     if protocol.duration is None:
         return
-    trials = sum(task.repetitions for task in protocol.tasks) * len(protocol.materials)
+    trials = sum(map(protocol.trials, protocol.tasks))
     besides_s = sum(task.familiarisation.min_s for task in protocol.tasks)
     besides_s += protocol.task_order.break_min_s * (len(protocol.tasks) - 1)
     least_min = (besides_s + LEAST_S * trials) / 60

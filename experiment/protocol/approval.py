@@ -64,14 +64,22 @@ def _document(protocol: Protocol) -> dict[str, Any]:
     """
     document = protocol.model_dump(mode="json")
     for *tables, key in YOUNGER:
-        table = document
+        table: Any = document
         for name in tables:
-            table = table[name]
-        if table[key] is None or table[key] is False:
+            table = table[name] if table is not None else None
+        if table is not None and (table[key] is None or table[key] is False):
             del table[key]
     for planned in document["analysis"]:
         if planned["correction"] is None:
             del planned["correction"]
+    for kind in ("footstep", "comparison"):
+        if document[kind] is None:
+            del document[kind]
+    if protocol.comparison is not None:
+        if protocol.comparison.tie_key is None:
+            del document["comparison"]["tie_key"]
+        for material in document["materials"]:
+            del material["key"], material["spoken"]
     return document
 
 
@@ -81,11 +89,13 @@ def sha256(protocol: Protocol) -> str:
 
 
 def names_draws(protocol: Protocol) -> str:
-    """Return the hash that names a study's random draws: that of the protocol's canonical form in format 1.
+    """Return the hash that names a study's random draws: of footsteps, that of its canonical form in format 1.
 
     Format 2 gave the tables of a kind of trial its name and a task the name of its kind. A study that was moved to it
-    keeps every order that it had.
+    keeps every order that it had. Comparisons never were of format 1.
     """
+    if protocol.footstep is None:
+        return sha256(protocol)
     document = _document(protocol)
     document |= document.pop("footstep") | {"format": 1}
     for task in document["tasks"]:

@@ -8,11 +8,14 @@ What must hold between fields stands in `rules`; each model names its own. The w
 from __future__ import annotations
 
 from datetime import date
+from itertools import combinations_with_replacement
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
+from experiment.errors import Problem, ProtocolError
 from experiment.protocol import rules
+from experiment.records.tapping import FIRST, SECOND, TIE
 from experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
 
 
@@ -138,20 +141,21 @@ class Masker(Confined):
 
 
 class Material(Confined):
-    """One of the materials a participant tells apart, and how its name is said and keyed.
+    """One of the materials a participant tells apart or compares, and, where it is an answer, how that is said and
+    keyed.
 
     Attributes:
         id: names the material in orders, journals and tables.
-        key: the experimenter's key for this answer.
-        spoken: what participants may call it; the first is shown to the experimenter.
+        key: the experimenter's key for this answer; with `[footstep]` alone.
+        spoken: what participants may call it; the first is shown to the experimenter; with `[footstep]` alone.
         description: what the object is: make, size, weight.
     """
 
     RULES: ClassVar[Rules] = rules.material
 
     id: Name
-    key: Key
-    spoken: Annotated[tuple[Name, ...], Field(min_length=1)]
+    key: Key | None = None
+    spoken: tuple[Name, ...] = ()
     description: Text
 
 
@@ -232,6 +236,28 @@ class Footstep(Confined):
     tactile: Tactile
 
 
+class Comparison(Confined):
+    """What trials of the kind `comparison` need: in each, a participant names one of two materials.
+
+    Attributes:
+        quality: what is compared, such as hardness; the materials stand in the file from the least of it to the most.
+        first_key: the experimenter's key for the material that was presented first.
+        second_key: the key for the one that was presented second.
+        tie_key: the key for neither of them; left out, participants have to choose.
+    """
+
+    quality: Name
+    first_key: Key
+    second_key: Key
+    tie_key: Key | None = None
+
+    @property
+    def answers(self) -> dict[str, str]:
+        """What participants may answer, by its key: `FIRST`, `SECOND` and, where it is allowed, `TIE`."""
+        ties = {} if self.tie_key is None else {self.tie_key: TIE}
+        return {self.first_key: FIRST, self.second_key: SECOND, **ties}
+
+
 class Familiarisation(Confined):
     """Free handling of the real materials before a task.
 
@@ -253,7 +279,7 @@ class Order(Confined):
 
     Attributes:
         kind: all trials shuffled, each repetition shuffled by itself, or no material more often in a row than
-            `max_run`.
+            `max_run`; the last is not for pairs.
         max_run: how often one material may come in a row.
     """
 
@@ -273,14 +299,14 @@ class Task(Confined):
         stimulus: synthesised vibration, or real objects that the experimenter lays out.
         instruction: what the participant is told.
         participants: how many do this task: those who enrol first.
-        repetitions: how often each material is presented.
+        repetitions: how often each material is presented, or each pair of materials, half of these in either order.
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
     """
 
     id: Label
     title: Text
-    kind: Literal["footstep"]
+    kind: Literal["footstep", "comparison"]
     stimulus: Literal["virtual", "real"]
     instruction: Text
     participants: Annotated[int, Field(ge=1)]
@@ -306,7 +332,7 @@ class Answers(Confined):
 
     Attributes:
         mode: the participant says the answer, and the experimenter keys it.
-        on_screen: the participant's screen, where there is one, shows what may be answered, in the materials' order.
+        on_screen: the participant's screen, where there is one, shows what may be answered, materials in their order.
         no_answer_key: the key for a trial without an answer.
         redo_key: the key that has the trial done again, at the end of its block.
         pause_key: the key that pauses the session.
@@ -351,7 +377,7 @@ class PlannedTest(Confined):
     """One test of the planned analysis, by name.
 
     Attributes:
-        test: which test.
+        test: which test, or which scale from comparisons.
         tasks: the tasks that it is about, by id.
         question: what it is to answer, and how.
         chance: the share of right answers of somebody who guesses.
@@ -363,7 +389,7 @@ class PlannedTest(Confined):
 
     RULES: ClassVar[Rules] = rules.planned_test
 
-    test: Literal["t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"]
+    test: Literal["t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "Bradley-Terry", "Thurstone", "Davidson"]
     tasks: Annotated[tuple[Label, ...], Field(min_length=1)]
     question: Text
     chance: Annotated[float, Field(gt=0, lt=1)] | None = None
@@ -385,8 +411,9 @@ class Protocol(Confined):
         exposure: limits that protect the participant.
         masker: the noise on the headphones.
         answers: how answers are given.
-        footstep: what trials of the kind `footstep` need.
-        materials: the materials to tell apart.
+        footstep: what trials of the kind `footstep` need, in a study of these.
+        comparison: what trials of the kind `comparison` need, in a study of these.
+        materials: the materials to tell apart, or to compare.
         task_order: the order of the tasks.
         tasks: the tasks.
         exclusion: what leaves out a trial or a participant.
@@ -404,7 +431,8 @@ class Protocol(Confined):
     exposure: Exposure
     masker: Masker
     answers: Answers
-    footstep: Footstep
+    footstep: Footstep | None = None
+    comparison: Comparison | None = None
     materials: Annotated[tuple[Material, ...], Field(min_length=2)]
     task_order: TaskOrder
     tasks: Annotated[tuple[Task, ...], Field(min_length=1)]
@@ -417,3 +445,31 @@ class Protocol(Confined):
             if task.id == task_id:
                 return task
         raise KeyError(task_id)
+
+    @property
+    def presentations(self) -> tuple[tuple[str, ...], ...]:
+        """What each task presents: every material by its id, or every pair of two, a material with itself included."""
+        ids = [material.id for material in self.materials]
+        return tuple(combinations_with_replacement(ids, 1 if self.comparison is None else 2))
+
+    def trials(self, task: Task) -> int:
+        """Return how many trials a participant has in a task."""
+        return task.repetitions * len(self.presentations)
+
+    @property
+    def footsteps(self) -> Footstep:
+        """The table `[footstep]`. Raises `ProtocolError` in a study of another kind of trial."""
+        if self.footstep is None:
+            raise self._lacks("footstep")
+        return self.footstep
+
+    @property
+    def comparisons(self) -> Comparison:
+        """The table `[comparison]`. Raises `ProtocolError` in a study of another kind of trial."""
+        if self.comparison is None:
+            raise self._lacks("comparison")
+        return self.comparison
+
+    def _lacks(self, kind: str) -> ProtocolError:
+        allowed = f"a study whose trials are of the kind '{kind}'; name the protocol of one"
+        return ProtocolError(f"study {self.study.id}", [Problem(kind, None, "no such table", allowed)])

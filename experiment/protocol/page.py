@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from experiment.protocol import approval
 from experiment.protocol.advice import advice
 from experiment.protocol.approval import Seal
-from experiment.protocol.models import ExclusionRule, PlannedTest, Protocol, Task
+from experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Task
 from experiment.settings.characters import leftward, plain
 
 WIDTH = 92
@@ -200,10 +200,6 @@ def approval_of(seal: Seal) -> Facts:
     )
 
 
-def _trials(protocol: Protocol, task: Task) -> int:
-    return task.repetitions * len(protocol.materials)
-
-
 def title(protocol: Protocol, file: str) -> Iterator[Block]:
     """Yield what stands before the first section."""
     yield facts(
@@ -256,9 +252,10 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
 
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
+    moved = "" if protocol.footstep is None else "the height of the foot over time, the speed and time of each step, "
     yield Said(
-        "The following is recorded under a number and never under a name: the height of the foot over time, the speed "
-        "and time of each step, what was presented, the level and the dose of the noise, the answer that the "
+        f"The following is recorded under a number and never under a name: {moved}"
+        "what was presented, the level and the dose of the noise, the answer that the "
         "experimenter keyed and when, its corrections, keys that were pressed too early, and every pause and "
         "repetition with its reason. The experimenter can add notes, which are kept with the trial."
     )
@@ -309,7 +306,7 @@ def _procedure(protocol: Protocol) -> Iterator[Block]:
     if len({task.participants for task in tasks}) > 1:
         yield Said("If a task has fewer participants than the study, those who enrol first do it.")
     yield Said(f"The break between two tasks lasts at least {number(pause_s)} s ({_minutes(pause_s)}).")
-    trials = sum(_trials(protocol, task) for task in tasks)
+    trials = sum(map(protocol.trials, tasks))
     yield Said(
         f"A participant who does every task has {trials} trials; familiarisation and breaks take "
         f"{_minutes(shortest_s)} to {_minutes(longest_s)}."
@@ -330,28 +327,36 @@ def _minutes(seconds: float) -> str:
 
 
 def _tasks(protocol: Protocol) -> Iterator[Block]:
-    columns = ("task", "participants", "materials x repetitions = trials", "trials in the study")
+    presented = "materials" if protocol.comparison is None else "pairs"
+    columns = ("task", "participants", f"{presented} x repetitions = trials", "trials in the study")
     rows = [
         (
             task.id,
             str(task.participants),
-            f"{len(protocol.materials)} x {task.repetitions} = {_trials(protocol, task)}",
-            str(_trials(protocol, task) * task.participants),
+            f"{len(protocol.presentations)} x {task.repetitions} = {protocol.trials(task)}",
+            str(protocol.trials(task) * task.participants),
         )
         for task in protocol.tasks
     ]
     yield Rows((columns, *rows))
+    if protocol.comparison is not None:
+        yield Gap()
+        yield Said(
+            "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at "
+            "random, the one of its materials is presented first, in the other half the other."
+        )
     for task in protocol.tasks:
         wanted = task.familiarisation
         yield Gap()
         yield Said(f"Task {task.id}:")
         yield facts(
             ("Title", Free(task.title)),
-            ("Stimuli", _STIMULUS[task.stimulus]),
+            ("Kind of trial", task.kind),
+            ("Stimuli", _STIMULUS[task.stimulus] if protocol.comparison is None else _SURFACES[task.stimulus]),
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
-            ("Order", _order(task)),
+            ("Order", _order(task, presented.removesuffix("s"))),
         )
 
 
@@ -361,12 +366,19 @@ _STIMULUS = {
 }
 
 
-def _order(task: Task) -> str:
+_SURFACES = {
+    "virtual": "virtual: surfaces that the rig renders",
+    "real": "real: the experimenter lays out both samples before each trial",
+}
+
+
+def _order(task: Task, presented: str) -> str:
     match task.order.kind:
         case "full-random":
             return "full-random: every order of the trials is equally likely"
         case "blocked-random":
-            return f"blocked-random: {count(task.repetitions, 'block')}, each with every material once, in random order"
+            blocks = count(task.repetitions, "block")
+            return f"blocked-random: {blocks}, each with every {presented} once, in random order"
         case "max-run":
             return (
                 f"max-run: every order in which no material is presented more than {task.order.max_run} times in a row "
@@ -375,9 +387,12 @@ def _order(task: Task) -> str:
 
 
 def _materials(protocol: Protocol) -> Iterator[Block]:
+    if (comparison := protocol.comparison) is not None:
+        yield Said(f"From the least {named(comparison.quality)} to the most:")
     for one in protocol.materials:
         spoken = " or ".join(map(named, one.spoken))
-        yield Item(f"{named(one.id)}: participants say {spoken}; the key is [{one.key}].")
+        said = f": participants say {spoken}; the key is [{one.key}]." if one.key is not None else "."
+        yield Item(f"{named(one.id)}{said}")
         yield Quoted(one.description)
 
 
@@ -385,7 +400,26 @@ _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coeff
 
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
-    footstep, masker = protocol.footstep, protocol.masker
+    if protocol.footstep is not None:
+        yield from _steps(protocol.footstep)
+    else:
+        yield Said(
+            "Two real samples lie before the participant in each trial, who tries them as often as they wish, and "
+            "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
+            "participant whether an answer was right."
+        )
+    masker = protocol.masker
+    yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
+    yield Quoted(masker.criterion)
+    if (probe := masker.probe) is not None:
+        yield Said(
+            f"While the level is set, the panel vibrates as {named(probe.material)} does under a foot at "
+            f"{number(probe.speed_mm_s)} mm/s whenever a key asks for it, in tasks with virtual stimuli. Each time is "
+            "on record and counts as a stimulus."
+        )
+
+
+def _steps(footstep: Footstep) -> Iterator[Block]:
     synthesis, tactile, step = footstep.synthesis, footstep.tactile, footstep.step
     speeds = ", ".join(map(number, synthesis.speeds_mm_s))
     yield Said(
@@ -413,34 +447,31 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
         f"{number(step.contact_mm)} mm. If the foot stops, turns back or hesitates on the way, no stimulus is played "
         "and the trial is at once made ready (armed) for another step."
     )
-    yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
-    yield Quoted(masker.criterion)
-    if (probe := masker.probe) is not None:
-        yield Said(
-            f"While the level is set, the panel vibrates as {named(probe.material)} does under a foot at "
-            f"{number(probe.speed_mm_s)} mm/s whenever a key asks for it, in tasks with virtual stimuli. Each time is "
-            "on record and counts as a stimulus."
-        )
 
 
 def _limits(protocol: Protocol) -> Iterator[Block]:
-    exposure, synthesis = protocol.exposure, protocol.footstep.synthesis
+    exposure = protocol.exposure
     yield facts(
         ("Vibration", f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, whatever the device is asked for"),
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),
         ("Session", f"at most {number(exposure.session_min)} min for one task"),
     )
     for task in protocol.tasks:
-        if task.stimulus == "virtual":
-            trials = _trials(protocol, task)
-            total_s = number(round(trials * synthesis.samples / synthesis.rate_hz, 1))
+        if task.stimulus == "virtual" and protocol.footstep is not None:
+            synthesis = protocol.footstep.synthesis
+            total_s = number(round(protocol.trials(task) * synthesis.samples / synthesis.rate_hz, 1))
             told = f"In task {task.id} the panel vibrates for {total_s} s in all, if no trial is repeated."
             yield Said(told, indent="  ")
 
 
 def _answers(protocol: Protocol) -> Iterator[Block]:
     answers = protocol.answers
-    keys = "".join(f"[{material.key}] {named(material.id)}, " for material in protocol.materials)
+    if (comparison := protocol.comparison) is None:
+        keys = "".join(f"[{material.key}] {named(material.id)}, " for material in protocol.materials)
+    else:
+        keys = "".join(f"[{key}] {answer}, " for key, answer in comparison.answers.items())
+        tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
+        yield Said(f"Participants say which of the two has more {named(comparison.quality)}{tie}.")
     yield Said(
         f"Answers are {answers.mode}. Participants answer aloud after each trial, and the experimenter presses the "
         "key for what they said:"
@@ -459,7 +490,8 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
     yield Said(
         "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
         "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "
-        "blocked-random, a block presents each material once; any other task is one single block. The experimenter "
+        f"blocked-random, a block presents each {'pair' if comparison is not None else 'material'} once; any other "
+        "task is one single block. The experimenter "
         "can correct an answer until the session ends; the record then holds both, and the reason."
     )
 

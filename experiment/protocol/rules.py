@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from itertools import pairwise
+from math import comb
 from typing import Any
 
 from experiment.settings.characters import looks, skeleton
@@ -23,6 +24,15 @@ LOUDER_KEY, SOFTER_KEY, PROBE_KEY = "+", "-", "p"
 
 MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
 """What programs read as a missing value, ours and those of who reads our tables."""
+
+TESTS: Mapping[str, tuple[str, ...]] = {
+    "footstep": ("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"),
+    "comparison": ("Bradley-Terry", "Thurstone", "Davidson"),
+}
+"""The planned tests of each kind of trial."""
+
+OF_STEPS = ("frames-lost", "speed-below", "speed-above", "undelivered")
+"""What only a footstep has, for an exclusion rule to judge."""
 
 MAX_COUNTED = 400
 """Trials of a task whose orders are counted exactly: up to here that takes seconds."""
@@ -128,7 +138,9 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 
 def protocol(table: Table) -> Iterator[Broken]:
-    """Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`: none looks like
+    """All tasks are of one kind of trial, and the file has the table of that kind and not of another.
+
+    Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`: none looks like
     another, whatever its case, blanks and alphabet (of names and phrases: nor by accents, 1 or I for l, or 0 for O),
     and no phrase like the id of another material.
 
@@ -137,7 +149,12 @@ def protocol(table: Table) -> Iterator[Broken]:
     study, and the largest has as many. The tests of `analysis` name tasks of the protocol. A familiarisation is shorter
     than `exposure.session_min`. An order `max-run` is of no more than 400 trials. `answers-below` is at most the trials
     of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
+
+    With `[footstep]` every material has `key` and `spoken`. With `[comparison]` none has; `stimulus` is `real`;
+    `repetitions` are even, and no order is `max-run`; `masker.probe` is left out; exclusion rules judge answers and
+    withdrawals; and the planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
     """
+    yield from _kinds(table)
     yield from _unique(_tables(table, "materials"), "materials", "id")
     yield from _unique(_tables(table, "tasks"), "tasks", "id")
     yield from _unique(_tables(table, "exclusion"), "exclusion", "id")
@@ -157,10 +174,67 @@ def protocol(table: Table) -> Iterator[Broken]:
         yield Broken(("task_order", "kind"), allowed)
 
 
+def _kind(table: Table) -> str | None:
+    """Return the kind of trial of a study: that of its first task, if it has one."""
+    return next((kind for _, task in _tables(table, "tasks") if (kind := task.get("kind")) in TESTS), None)
+
+
+def _kinds(table: Table) -> Iterator[Broken]:
+    kind = _kind(table)
+    if kind is None:
+        return
+    for i, task in _tables(table, "tasks"):
+        if task.get("kind") in TESTS and task["kind"] != kind:
+            yield Broken(("tasks", i, "kind"), f"{kind}, as in the first task: a study has one kind of trial")
+    for other in TESTS:
+        if other == kind and table.get(other) is None:
+            yield Broken((other,), f"a table: tasks of the kind '{kind}' need it")
+        if other != kind and table.get(other) is not None:
+            yield Broken((other,), f"no table: the tasks are of the kind '{kind}'")
+    for i, test in _tables(table, "analysis"):
+        if isinstance(test.get("test"), str) and test["test"] in {*sum(TESTS.values(), ())} - {*TESTS[kind]}:
+            yield Broken(("analysis", i, "test"), f"one of: {', '.join(TESTS[kind])}, with tasks of the kind '{kind}'")
+    yield from _named_materials(table) if kind == "footstep" else _compared(table)
+
+
+def _named_materials(table: Table) -> Iterator[Broken]:
+    for i, one in _tables(table, "materials"):
+        if one.get("key") is None:
+            yield Broken(("materials", i, "key"), "one ASCII character: participants of a footstep name the material")
+        if not one.get("spoken", ()):
+            yield Broken(("materials", i, "spoken"), "an array of at least 1: participants of a footstep name it")
+
+
+def _compared(table: Table) -> Iterator[Broken]:
+    """Yield what pairs cannot have."""
+    for i, one in _tables(table, "materials"):
+        for key in ("key", "spoken"):
+            if one.get(key):
+                yield Broken(("materials", i, key), "no value: participants compare materials, and name none")
+    for i, task in _tables(table, "tasks"):
+        if task.get("stimulus") == "virtual":
+            yield Broken(("tasks", i, "stimulus"), "real: palpate renders no virtual surface yet")
+        if _table(task, "order").get("kind") == "max-run":
+            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with pairs of materials")
+        if (count := _number(task, "repetitions")) is not None and count % 2:
+            yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
+    if _table(table, "masker").get("probe") is not None:
+        yield Broken(("masker", "probe"), "no table: real samples play no probe")
+    for i, rule in _tables(table, "exclusion"):
+        if rule.get("when") in OF_STEPS:
+            yield Broken(("exclusion", i, "when"), "one of: answers-below, withdrawn, with tasks of pairs")
+    tied = _table(table, "comparison").get("tie_key") is not None
+    for i, test in _tables(table, "analysis"):
+        if test.get("test") in TESTS["comparison"] and (test["test"] == "Davidson") != tied:
+            allowed = "Davidson: comparison.tie_key allows ties" if tied else "Bradley-Terry or Thurstone, without ties"
+            yield Broken(("analysis", i, "test"), allowed)
+
+
 def _keys(table: Table) -> Iterator[Broken]:
-    answers = _table(table, "answers")
+    answers, comparison = _table(table, "answers"), _table(table, "comparison")
     places: list[tuple[Place, object]] = [
         *((("materials", i, "key"), material.get("key")) for i, material in _tables(table, "materials")),
+        *((("comparison", name), comparison.get(name)) for name in ("first_key", "second_key", "tie_key")),
         *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
     ]
     yield from _seen_once(places, "a key of its own", lambda key: (skeleton(key),))
@@ -222,7 +296,9 @@ def _limits(table: Table) -> Iterator[Broken]:
             path = ("tasks", i, "familiarisation", "max_s")
             yield Broken(path, f"less than the longest session (exposure.session_min, {session_min * 60} s)")
     repetitions = [_number(task, "repetitions") for _, task in tasks]
-    trials = min((count for count in repetitions if count is not None), default=0) * len(_tables(table, "materials"))
+    materials = len(_tables(table, "materials"))
+    presented = comb(materials + 1, 2) if _kind(table) == "comparison" else materials
+    trials = min((count for count in repetitions if count is not None), default=0) * presented
     slowest = [_number(rule, "limit") for _, rule in exclusion if rule.get("when") == "speed-below"]
     for i, rule in exclusion:
         limit = _number(rule, "limit")

@@ -94,7 +94,7 @@ def plan(
 
     Raises `RecordingError` if speeds do not rise or are no foot's, or the number of takes is out of range.
     """
-    synthesis = protocol.footstep.synthesis
+    synthesis = protocol.footsteps.synthesis
     speeds = tuple(float(v) for v in speeds_mm_s) or synthesis.speeds_mm_s
     if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
         raise RecordingError(

@@ -138,7 +138,7 @@ def record_on_rig(
         raise RecordingError(
             f"{rig_file}: is a simulated rig; allowed: a real one; name another, or record --simulated"
         )
-    rigs.check(rig, protocol.footstep.step)
+    rigs.check(rig, protocol.footsteps.step)
     clock = MonotonicClock()
     calibration.check_age(rig, day(clock.now_ns()))
     planned = plan(
@@ -150,9 +150,9 @@ def record_on_rig(
         takes=takes,
     )
     store.check(out, planned)
-    accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.footstep.synthesis.rate_hz, clock=clock)
+    accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.footsteps.synthesis.rate_hz, clock=clock)
     with closing(accelerometer):
-        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.footstep.step.contact_mm)
+        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.footsteps.step.contact_mm)
         with closing(tracker):
             calibration.check_reading(tracker, rig.tracker)
             if isinstance(tracker, ZeroedTracker):
@@ -162,7 +162,7 @@ def record_on_rig(
                 out,
                 tracker=tracker,
                 accelerometer=accelerometer,
-                detector=GateDetector(protocol.footstep.step),
+                detector=GateDetector(protocol.footsteps.step),
                 console=console,
                 clock=clock,
             )

@@ -1,4 +1,4 @@
-"""Columns of the events tables made from journals; shared with analysis."""
+"""Columns of the events tables made from journals, by kind of trial; shared with analysis."""
 
 from __future__ import annotations
 
@@ -52,6 +52,28 @@ IMPORTED_COLUMNS: dict[str, dict[str, object]] = {
     "origin": {"Description": "What produced this row.", "Levels": {"IMPORTED": "a participant, measured elsewhere"}},
 }
 """What is said otherwise of columns of answers that were measured elsewhere."""
+
+
+COMPARISON_COLUMNS: dict[str, dict[str, object]] = {
+    "onset": {
+        "Description": "Both samples lay before the participant, from the beginning of the session.",
+        "Units": "s",
+    },
+    "duration": {"Description": "n/a: the participant tried both samples at will until the answer.", "Units": "s"},
+    "trial": EVENT_COLUMNS["trial"],
+    "attempt": EVENT_COLUMNS["attempt"],
+    "counted": EVENT_COLUMNS["counted"],
+    "first": {"Description": "Material presented first."},
+    "second": {"Description": "Material presented second; it may be the same."},
+    "answered": {"Description": f"Which of the two the participant named; {NO_ANSWER} where none was named."},
+    "response_time": {
+        "Description": "From both samples laid out to the choice of the answer. n/a where no clock ran.",
+        "Units": "s",
+    },
+    "redo_reason": EVENT_COLUMNS["redo_reason"],
+    "origin": EVENT_COLUMNS["origin"],
+}
+"""The same of a comparison of two materials."""
 
 FURTHER_COLUMNS: dict[str, dict[str, object]] = {
     "corrected_from": {

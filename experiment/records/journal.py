@@ -43,6 +43,7 @@ from experiment.records.entries import (
     Withdrawal,
 )
 from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
+from experiment.records.tapping import PairLaidOut
 
 AnyEntry = Annotated[
     Header
@@ -55,6 +56,7 @@ AnyEntry = Annotated[
     | Armed
     | FootStep
     | BrokenOff
+    | PairLaidOut
     | Answer
     | Spoken
     | Correction

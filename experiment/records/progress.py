@@ -25,6 +25,7 @@ from experiment.records.entries import (
 from experiment.records.footstep import BrokenOff, FootStep, Probed
 from experiment.records.journal import AnyEntry
 from experiment.records.stimulus import Stimulus
+from experiment.records.tapping import PairLaidOut
 
 
 @dataclass(frozen=True)
@@ -34,10 +35,10 @@ class Progress:
     `said` are the answers that count, each with its trial and None for no answer, in order; those of the trials in
     `corrected` are other ones than were given first. `put_off` are the trials that were put off to the end of their
     blocks, in order. `attempts` counts the attempts begun by trial. Trial and attempt are given of what was armed
-    without its end on disk (`armed`), and of a step on disk without its answer (`unanswered`). `footer` is the last
-    one, if the session has ended since it was last resumed. `masker_db_a` is the level chosen last, dB(A). `visited`
-    are the steps of the visit that are on record beside the trials. `stimuli` were played in steps and probes on
-    record, `vibration_s` together, s.
+    without its end on disk (`armed`), and of a step or a pair on disk without its answer (`unanswered`). `footer` is
+    the last one, if the session has ended since it was last resumed. `masker_db_a` is the level chosen last, dB(A).
+    `visited` are the steps of the visit that are on record beside the trials. `stimuli` were played in steps and probes
+    on record, `vibration_s` together, s.
     """
 
     header: Header
@@ -86,6 +87,8 @@ class Progress:
             return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)
         if isinstance(entry, FootStep):
             return replace(done, armed=None, unanswered=(entry.trial, entry.attempt))._felt(entry.stimulus)
+        if isinstance(entry, PairLaidOut):
+            return replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
         if isinstance(entry, Probed):
             return done._felt(entry.stimulus)
         if isinstance(entry, BrokenOff):

@@ -30,6 +30,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
 from experiment.records.stimulus import Onset, Stimulus
+from experiment.records.tapping import PairLaidOut
 from experiment.settings.characters import keyed, plain
 
 WIDTH = 100
@@ -115,6 +116,8 @@ def _said(entry: AnyEntry) -> str:
             again = "put off to the end of the block" if entry.felt else "armed again"
             said = f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, broke off, {again}: {entry.reason}"
             return f"{said}{_dead(entry.dead_time_ms)}"
+        case PairLaidOut():
+            return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)} are laid out"
         case Answer():
             return f"trial {entry.trial}.{entry.attempt}: {_answered(entry)} after {entry.response_time_s:.2f} s"
         case Spoken():
@@ -164,7 +167,7 @@ def _torn(torn: str) -> str:
     return f"; a torn line of {len(torn)} characters was dropped" if torn else ""
 
 
-def _presented(entry: Armed | FootStep | BrokenOff) -> str:
+def _presented(entry: Armed | FootStep | BrokenOff | PairLaidOut) -> str:
     return " and ".join(entry.presented)
 
 

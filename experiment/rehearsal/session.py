@@ -31,8 +31,10 @@ from experiment.records import journal
 from experiment.records.entries import Footer
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
-from experiment.rehearsal.footstep.participant import Practised, SimulatedParticipant, Tick
+from experiment.rehearsal.footstep.participant import SimulatedParticipant
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
+from experiment.rehearsal.tapping.participant import SimulatedTapper
 from experiment.rehearsal.voice import Speaker
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
@@ -140,7 +142,7 @@ def _without_waiting(protocol: Protocol) -> Protocol:
 
 @dataclass
 class SimulatedEnds:
-    """Implements `FarEnds`: a simulated foot, panel and participant, each set up when the session opens its port."""
+    """Implements `FarEnds`: a simulated participant, foot and panel, each set up when its port is opened."""
 
     reconnect_s = 2.0
 
@@ -198,13 +200,23 @@ class SimulatedEnds:
         """Check nothing: in simulated time the foot sends no frame before its first step."""
 
     def console(self) -> Console:
+        person = self._person()
+        return person if self.desk is None else Practised(desk=self.desk, participant=person)
+
+    def _person(self) -> SimulatedPerson:
         tasks = [task.id for task in self.protocol.tasks]
+        who = self.job.participant, self.task_id
+        entropy = (self.job.seed, int(self.job.participant), tasks.index(self.task_id))
+        if self.protocol.footstep is None:
+            return SimulatedTapper(
+                protocol=self.protocol, who=who, entropy=entropy, clock=self.clock, tick=self.tick, screen=self.screen
+            )
         synthesis = self.protocol.footstep.synthesis
-        participant = SimulatedParticipant(
+        return SimulatedParticipant(
             protocol=self.protocol,
             materials=SimulatedMaterials(synthesis.rate_hz, synthesis.samples),
-            who=(self.job.participant, self.task_id),
-            entropy=(self.job.seed, int(self.job.participant), tasks.index(self.task_id)),
+            who=who,
+            entropy=entropy,
             foot=self._foot,
             powered_ns=self._powered_ns,
             panel=self._panel,
@@ -215,7 +227,6 @@ class SimulatedEnds:
             screen=self.screen,
             speaker=self._speaker,
         )
-        return participant if self.desk is None else Practised(desk=self.desk, participant=participant)
 
 
 def _silenced(basis: Basis) -> Basis:

@@ -25,8 +25,9 @@ from experiment.records import journal
 from experiment.records.entries import Footer
 from experiment.records.progress import progress
 from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.participant import Tick
+from experiment.rehearsal.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
+from experiment.rehearsal.tapping import surfaces
 from experiment.session.visit import visit_steps, walk
 from experiment.study.allocation import allocate, find
 
@@ -37,8 +38,8 @@ PRACTICE_SEED = 1
 """So that whoever practises again meets the same trials."""
 
 WELCOME = """{label}. Nothing here is data of the study.
-Participant {participant}, task {task}. You are the experimenter. Once a trial is armed, the simulated participant
-steps and says an answer: choose its key, and confirm it. Ctrl-C pauses.
+Participant {participant}, task {task}. You are the experimenter. In each trial the simulated participant says an
+answer: choose its key, and confirm it. Ctrl-C pauses.
 Where something is to be laid out, press Enter. Familiarisation may end at once, and no break is waited for.
 Everything is kept in {out}, and every file there says PRACTICE."""
 
@@ -81,7 +82,7 @@ def rehearse(
             f"{rig_file}: its audio device runs in real time, and simulated time is faster; add --real-time, or give a "
             "rig without [audio]"
         )
-    if rig.tracker.zeroing_mm is not None and not real_time:
+    if protocol.footstep is not None and rig.tracker.zeroing_mm is not None and not real_time:
         raise DatasetError(
             f"{rig_file}: its tracker is zeroed by a resting foot, and no foot rests in simulated time; add "
             "--real-time, or give a rig without tracker.zeroing_mm"
@@ -109,6 +110,12 @@ def rehearse(
             rehearse_at_once(todo, jobs, tick)
     build.build(out)
     return out
+
+
+def generic(protocol: Protocol) -> str:
+    """Return a sentence on the materials that are simulated generically; nothing without any."""
+    materials = [material.id for material in protocol.materials]
+    return recorded_takes.generic(materials) if protocol.comparison is None else surfaces.generic(materials)
 
 
 def practice_folder(protocol: Protocol) -> Path:
@@ -156,7 +163,7 @@ def practise(
                 f"participant {participant} does not do task '{task_id}'; allowed: {', '.join(left)}; name one of these"
             )
         console.show(WELCOME.format(label=LABELS["PRACTICE"], participant=participant, task=tasks[0], out=out))
-        if said := recorded_takes.generic(material.id for material in protocol.materials):
+        if said := generic(protocol):
             console.show(said)
         footer = walk(console=console, tasks=tasks, run=_Practice(job, console).session)
     build.build(job.dataset)
@@ -196,7 +203,7 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
 def _remaining(out: Path, protocol: Protocol, job: Job, task: str) -> int:
     """Return how many answers of one participant in a task are not on disk yet."""
     entries = journal.read_if_begun(storage.journal_path(out, job.participant, task)).entries
-    return len(progress(entries).remaining) if entries else len(protocol.materials) * protocol.task(task).repetitions
+    return len(progress(entries).remaining) if entries else protocol.trials(protocol.task(task))
 
 
 def is_begun(out: Path, plan: Plan) -> bool:
@@ -240,7 +247,8 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
             storage.create(kept, storage.read_bytes(protocol_file))
             opening.copy_rig(rig_file, kept.with_name("rig.toml"))
             protocol = files.load(kept)
-            recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
+            if protocol.footstep is not None:
+                recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
             storage.write_json(storage.plan_path(partial), plan.model_dump())
         made = True
         yield

@@ -7,7 +7,7 @@ stands at the far ends of the ports (`FarEnds`).
 from __future__ import annotations
 
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -25,10 +25,11 @@ from experiment.records.entries import Header, Purpose
 from experiment.session import exposure, masker
 from experiment.session.attempt import Devices
 from experiment.session.footstep.trials import open_footsteps
-from experiment.session.kind import FarEnds
+from experiment.session.kind import FarEnds, KindDevices
+from experiment.session.tapping.trials import open_comparisons
 from experiment.study import schedule
 
-OPENS = {"footstep": open_footsteps}
+OPENS: Mapping[str, Callable[..., KindDevices]] = {"footstep": open_footsteps, "comparison": open_comparisons}
 """What opens the devices of each kind of trial; a task of the protocol names its kind."""
 
 

@@ -100,8 +100,9 @@ def run(
     anchored_in = _anchored_in(rig, rig_file)
     if rig.rig.simulated:
         raise RigError(f"{rig_file}: the rig is simulated; name a rig file of real devices, or use palpate rehearse")
-    rigs.check(rig, protocol.footstep.step)
-    calibration.check_age(rig, today)
+    if protocol.footstep is not None:
+        rigs.check(rig, protocol.footstep.step)
+        calibration.check_age(rig, today)
     seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
     if purpose == "PILOT":
@@ -367,7 +368,7 @@ def _keep_recordings(root: Path, folder: Path, protocol: Protocol, planned: scen
         if manifest.sha256(folder) != manifest.sha256(kept):
             raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
     else:
-        manifest.load(folder, synthesis=protocol.footstep.synthesis, material_ids=planned.materials)
+        manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=planned.materials)
         with storage.new_folder(kept) as partial:
             for file in filter(Path.is_file, folder.rglob("*")):
                 storage.create(partial / file.relative_to(folder), file.read_bytes())

@@ -46,14 +46,14 @@ def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[
     from experiment.recordings import manifest
     from experiment.synthesis import crinkle
 
-    loaded = manifest.load(recordings, synthesis=protocol.footstep.synthesis, material_ids=scene.materials)
+    loaded = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
     return {
         material: crinkle.subtract(
-            speeds_mm_s=protocol.footstep.synthesis.speeds_mm_s,
-            rate_hz=protocol.footstep.synthesis.rate_hz,
+            speeds_mm_s=protocol.footsteps.synthesis.speeds_mm_s,
+            rate_hz=protocol.footsteps.synthesis.rate_hz,
             panel_object_takes=loaded.objects[material],
             panel_takes=loaded.panel,
-            average=protocol.footstep.synthesis.average,
+            average=protocol.footsteps.synthesis.average,
         )
         for material in scene.materials
     }
@@ -73,7 +73,7 @@ def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> t
     """
     from experiment.synthesis.crinkle import rms_outside
 
-    fastest, band_hz = fastest_mm_s(protocol), protocol.footstep.tactile.band_hz
+    fastest, band_hz = fastest_mm_s(protocol), protocol.footsteps.tactile.band_hz
     if fastest == float("inf"):
         return next(iter(spectra)), fastest
     levels = {m: rms_outside(of, band_hz=band_hz, fastest_mm_s=fastest) for m, of in spectra.items()}
@@ -102,7 +102,7 @@ def prepare_stimuli(
     """
     from experiment.synthesis import crinkle, waveforms
 
-    tactile = protocol.footstep.tactile
+    tactile = protocol.footsteps.tactile
     if felt_outside(spectra, protocol)[1] < tactile.floor_m_s2:
         spectra = {material: crinkle.leave_out(of, band_hz=tactile.band_hz) for material, of in spectra.items()}
     return {

@@ -3,6 +3,8 @@
 A choice is a pure function of what it is for, the same on every machine for ever: its bits are SHA-256 in counter mode,
 for library generators are free to change their streams between versions.
 
+A pair of materials is presented half of the time in either order; which of its trials that are is shuffled too.
+
 An order with a constraint is drawn uniformly from all orders that satisfy it: they are counted, a rank is drawn below
 that count, and the order of that rank is built. Nothing is tried and thrown away.
 
@@ -79,25 +81,37 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
     if task_id not in known:
         raise ScheduleError(f"no task '{task_id}' in study {protocol.study.id}; its tasks: {', '.join(known)}")
     task = known[task_id]
-    materials = [material.id for material in protocol.materials]
+    presented = protocol.presentations
     draws = Draws("order of trials", approval.names_draws(protocol), participant, task_id, seed)
     match task.order.kind:
         case "full-random":
-            order = draws.shuffled(materials * task.repetitions)
+            order = draws.shuffled(presented * task.repetitions)
         case "blocked-random":
-            order = [material for _ in range(task.repetitions) for material in draws.shuffled(materials)]
+            order = [one for _ in range(task.repetitions) for one in draws.shuffled(presented)]
         case "max-run":
-            # The protocol's rules give `max_run` a value with this kind.
-            counts = dict.fromkeys(materials, task.repetitions)
-            order = constrained(counts, max_run=task.order.max_run or 0, draws=draws)
-    return tuple(PlannedTrial(trial=place, presented=(material,)) for place, material in enumerate(order, start=1))
+            # The protocol's rules give `max_run` a value with this kind, which is for single materials.
+            counts = {material: task.repetitions for (material,) in presented}
+            order = [(material,) for material in constrained(counts, max_run=task.order.max_run or 0, draws=draws)]
+    if protocol.comparison is not None:
+        order = _in_either_order(order, draws)
+    return tuple(PlannedTrial(trial=place, presented=one) for place, one in enumerate(order, start=1))
+
+
+def _in_either_order(pairs: Sequence[tuple[str, ...]], draws: Draws) -> list[tuple[str, ...]]:
+    """Return the pairs with every second one of each kind turned round, at shuffled places of that kind.
+
+    Each pair comes an even number of times, as the protocol's rules have it.
+    """
+    turned: dict[tuple[str, ...], list[bool]] = {
+        pair: draws.shuffled([False, True] * (pairs.count(pair) // 2)) for pair in dict.fromkeys(sorted(pairs))
+    }
+    return [pair[::-1] if turned[pair].pop() else pair for pair in pairs]
 
 
 def block_trials(protocol: Protocol, task_id: str) -> int:
-    """Return the trials in a block of a task: each material once if the order is blocked, else the whole task."""
+    """Return the trials in a block of a task: each material or pair once if the order is blocked, else the whole."""
     task = protocol.task(task_id)
-    blocks = task.repetitions if task.order.kind == "blocked-random" else 1
-    return len(protocol.materials) * task.repetitions // blocks
+    return len(protocol.presentations) if task.order.kind == "blocked-random" else protocol.trials(task)
 
 
 def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> list[str]:

@@ -28,6 +28,14 @@ def trials(answers: Iterable[tuple[str, str]], **cells: object) -> list[dict[str
     return [trial(number, shown, said, **cells) for number, (shown, said) in enumerate(answers, start=1)]
 
 
+def compared(pairs: Iterable[tuple[str, str, str]], **cells: object) -> list[dict[str, object]]:
+    """Counted comparisons of (first, second, answered), numbered from 1; `cells` add columns."""
+    return [
+        {"trial": number, "attempt": 1, "counted": True, "first": first, "second": second, "answered": said, **cells}
+        for number, (first, second, said) in enumerate(pairs, start=1)
+    ]
+
+
 def write_dataset(
     root: Path,
     sessions: Mapping[str, Mapping[str, Sequence[Mapping[str, object]]]],
@@ -38,8 +46,12 @@ def write_dataset(
     withdrawn: Sequence[str] = (),
     tasks: Sequence[str] = ("virtual", "real"),
     session_ids: Mapping[tuple[str, str], str] | None = None,
+    answers: Sequence[str] | None = None,
 ) -> Path:
-    """A dataset of participant -> task -> rows of its events; `session_ids` of participant and task."""
+    """A dataset of participant -> task -> rows of its events; `session_ids` of participant and task.
+
+    With `answers` its trials are comparisons.
+    """
     text = DatasetText(
         study=study,
         name="A study",
@@ -63,6 +75,7 @@ def write_dataset(
                 stimulus_presentation={"SoftwareName": "palpate"},
                 origin=origin,
                 session_id=(session_ids or {}).get((label, task)),
+                answers=None if answers is None else {answer: f"the {answer}" for answer in answers},
             )
             write_files(events(root, label, said, [{**row, "origin": origin} for row in rows]))
     return root

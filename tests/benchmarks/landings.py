@@ -113,8 +113,8 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         parts = Watch(
             feed=Feed(tracker, simulated_time=False),
             scrutiny=Scrutiny(rate_hz=rig.tracker.rate_hz, noise_mm=NOISE_MM),
-            detector=GateDetector(protocol.footstep.step),
-            predictor=LandingPredictor(protocol.footstep.step, noise_mm=NOISE_MM),
+            detector=GateDetector(protocol.footsteps.step),
+            predictor=LandingPredictor(protocol.footsteps.step, noise_mm=NOISE_MM),
             clock=clock,
             limits=Endless(),
             sounder=Sounder(materials, actuator),

@@ -278,7 +278,7 @@ class Dawdler:
     def heard(self, *, words: str) -> None:
         raise AssertionError(words)
 
-    def place(self, *, trial: int, material: str) -> None:
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
         self._machine.go(self._dice.choice([1.0, 30.0, 900.0]))
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:

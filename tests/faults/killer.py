@@ -41,7 +41,7 @@ def tell_confirmations(pipe: int) -> None:
         os.write(pipe, line.encode())
         confirmed(self, trial=trial, answer=answer)
 
-    SimulatedParticipant.confirmed = told  # type: ignore[method-assign]
+    SimulatedParticipant.confirmed = told  # type: ignore[method-assign, assignment]
 
 
 def one_life(out: Path, seed: int, after_s: float | None) -> tuple[list[object], bool]:

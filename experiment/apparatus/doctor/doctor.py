@@ -86,10 +86,10 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
     table = checks.table(rig, path.parent)
     if table is not None:
         yield table
-    if protocol is not None:
-        yield checks.reach(rig, protocol.footstep.step)
-    else:
+    if protocol is None:
         yield unchecked("gate", "no protocol was given", "add --protocol")
+    elif protocol.footstep is not None:
+        yield checks.reach(rig, protocol.footstep.step)
     yield from checks.ages(rig, day(clock.now_ns()))
 
 
@@ -97,7 +97,7 @@ def _trials(protocol: Protocol | None) -> int:
     """Return the trials of the longest task."""
     if protocol is None:
         return TRIALS
-    return max(len(protocol.materials) * task.repetitions for task in protocol.tasks)
+    return max(map(protocol.trials, protocol.tasks))
 
 
 def _devices(rig: Rig, clock: Clock, simulate: Simulate) -> Iterator[Check]:

@@ -28,20 +28,17 @@ deviations among participants are about those that Tables 1 and 2 print.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.clock import Clock
-from experiment.desk.port import Attended, Console, Remark
 from experiment.errors import SessionError, SynthesisError, TrackerError
-from experiment.protocol.models import Protocol
-from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY
 from experiment.rehearsal.footstep.foot import Foot, Hesitation
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from experiment.rehearsal.participant import SimulatedPerson
 from experiment.rehearsal.voice import Speaker
 from experiment.synthesis.spectra import spectrum
 
@@ -197,9 +194,6 @@ class Observer:
         return self._ids[int(np.argmax(rng.gumbel(size=len(self._ids)) - sensitivity * dissimilarities))]
 
 
-Tick = Callable[[], None]
-"""Called after each confirmed answer."""
-
 FELT_TIMEOUT_S = 2.0
 """How long a participant waits for a stimulus before answering, wall-clock time."""
 
@@ -213,9 +207,6 @@ SPEED_SIGMA = 0.35
 
 IN_VAIN = 0.03
 """Part of the steps that stop or turn back between gate and panel, half of them each."""
-
-MASKED_DB_A = 60.0
-"""Level from which on a simulated participant no longer hears the voice coils."""
 
 READY_S = (0.3, 1.2)
 """From arming to the beginning of a step, s."""
@@ -231,84 +222,32 @@ SPEAKS_LOG_S = (0.3, 0.3)
 
 
 @dataclass(kw_only=True)
-class SimulatedParticipant:
+class SimulatedParticipant(SimulatedPerson):
     """Implements `Console`: a participant before the panel, and a simulated experimenter at the keys.
 
-    `who` are label of the participant and id of the task, and `entropy` names the random draws. `foot` and `panel` are
-    at the devices' ends of the ports; `panel` is None where the task has no actuator. The foot's device was powered at
-    the session time `powered_ns`, when its clock showed zero, and streams by the clock if `real_time`. Thinking and
-    speaking let the time of the session's `clock` pass. A `speaker` says the answers into a microphone, None where none
-    listens. `tick` is called after each confirmed answer; `screen` shows
-    what the experimenter would see.
+    `foot` and `panel` are at the devices' ends of the ports; `panel` is None where the task has no actuator. The foot's
+    device was powered at the session time `powered_ns`, when its clock showed zero, and streams by the clock if
+    `real_time`. A `speaker` says the answers into a microphone, None where none listens.
     """
 
-    protocol: Protocol
     materials: SimulatedMaterials
-    who: tuple[str, str]
-    entropy: tuple[int, ...]
     foot: Foot
     powered_ns: int
     panel: Panel | CardPanel | None
     actuator_rate_hz: int
-    clock: Clock
     real_time: bool
-    tick: Tick
-    screen: Console | None
     speaker: Speaker | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self._observer = Observer(self.materials, tuple(m.id for m in self.protocol.materials), rng=self._rng(0))
         self._observer.familiarise(rng=self._rng(0, 1))
         self._under_foot: str | None = None
         self._attempt = 0
         self._lands_later = False
         self._rested = 0
-        self._probed = False
         self._words = {material.id: material.spoken[0] for material in self.protocol.materials}
         self._spoken_ns = 0
-
-    def _rng(self, *keys: int) -> np.random.Generator:
-        return np.random.default_rng([*self.entropy, *keys])
-
-    def attend(self, session: Attended | None) -> None:
-        """Ask nothing of it: simulated participants speak when they are asked."""
-
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        """Look at nothing: a simulated participant knows where they are."""
-
-    def agree(self, *, text: str, yes: str, no: str) -> bool:  # noqa: ARG002
-        return True
-
-    def write(self, *, text: str) -> str:  # noqa: ARG002
-        return ""
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:  # noqa: ARG002
-        clock.sleep_ns(until_ns - clock.now_ns())
-
-    def goes_on(self, *, why: str) -> bool:  # noqa: ARG002
-        return False
-
-    def show(self, text: str) -> None:
-        if self.screen is not None:
-            self.screen.show(f"REHEARSAL  {text}")
-
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        self.show(f"Familiarisation: {instruction}")
-        self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
-
-    def level(
-        self,
-        *,
-        level_db_a: float,
-        limit_db_a: float,
-        criterion: str,
-        keys: dict[str, str],
-    ) -> str:
-        self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
-        if PROBE_KEY in keys and not self._probed:
-            self._probed = True
-            return PROBE_KEY
-        return LOUDER_KEY if level_db_a < min(MASKED_DB_A, limit_db_a) else ""
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
         self.show(f"Take {take} of {takes}: '{words}'{f' ({why})' if why else ''}")
@@ -316,15 +255,6 @@ class SimulatedParticipant:
             return False
         self.speaker.say(words, BEFORE_SAID_S)
         return True
-
-    def waiting(self) -> None:
-        """Look at nothing: the tracker of a rehearsal is waited for by its own time."""
-
-    def chosen_ago_ns(self) -> int:
-        return 0
-
-    def heard(self, *, words: str) -> None:
-        self.show(words)
 
     def rest(self, *, why: str) -> None:
         self._rested = self._rested + 1 if why else 1
@@ -336,19 +266,17 @@ class SimulatedParticipant:
         self.show(f"{why or 'Zeroing'}: the foot rests on the panel")
         self.foot.put_down()
 
-    def place(self, *, trial: int, material: str) -> None:
-        self.show(f"Trial {trial}: {material} is laid out")
-        self._under_foot = material
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        super().place(trial=trial, presented=presented)
+        (self._under_foot,) = presented
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        if self.screen is not None:
-            self.screen.arm(trial=trial, attempt=attempt, trials=trials)
+        super().arm(trial=trial, attempt=attempt, trials=trials)
         self._step(trial, attempt)
         return False
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        if self.screen is not None:
-            self.screen.rearm(trial=trial, attempt=attempt, reason=reason)
+        super().rearm(trial=trial, attempt=attempt, reason=reason)
         self._attempt = attempt
         if self._lands_later:
             self._lands_later = False
@@ -376,8 +304,7 @@ class SimulatedParticipant:
         self._lands_later = trajectory.hesitation == "dip"
         self.foot.step(trajectory, (begin_ns - self.powered_ns) // 1000)
 
-    def says(self, trial: int) -> str:
-        """Return the id of the material that the participant names, once that is spoken."""
+    def says(self, trial: int) -> tuple[str, str]:
         rng = self._rng(trial, self._attempt, 1)
         speed_mm_s = self.foot.true_speed_mm_s
         take = self.materials.take(self._under_foot, speed_mm_s=speed_mm_s, rng=rng)
@@ -393,118 +320,10 @@ class SimulatedParticipant:
         self.clock.sleep_ns(spoken_ns - self.clock.now_ns())
         if self.speaker is not None:
             self._spoken_ns = self.clock.now_ns() + int(self.speaker.say(self._words[answer]) * 1e9)
-        return answer
+        return next((one.key or "", one.spoken[0]) for one in self.protocol.materials if one.id == answer)
 
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:  # noqa: ARG002
-        answer = self.says(trial)
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:
+        key = super().ask(trial=trial, answers=answers, others=others)
         if self.speaker is not None:
             self.clock.sleep_ns(self._spoken_ns + int(HEARS_S * 1e9) - self.clock.now_ns())
-        return next(material.key for material in self.protocol.materials if material.id == answer)
-
-    def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
-        return True
-
-    def debrief(self) -> None:
-        return None
-
-    def ignored(self) -> str:
-        return ""
-
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.tick()
-        if self.screen is not None:
-            self.screen.confirmed(trial=trial, answer=answer)
-
-
-@dataclass(kw_only=True)
-class Practised:
-    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says."""
-
-    desk: Console
-    participant: SimulatedParticipant
-
-    def __post_init__(self) -> None:
-        self._said = ""
-
-    def attend(self, session: Attended | None) -> None:
-        self.desk.attend(session)
-
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        self.desk.at(step=step, steps=steps)
-
-    def agree(self, *, text: str, yes: str, no: str) -> bool:
-        return self.desk.agree(text=text, yes=yes, no=no)
-
-    def write(self, *, text: str) -> str:
-        return self.desk.write(text=text)
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        self.desk.wait(why=why, until_ns=until_ns, clock=clock)
-
-    def goes_on(self, *, why: str) -> bool:
-        return self.desk.goes_on(why=why)
-
-    def _tell(self, words: str) -> None:
-        self.desk.show(f"The participant says: {words}.")
-
-    def show(self, text: str) -> None:
-        self.desk.show(text)
-
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        self.desk.familiarise(instruction=instruction, min_s=min_s, max_s=max_s)
-
-    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
-        asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
-        wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
-        self._tell({LOUDER_KEY: "louder", PROBE_KEY: "let me feel it"}.get(wanted, "I no longer hear it"))
-        return self.desk.level(**asked, criterion=criterion, keys=keys)
-
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        said = self.desk.say(words=words, take=take, takes=takes, why=why)
-        return said and self.participant.say(words=words, take=take, takes=takes, why=why)
-
-    def waiting(self) -> None:
-        self.desk.waiting()
-
-    def chosen_ago_ns(self) -> int:
-        return self.desk.chosen_ago_ns()
-
-    def heard(self, *, words: str) -> None:
-        self.desk.heard(words=words)
-
-    def rest(self, *, why: str) -> None:
-        self.desk.rest(why=why)
-        self.participant.rest(why=why)
-
-    def place(self, *, trial: int, material: str) -> None:
-        self.desk.place(trial=trial, material=material)
-        self.participant.place(trial=trial, material=material)
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        self._said = ""
-        self.desk.arm(trial=trial, attempt=attempt, trials=trials)
-        # The participant steps only now: nothing was felt while the desk was waited for.
-        return self.participant.arm(trial=trial, attempt=attempt, trials=trials)
-
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        self.desk.rearm(trial=trial, attempt=attempt, reason=reason)
-        return self.participant.rearm(trial=trial, attempt=attempt, reason=reason)
-
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
-        if not self._said:
-            answer = self.participant.says(trial)
-            self._said = next(m.spoken[0] for m in self.participant.protocol.materials if m.id == answer)
-        self._tell(self._said)
-        return self.desk.ask(trial=trial, answers=answers, others=others)
-
-    def confirm(self, *, key: str, meaning: str) -> bool:
-        return self.desk.confirm(key=key, meaning=meaning)
-
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.desk.confirmed(trial=trial, answer=answer)
-
-    def debrief(self) -> Remark | None:
-        return self.desk.debrief()
-
-    def ignored(self) -> str:
-        return self.desk.ignored()
+        return key

@@ -34,8 +34,8 @@ from experiment.recordings.store import Condition, Plan, plan
 from experiment.recordings.workflow import Step
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.participant import Tick
 from experiment.rehearsal.footstep.recorded_takes import CRUSH_MM, RecordingSession
+from experiment.rehearsal.participant import Tick
 from experiment.rehearsal.wires.serial_line import SerialLine
 
 REST_NOISE_M_S2 = 0.002
@@ -245,7 +245,7 @@ def record_simulated(
             f"{rig_file}: tracker.zeroing_mm: got {rig.tracker.zeroing_mm:g}; allowed: none, because no foot rests on "
             "the panel in simulated time; leave it out of this rig file"
         )
-    rigs.check(rig, protocol.footstep.step)
+    rigs.check(rig, protocol.footsteps.step)
     planned = plan(
         protocol,
         source=recorded_takes.source(seed),
@@ -275,7 +275,7 @@ def record_simulated(
             out,
             tracker=ports,
             accelerometer=ports,
-            detector=GateDetector(protocol.footstep.step),
+            detector=GateDetector(protocol.footsteps.step),
             console=SimulatedExperimenter(foot=foot, sensor=sensor, clock=clock, session=drawn, tick=tick),
             clock=clock,
             note=recorded_takes.note(drawn),

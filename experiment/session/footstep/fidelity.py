@@ -62,7 +62,7 @@ class Fidelity:
 
 def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
     """Return speeds from the slowest to the fastest foot that a protocol counts, mm/s."""
-    recorded, fastest = protocol.footstep.synthesis.speeds_mm_s, scenes.fastest_mm_s(protocol)
+    recorded, fastest = protocol.footsteps.synthesis.speeds_mm_s, scenes.fastest_mm_s(protocol)
     slow = [rule.limit for rule in protocol.exclusion if rule.when == "speed-below" and rule.limit]
     slowest = max(slow, default=recorded[0] / BEYOND)
     fastest = recorded[-1] * BEYOND if fastest == inf else max(fastest, slowest)
@@ -79,7 +79,7 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
     from experiment.synthesis import budget
 
     materials = tuple(material.id for material in protocol.materials)
-    taken = manifest.load(recordings, synthesis=protocol.footstep.synthesis, material_ids=materials)
+    taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=materials)
     scene = scenes.Scene(True, True, False, materials)
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
@@ -112,7 +112,7 @@ def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder:
 
     Raises `RigError`, which says how much, and otherwise as `fidelity`.
     """
-    if protocol.footstep.synthesis.left_out_max is not None:
+    if protocol.footsteps.synthesis.left_out_max is not None:
         found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
         if told := refusal(protocol, rig, found):
             raise RigError(told)
@@ -120,7 +120,7 @@ def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder:
 
 def refusal(protocol: Protocol, rig: Rig, found: dict[str, Fidelity]) -> str:
     """Return why no participant is run on a rig with this fidelity; empty where the protocol allows it."""
-    most = protocol.footstep.synthesis.left_out_max
+    most = protocol.footsteps.synthesis.left_out_max
     worst, speed_mm_s, material = max(
         (each.left_out, v, material)
         for material, of in found.items()
@@ -142,7 +142,7 @@ def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
     """
     if rig.actuator.driver != "audio" or rig.audio is None:
         return None
-    step = protocol.footstep.step
+    step = protocol.footsteps.step
     predictor = LandingPredictor(step, noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm)
     lead_us = rig.audio.latency.output_ms * 1e3 + 2e6 * rig.audio.block / rig.audio.rate_hz
     last_us = int(min((step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6 - lead_us, 1e15))

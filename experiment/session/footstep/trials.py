@@ -106,7 +106,7 @@ def open_footsteps(
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=address, stream=stream)
         opened.callback(actuator.close)
     port, clock_map = ends.tracker(opened)
-    contact_mm = protocol.footstep.step.contact_mm
+    contact_mm = protocol.footsteps.step.contact_mm
     tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
     opened.callback(tracker.close)
     ends.check(tracker, rig)
@@ -153,7 +153,7 @@ class Footsteps:
         limits: Limits,
     ) -> None:
         """Set up before the first attempt; arguments as in `KindDevices.begin`."""
-        step = protocol.footstep.step
+        step = protocol.footsteps.step
         self._protocol = protocol
         self._trials = len(header.order)
         self._place = scene.plan(protocol=protocol, task_id=header.task).place
@@ -162,7 +162,8 @@ class Footsteps:
         self._clock = clock
         self._log = log
         self._limits = limits
-        self._answers = {m.key: Meaning(m.id, _spoken(m.id, m.spoken[0])) for m in protocol.materials}
+        # The protocol's rules give every material of a footstep its key.
+        self._answers = {m.key or "": Meaning(m.id, _spoken(m.id, m.spoken[0])) for m in protocol.materials}
         self._watch = Watch(
             feed=Feed(devices.tracker, simulated_time=clock.simulated),
             scrutiny=devices.scrutiny,
@@ -195,7 +196,7 @@ class Footsteps:
         laid_ns = 0
         if self._place:
             begun_ns = clock.now_ns()
-            console.place(trial=planned.trial, material=planned.presented[0])
+            console.place(trial=planned.trial, presented=planned.presented)
             laid_ns = clock.now_ns() - begun_ns
             if self._limits.over():
                 return
@@ -245,7 +246,7 @@ class Footsteps:
 
     def measured(self) -> Measured:
         """Return the foot's height in the last seconds, mm, and how the last step went."""
-        newest, step = tuple(self._watch.feed.newest), self._protocol.footstep.step
+        newest, step = tuple(self._watch.feed.newest), self._protocol.footsteps.step
         heights = _sampled(newest)
         falling = len(heights) > 1 and heights[-1] < heights[-2]
         return Measured(

@@ -192,7 +192,7 @@ def test_a_protocol_that_comes_with_palpate_is_named_by_its_id_and_a_file_goes_b
             (
                 list(words),
                 "'okamoto': got neither a file nor the id of a protocol that comes with palpate; allowed: a "
-                "protocol file, or okamoto2012; name one of these",
+                "protocol file, or okamoto2012, wellman1995; name one of these",
             )
             for words in [
                 ("check", "okamoto"),

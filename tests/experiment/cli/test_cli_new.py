@@ -165,7 +165,7 @@ def test_a_new_rig_is_one_that_says_what_is_to_be_measured(palpate: Palpate, typ
     palpate("new", "a", "--rig", "our rig.toml", "--yes")
     rig = rigs.load(Path("our rig.toml"))
     assert (rig.rig.name, rig.rig.simulated) == ("our rig", False)
-    rigs.check(rig, files.load(Path("a.toml")).footstep.step)
+    rigs.check(rig, files.load(Path("a.toml")).footsteps.step)
     text = Path("our rig.toml").read_text("utf-8")
     assert text.count("NOT CALIBRATED") + text.count("NOT MEASURED") == 4
     assert rig.tracker.calibrated_on is None

@@ -140,7 +140,7 @@ QUESTIONS: dict[str, Callable[[LinkedConsole], object]] = {
     "familiarise": lambda one: one.familiarise(instruction="Feel.", min_s=0, max_s=60),
     "level": lambda one: one.level(level_db_a=50, limit_db_a=80, criterion="Nothing.", keys={"+": "louder"}),
     "rest": lambda one: one.rest(why=""),
-    "place": lambda one: one.place(trial=1, material="copy paper"),
+    "place": lambda one: one.place(trial=1, presented=("copy paper",)),
     "answer": lambda one: one.ask(trial=1, answers=ANSWERS, others=OTHERS),
     "confirm": lambda one: one.confirm(key="c", meaning="copy paper"),
     "debrief": lambda one: one.debrief(),
@@ -449,7 +449,7 @@ def test_whoever_arms_is_told_that_somebody_had_to_be_waited_for(monkeypatch: py
 
 def test_another_trial_is_laid_out_without_the_attempts_of_the_last(bench: Bench) -> None:
     bench.linked.arm(trial=1, attempt=3, trials=4)
-    laid = bench.asks(lambda: bench.linked.place(trial=2, material="cork"))
+    laid = bench.asks(lambda: bench.linked.place(trial=2, presented=("cork",)))
     bench.question("place")
     assert (shown(bench.linked).trial, shown(bench.linked).attempt) == (2, 1)
     bench.press("place", "enter")

@@ -102,7 +102,7 @@ ORDER: tuple[tuple[str, Callable[[LinkedConsole], object], str, str], ...] = (
     ("familiarise", lambda desk: desk.familiarise(instruction="Feel.", min_s=0, max_s=60), "instructions", "wait"),
     ("level", level, "masker", "wait"),
     ("rest", lambda desk: desk.rest(why=""), "rest", "wait"),
-    ("place", lambda desk: desk.place(trial=1, material="foil"), "wait", "wait"),
+    ("place", lambda desk: desk.place(trial=1, presented=("foil",)), "wait", "wait"),
     ("", lambda desk: desk.arm(trial=1, attempt=1, trials=4), "ready", "ready"),
     (
         "answer",

@@ -12,6 +12,7 @@ from experiment.protocol.models import Protocol
 from experiment.protocol.rules import PROBE_KEY
 from tests.experiment.desk.views import KINDS, MARK, views
 from tests.experiment.protocol.small import changed, document
+from tests.experiment.protocol.tapping import comparing
 
 THEIRS = Theirs(frozenset({"level"}), ("felt", "cork"))
 LEVEL = (Choice(key="+", words="louder"), Choice(key="-", words="softer"), Choice(key=ENTER, words="keep"))
@@ -124,3 +125,10 @@ def test_answers_are_shown_only_where_the_protocol_says_so_and_only_while_one_is
         shown = prompt(View(question=asked), theirs(study))
         assert shown.answers == (said if kind in ("answer", "confirm") else ())
     assert prompt(View(state="armed"), theirs(study)).answers == ()
+
+
+@pytest.mark.parametrize(("tie_key", "said"), [(None, ("first", "second")), ("3", ("first", "second", "tie"))])
+def test_of_a_pair_the_answers_are_places_and_name_no_material(tie_key: str | None, said: tuple[str, ...]) -> None:
+    study = Protocol.model_validate(changed(comparing(tie_key=tie_key), ("answers", "on_screen"), True))
+    assert theirs(study).answers == said
+    assert theirs(Protocol.model_validate(comparing(tie_key=tie_key))).answers == ()

@@ -95,7 +95,7 @@ QUESTIONS: tuple[Callable[[TerminalConsole], object], ...] = (
     lambda one: one.ask(trial=1, answers=ANSWERS, others=OTHERS),
     lambda one: one.confirm(key="c", meaning="copy paper"),
     lambda one: one.debrief(),
-    lambda one: one.place(trial=1, material="foil"),
+    lambda one: one.place(trial=1, presented=("foil",)),
     lambda one: one.rest(why=""),
     lambda one: one.level(level_db_a=50.0, limit_db_a=80.0, criterion="", keys={"+": "louder"}),
     lambda one: one.familiarise(instruction="", min_s=0, max_s=1),
@@ -148,10 +148,16 @@ def test_a_terminal_that_is_lost_while_its_input_is_dropped_is_a_screen_that_is_
 
 def test_the_real_object_is_laid_out_before_the_participant_may_step() -> None:
     one, screen, prompts = console("")
-    one.place(trial=2, material="copy paper")
+    one.place(trial=2, presented=("copy paper",))
     one.arm(trial=2, attempt=3, trials=40)
     assert prompts == ["Participant 01.  Trial 2. Lay out copy paper, then press Enter: "]
     assert screen.getvalue() == "Participant 01.  Trial 2 of 40, attempt 3. Armed: the participant may step.\n"
+
+
+def test_of_a_pair_both_are_laid_out_each_at_its_place() -> None:
+    one, _, prompts = console("")
+    one.place(trial=2, presented=("tin", "cork"))
+    assert prompts == ["Participant 01.  Trial 2. Lay out tin as the first and cork as the second, then press Enter: "]
 
 
 def test_a_foot_that_did_not_rest_is_told_so_and_asked_again() -> None:
@@ -226,4 +232,4 @@ def test_a_prompt_that_nobody_can_see_is_a_screen_that_is_gone() -> None:
         raise OSError(5, "Input/output error")
 
     with pytest.raises(ScreenGone, match="Input/output error"):
-        TerminalConsole(write=io.StringIO(), ask=ask, heading="").place(trial=1, material="foil")
+        TerminalConsole(write=io.StringIO(), ask=ask, heading="").place(trial=1, presented=("foil",))

@@ -47,7 +47,7 @@ def test_every_printed_test_is_planned(study: Protocol, reference: Path) -> None
 
 
 def test_numbers_of_sections_3_to_5(study: Protocol) -> None:
-    synthesis, step = study.footstep.synthesis, study.footstep.step
+    synthesis, step = study.footsteps.synthesis, study.footsteps.step
     assert (synthesis.rate_hz, synthesis.samples, synthesis.takes) == (5000, 2500, 3)
     assert synthesis.speeds_mm_s == (50, 100, 200, 300)
     assert (step.gate_top_mm, step.gate_bottom_mm, step.contact_mm) == (20, 10, 0)

@@ -18,6 +18,7 @@ from experiment.protocol.models import Protocol
 from experiment.protocol.page import approved
 from experiment.protocol.page import page as page_of
 from experiment.settings.characters import JOINERS, deceptive, hidden, leftward
+from tests.experiment.protocol import tapping
 from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol, with_text
 
 
@@ -84,12 +85,23 @@ FULL = Protocol.model_validate(changed(PROBED, ("footstep", "synthesis", "left_o
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""
 
-CASES = [(path, value, other) for path, kind, value in fields(FULL) for other in others(kind, value)]
+PAIRS = tapping.protocol(tie_key="3")
+
+CASES = [
+    (study, path, value, other)
+    for study in (FULL, PAIRS)
+    for path, kind, value in fields(study)
+    for other in others(kind, value)
+]
 
 
-@pytest.mark.parametrize(("path", "value", "other"), CASES, ids=str)
-def test_the_page_changes_with_every_value(path: tuple[str | int, ...], value: object, other: object) -> None:
-    before, after = FULL, with_value(FULL, path, other)
+@pytest.mark.parametrize(
+    ("study", "path", "value", "other"), CASES, ids=lambda one: "" if one in (FULL, PAIRS) else str(one)
+)
+def test_the_page_changes_with_every_value(
+    study: Protocol, path: tuple[str | int, ...], value: object, other: object
+) -> None:
+    before, after = study, with_value(study, path, other)
     shown = page(after)
     assert shown.replace(sha256(after), "") != page(before).replace(sha256(before), "")
     if other == "Sentinel":
@@ -98,7 +110,7 @@ def test_the_page_changes_with_every_value(path: tuple[str | int, ...], value: o
 
 def test_every_kind_of_field_was_tried() -> None:
     # But for these two, which have one value each.
-    tried = {path[-1] if isinstance(path[-1], str) else path[-2] for path, _, _ in CASES}
+    tried = {path[-1] if isinstance(path[-1], str) else path[-2] for _, path, _, _ in CASES}
     named = {name for model in _models(Protocol) for name, field in model.model_fields.items() if not _holds(field)}
     assert named - tried == {"format", "mode"}
 

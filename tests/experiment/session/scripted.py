@@ -217,8 +217,8 @@ class ScriptedConsole:
     def rest(self, *, why: str) -> None:
         self.rested.append(why)
 
-    def place(self, *, trial: int, material: str) -> None:
-        self.placed.append((trial, material))
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        self.placed.append((trial, " | ".join(presented)))
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         self.armed.append((trial, attempt))

@@ -411,8 +411,8 @@ def test_nothing_is_armed_when_the_end_comes_at_a_prompt(protocol: Protocol, tmp
     one = bench("c")
     place = one.console.place
 
-    def slowly(*, trial: int, material: str) -> None:
-        place(trial=trial, material=material)
+    def slowly(*, trial: int, presented: tuple[str, ...]) -> None:
+        place(trial=trial, presented=presented)
         one.clock.sleep_ns(HOUR_NS)
 
     one.console.place = slowly  # type: ignore[method-assign]

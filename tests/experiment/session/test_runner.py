@@ -139,8 +139,8 @@ class Going(ManualClock):
 class SlowConsole(ScriptedConsole):
     """Takes a second to lay out an object, 3 ms to show an answer, and 2 ms to show a trial."""
 
-    def place(self, *, trial: int, material: str) -> None:
-        super().place(trial=trial, material=material)
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        super().place(trial=trial, presented=presented)
         self._clock.sleep_ns(1_000_000_000)
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:

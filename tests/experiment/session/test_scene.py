@@ -17,8 +17,9 @@ from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from experiment.rehearsal.footstep import recorded_takes
-from experiment.session import scene, scene_cost
-from experiment.session import scene_cost as cost
+from experiment.session import scene
+from experiment.session.footstep import scene_cost
+from experiment.session.footstep import scene_cost as cost
 from experiment.synthesis import waveforms
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
 from experiment.synthesis.spectra import inverse
@@ -117,7 +118,7 @@ def test_the_shipped_study_leaves_out_no_bin_for_copy_paper_is_felt_beyond_the_b
     loudest, level = scene.felt_outside(held, protocol)
     assert loudest == "copy paper"
     assert level == pytest.approx(outside_rms(held["copy paper"], 600.0), rel=1e-12)
-    assert level > protocol.footstep.tactile.floor_m_s2
+    assert level > protocol.footsteps.tactile.floor_m_s2
 
 
 def test_a_study_of_slow_feet_leaves_out_what_lies_beyond_the_band_of_every_material(
@@ -125,7 +126,7 @@ def test_a_study_of_slow_feet_leaves_out_what_lies_beyond_the_band_of_every_mate
 ) -> None:
     slow = counting_up_to(protocol, 120.0)
     for spectra in held.values():
-        assert max(outside_rms(spectra, v) for v in np.linspace(0, 120, 61)) < slow.footstep.tactile.floor_m_s2
+        assert max(outside_rms(spectra, v) for v in np.linspace(0, 120, 61)) < slow.footsteps.tactile.floor_m_s2
     virtual = scene.plan(protocol=slow, task_id="virtual")
     opened = scene.open_stimuli(scene=virtual, protocol=slow, recordings=recordings, output_rate_hz=5000)
     for material, spectra in held.items():

@@ -15,8 +15,9 @@ from experiment.errors import TrackerError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.participant import MOST_RESTS, Practised, SimulatedParticipant
+from experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from experiment.rehearsal.participant import Practised
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 
@@ -34,7 +35,7 @@ def participant(foot: Foot) -> SimulatedParticipant:
     protocol = files.load(shipped("okamoto2012.toml"))
     return SimulatedParticipant(
         protocol=protocol,
-        materials=SimulatedMaterials(protocol.footstep.synthesis.rate_hz, protocol.footstep.synthesis.samples),
+        materials=SimulatedMaterials(protocol.footsteps.synthesis.rate_hz, protocol.footsteps.synthesis.samples),
         who=("01", "real"),
         entropy=(1, 1, 0),
         foot=foot,
@@ -68,7 +69,7 @@ def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing() -> None:
 def test_at_the_keys_an_experimenter_hears_one_answer_however_often_they_are_asked(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    spoken = deque(["aluminum foil", "copy paper"])
+    spoken = deque([("a", "aluminum foil"), ("c", "copy paper")])
     monkeypatch.setattr(SimulatedParticipant, "says", lambda *_: spoken.popleft())
     monkeypatch.setattr(SimulatedParticipant, "arm", lambda *_, **__: None)
     typed, screen = deque(["note Coughs.", "p", "n", "c", "c"]), io.StringIO()

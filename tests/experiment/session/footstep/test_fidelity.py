@@ -52,8 +52,8 @@ def found(protocol: Protocol, recordings: Path, volts: Rig) -> dict[str, Fidelit
 
 
 def allowing(protocol: Protocol, left_out_max: float | None) -> Protocol:
-    synthesis = protocol.footstep.synthesis.model_copy(update={"left_out_max": left_out_max})
-    return protocol.model_copy(update={"footstep": protocol.footstep.model_copy(update={"synthesis": synthesis})})
+    synthesis = protocol.footsteps.synthesis.model_copy(update={"left_out_max": left_out_max})
+    return protocol.model_copy(update={"footstep": protocol.footsteps.model_copy(update={"synthesis": synthesis})})
 
 
 def test_the_speeds_are_those_that_the_protocol_counts(protocol: Protocol) -> None:

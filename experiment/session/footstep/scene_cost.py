@@ -281,7 +281,7 @@ def _carried(held: Mapping[str, CrinkleSpectra], protocol: Protocol, budget: Err
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     """Return whether what lies outside the tactile band may be left out, and why."""
-    tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.footsteps.tactile, scenes.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
         return "all: the protocol counts trials at any speed, so nothing is known to stay below the floor"
@@ -296,7 +296,7 @@ def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent
     """Return what leaving out the bins beyond the tactile band of one material saves and costs."""
     from experiment.synthesis import crinkle, waveforms
 
-    tactile, fastest = protocol.footstep.tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.footsteps.tactile, scenes.fastest_mm_s(protocol)
     whole = waveforms.prepare(spectra, material=held.material, output_rate_hz=held.output_rate_hz)
     saves = taken([_summed_ms(whole) - _summed_ms(held) for _ in range(TURNS)])
     loudest = crinkle.rms_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)

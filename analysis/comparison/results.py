@@ -1,0 +1,280 @@
+"""Study -> every number of its comparisons: shares of right choices by pair, bias to the first, and scales.
+
+A choice is right if it names the material that stands later among the study's, since these stand from the least to the
+most of what is compared. Trials without an answer count in no share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import chdtrc, stdtrit
+
+from analysis.published.numbers import Published
+from analysis.reading.study import Study, Task
+from analysis.statistics.exact import NotDefined
+from analysis.statistics.inference import ConfidenceInterval, clopper_pearson
+from analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
+from experiment.records import tapping
+from experiment.records.events import NO_ANSWER
+
+CHOSEN = {tapping.FIRST: FIRST, tapping.SECOND: SECOND, tapping.TIE: TIE}
+
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True)
+class Share:
+    """So many of the trials, with the exact interval of their share; None without a trial.
+
+    The interval takes all trials as independent.
+    """
+
+    count: int
+    trials: int
+    interval: ConfidenceInterval | None
+
+    @property
+    def value(self) -> float | None:
+        """The share, or None without a trial."""
+        return self.count / self.trials if self.trials else None
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The answers to one pair, by places of its materials among the study's, the lower one first.
+
+    `right` counts choices of the higher one, and where both are the same, those of the one presented first. `ties` are
+    among the trials, and right for nobody.
+    """
+
+    low: int
+    high: int
+    right: Share
+    ties: int
+
+    @property
+    def same(self) -> bool:
+        """Whether a material was compared with itself."""
+        return self.low == self.high
+
+
+@dataclass(frozen=True)
+class Person:
+    """One participant: right choices in pairs of two materials, and first ones in pairs of the same."""
+
+    participant: str
+    right: Share
+    first_of_same: Share
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value on a scale with its standard error and interval, from participants as the units; None of one alone."""
+
+    value: float
+    se: float | None
+    low: float | None
+    high: float | None
+
+
+@dataclass(frozen=True)
+class Scaled:
+    """A scale of one law; None where `statement` says why.
+
+    `values` are of the materials in order, `steps` from each to the next, `order` is what being first adds. `p` is of
+    the deviance from what was observed, by its chi-square distribution with `df` degrees of freedom.
+    """
+
+    law: Law
+    scale: Scale | None
+    statement: str
+    values: tuple[Estimate, ...] = ()
+    steps: tuple[Estimate, ...] = ()
+    order: Estimate | None = None
+    p: float | None = None
+
+
+@dataclass(frozen=True)
+class Beside:
+    """A printed percentage of right choices beside the share here, both in percent."""
+
+    low: int
+    high: int
+    printed: str
+    percent: float
+    here: float | None
+
+
+@dataclass(frozen=True)
+class InPrint:
+    """The printed table of a task, cell by cell.
+
+    `r` is Pearson's correlation over all cells, `r_of_two` that over the cells of two materials.
+    """
+
+    where: str
+    cells: tuple[Beside, ...]
+    r: float | None
+    r_of_two: float | None
+
+
+@dataclass(frozen=True)
+class TaskComparisons:
+    """What one task gives; `first_of_same` are all choices of the first where both materials were the same."""
+
+    task: Task
+    participants: tuple[str, ...]
+    trials: int
+    unanswered: int
+    pairs: tuple[Pair, ...]
+    first_of_same: Share
+    people: tuple[Person, ...]
+    scales: tuple[Scaled, ...]
+    in_print: InPrint | None
+
+    def pair(self, one: int, other: int) -> Pair:
+        """Return a pair by places of its materials, in either order."""
+        places = min(one, other), max(one, other)
+        return next(pair for pair in self.pairs if (pair.low, pair.high) == places)
+
+
+@dataclass(frozen=True)
+class Compared:
+    """The results of a study of comparisons; `quality` is what was compared."""
+
+    materials: tuple[str, ...]
+    quality: str
+    tasks: tuple[TaskComparisons, ...]
+
+
+def compute(study: Study, printed: Published | None = None) -> Compared:
+    """Return every result of a study of comparisons, beside what was `printed` of it."""
+    protocols = [part.protocol.comparison for part in study.parts if part.protocol]
+    quality = next((one.quality for one in protocols if one is not None), "what was compared")
+    tasks = tuple(_task(study, task, printed) for task in study.tasks if len(study.trials(task.id)))
+    return Compared(study.materials, quality, tasks)
+
+
+def _task(study: Study, task: Task, printed: Published | None) -> TaskComparisons:
+    trials = study.trials(task.id)
+    answered = trials[trials["answered"] != NO_ANSWER]
+    place = {material: index for index, material in enumerate(study.materials)}
+    people = tuple(who for who in study.participants if who in set(trials["participant"]))
+    data = Comparisons(
+        first=_codes(answered["first"], place),
+        second=_codes(answered["second"], place),
+        chosen=_codes(answered["answered"], CHOSEN),
+        person=_codes(answered["participant"], {who: index for index, who in enumerate(people)}),
+        items=len(study.materials),
+    )
+    same = data.first == data.second
+    right = _right(data)
+    first = data.chosen == FIRST
+    pairs = tuple(_pair(data, right, *pair) for pair in combinations_with_replacement(range(data.items), 2))
+    laws: tuple[Law, ...] = ("bradley-terry", "thurstone")
+    if study.answers is not None and tapping.TIE in study.answers:
+        laws = ("davidson",)
+    return TaskComparisons(
+        task=task,
+        participants=people,
+        trials=len(trials),
+        unanswered=len(trials) - len(answered),
+        pairs=pairs,
+        first_of_same=share(first[same]),
+        people=tuple(
+            Person(who, share(right[~same & (data.person == n)]), share(first[same & (data.person == n)]))
+            for n, who in enumerate(people)
+        ),
+        scales=tuple(scaled(data, law) for law in laws),
+        in_print=_in_print(pairs, task.id, printed, study.materials),
+    )
+
+
+def _codes(column: Iterable[str], code: Mapping[str, int]) -> NDArray[np.int64]:
+    return np.array([code[one] for one in column], dtype=np.int64)
+
+
+def _right(data: Comparisons) -> NDArray[np.bool_]:
+    """Return whether each choice named the higher material, or, of the same, the one presented first."""
+    wanted = np.where(data.first >= data.second, FIRST, SECOND)
+    return np.asarray(data.chosen == wanted)
+
+
+def _pair(data: Comparisons, right: NDArray[np.bool_], low: int, high: int) -> Pair:
+    here = (np.minimum(data.first, data.second) == low) & (np.maximum(data.first, data.second) == high)
+    return Pair(low, high, share(right[here]), int((data.chosen[here] == TIE).sum()))
+
+
+def share(of: NDArray[np.bool_]) -> Share:
+    """Return how many of these, shape (trials,), are true."""
+    count, trials = int(of.sum()), len(of)
+    return Share(count, trials, clopper_pearson(count, trials, CONFIDENCE) if trials else None)
+
+
+def scaled(data: Comparisons, law: Law) -> Scaled:
+    """Return a scale of one law with its intervals, or why there is none."""
+    if not len(data.first):
+        return Scaled(law, None, "no trial has an answer")
+    try:
+        scale = fit(data, law)
+    except NotDefined as reason:
+        return Scaled(law, None, str(reason))
+    people = len(np.unique(data.person))
+    errors = np.sqrt(np.diag(scale.covariance))
+    steps = (scale.difference(above, above - 1) for above in range(1, data.items))
+    return Scaled(
+        law=law,
+        scale=scale,
+        statement="",
+        values=tuple(_estimate(*pair, people) for pair in zip(scale.values.tolist(), errors.tolist(), strict=False)),
+        steps=tuple(_estimate(*step, people) for step in steps),
+        order=_estimate(scale.order, float(errors[data.items]), people),
+        p=float(chdtrc(scale.df, scale.deviance)) if scale.df > 0 else None,
+    )
+
+
+def _estimate(value: float, se: float, people: int) -> Estimate:
+    """Return the interval by Student's t with one degree of freedom less than there are participants."""
+    if people < 2 or not np.isfinite(se):
+        return Estimate(value, None, None, None)
+    half = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) * se
+    return Estimate(value, se, value - half, value + half)
+
+
+def _in_print(
+    pairs: tuple[Pair, ...], task: str, printed: Published | None, materials: tuple[str, ...]
+) -> InPrint | None:
+    """Return the printed percentages of a task; a printed pair names materials, or their places among the study's."""
+    found = next((block for block in printed.choices if block.task == task), None) if printed else None
+    if found is None:
+        return None
+    place: Mapping[str, int] = {
+        **{str(number): index for index, number in enumerate(range(1, len(materials) + 1))},
+        **{material: index for index, material in enumerate(materials)},
+    }
+    here = {(pair.low, pair.high): pair.right.value for pair in pairs}
+    cells = []
+    for cell in found.cells:
+        if not {*cell.pair} <= set(place):
+            return None
+        low, high = sorted(place[name] for name in cell.pair)
+        value = here[low, high]
+        cells.append(
+            Beside(
+                low, high, cell.correct.text, 100 * float(cell.correct.value), None if value is None else 100 * value
+            )
+        )
+    return InPrint(found.where, tuple(cells), _r(cells), _r([cell for cell in cells if cell.low != cell.high]))
+
+
+def _r(cells: list[Beside]) -> float | None:
+    known = [(cell.percent, cell.here) for cell in cells if cell.here is not None]
+    printed, here = np.array(known, dtype=np.float64).reshape(-1, 2).T
+    if len(known) < 3 or not printed.std() or not here.std():
+        return None
+    return float(np.corrcoef(printed, here)[0, 1])

@@ -1,0 +1,77 @@
+"""Results of comparisons -> their figures, each with its name, its section and its caption."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterator
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+
+from analysis.comparison.results import Compared, Scaled, TaskComparisons
+from analysis.documents.drawing import COLUMN_STYLE, SHADES, Sheet, colour, marker, sheet, short
+from analysis.report.comparison_sections import LAWS, percent
+
+DARK = 0.6
+"""The text of a cell above this share is white."""
+
+
+def sheets(results: Compared, label: str) -> tuple[Sheet, ...]:
+    """Return every figure for which there are numbers, of at least one task; `label` is that of the dataset."""
+    with mpl.rc_context(COLUMN_STYLE):
+        return tuple(_sheets(results, label))
+
+
+def _sheets(results: Compared, label: str) -> Iterator[Sheet]:
+    height = 0.42 * len(results.materials) + 0.9
+    figure, panels = sheet([height] * len(results.tasks), "Right choices, percent", label)
+    for axes, task in zip(panels, results.tasks, strict=True):
+        choices(axes, task, results.materials)
+    said = (
+        "Percent of right choices of each pair, from 0 (white) to 100 (dark); on the diagonal, percent of choices of "
+        "the sample presented first where both were of one material (as Tables 2 and 3 of Wellman and Howe)."
+    )
+    yield Sheet("right-choices", "pairs", said, figure)
+    shown = [(task, one) for task in results.tasks for one in task.scales if one.scale is not None]
+    if shown:
+        title = f"Scale of {results.quality}"
+        figure, panels = sheet([0.2 * len(results.materials) + 0.8] * len(shown), title, label)
+        for place, (axes, (task, one)) in enumerate(zip(panels, shown, strict=True)):
+            scale(axes, task, one, results.materials, place)
+        said = "Values of the materials, with intervals of 95 % from participants as the units where there are several."
+        yield Sheet("scales", "scales", said, figure)
+
+
+def choices(axes: Axes, task: TaskComparisons, materials: tuple[str, ...]) -> None:
+    """Draw the shares of right choices below and on the diagonal, each with its percentage."""
+    count = len(materials)
+    shares = np.full((count, count), np.nan)
+    for pair in task.pairs:
+        value = pair.right.value
+        if value is not None:
+            shares[pair.high, pair.low] = value
+            ink = "white" if value > DARK else "black"
+            axes.text(pair.low + 0.5, pair.high + 0.5, percent(pair.right), ha="center", va="center", color=ink)
+    axes.pcolormesh(shares, cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
+    axes.invert_yaxis()
+    names = [textwrap.fill(short(material, 26), 14) for material in materials]
+    axes.set_xticks(np.arange(count) + 0.5, names, rotation=40, ha="right", rotation_mode="anchor")
+    axes.set_yticks(np.arange(count) + 0.5, names)
+    axes.tick_params(length=0)
+    axes.set_title(f"{short(task.task.title, 40)} (n = {len(task.participants)})")
+    axes.spines[:].set_visible(False)
+
+
+def scale(axes: Axes, task: TaskComparisons, one: Scaled, materials: tuple[str, ...], place: int) -> None:
+    """Draw the value of each material with its interval, the materials one below the other."""
+    rows = np.arange(len(materials))
+    for row, value in zip(rows.tolist(), one.values, strict=True):
+        if value.low is not None and value.high is not None:
+            axes.plot([value.low, value.high], [row, row], "-", color=colour(place))
+        axes.plot([value.value], [row], marker(place), color=colour(place), markersize=4)
+    axes.axvline(0, color="0.7", linewidth=0.6, zorder=0)
+    axes.set_yticks(rows, [short(material, 26) for material in materials])
+    axes.set_ylim(len(materials) - 0.5, -0.5)
+    axes.set_xlabel(textwrap.fill(LAWS[one.law], 40))
+    axes.set_title(short(task.task.title, 40))

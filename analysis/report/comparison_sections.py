@@ -1,0 +1,232 @@
+"""Results of comparisons -> sections: tables of the report, the records behind them, and every formula by its name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from analysis.comparison.results import Beside, Compared, Estimate, Scaled, Share, TaskComparisons
+from analysis.documents.tables import Section, Table, interval, number, plural, probability
+from analysis.reading.study import Study, sentences
+from analysis.report.sections import exclusions_section, formulas
+
+LAWS = {
+    "bradley-terry": "Bradley-Terry, in logits",
+    "thurstone": "Thurstone's case V, in standard deviations of a difference",
+    "davidson": "Davidson, with ties, in logits",
+}
+
+
+def sections(study: Study, results: Compared) -> tuple[Section, ...]:
+    """Return every section, in reading order."""
+    printed = [task for task in results.tasks if task.in_print is not None]
+    return (
+        _overview(study, results),
+        exclusions_section(study),
+        _pairs(results),
+        *((_in_print(study, results, printed),) if printed else ()),
+        _bias(results),
+        _scales(results),
+    )
+
+
+def percent(share: Share) -> str:
+    """Return a share in whole percent, or `-` without a trial."""
+    return "-" if share.value is None else f"{100 * share.value:.0f}"
+
+
+def _with_interval(share: Share) -> str:
+    if share.interval is None:
+        return "-"
+    return f"{percent(share)} ({100 * share.interval.low:.0f} to {100 * share.interval.high:.0f})"
+
+
+def _overview(study: Study, results: Compared) -> Section:
+    records = tuple(
+        {"task": task.task.id, "title": task.task.title, "participants": len(task.participants), "trials": task.trials,
+         "without_answer": task.unanswered}
+        for task in results.tasks
+    )  # fmt: skip
+    rows = tuple(tuple(map(str, record.values())) for record in records)
+    header = ("task", "title", "participants", "trials", "no answer")
+    name = study.name.removeprefix(f"{study.label}: ")
+    paragraphs = (
+        f"{name}. The study is {study.id}, with {plural(len(study.participants), 'participant')} in the dataset.",
+        f"Pairs of materials were compared by their {results.quality}. From the least to the most the protocol has "
+        f"{', '.join(results.materials)}.",
+        *sentences(study),
+    )
+    return Section("overview", "Study", paragraphs, (Table("", header, rows, left=frozenset({0, 1})),), records)
+
+
+def _pairs(results: Compared) -> Section:
+    about = (
+        f"A cell is the percentage of trials in which the material with more {results.quality}, that of the row, was "
+        "named, whichever of the two was presented first, with its exact interval of 95 % (Clopper and Pearson), for "
+        "which all trials count as independent. Where a material was compared with itself, the cell is the percentage "
+        "of trials in which the one presented first was named: 50 by guessing."
+    )
+    records: list[Mapping[str, object]] = [
+        {"task": task.task.id, "low": results.materials[pair.low], "high": results.materials[pair.high],
+         "right": pair.right.count, "ties": pair.ties, "trials": pair.right.trials, "share": pair.right.value,
+         "share_low": pair.right.interval.low if pair.right.interval else None,
+         "share_high": pair.right.interval.high if pair.right.interval else None}
+        for task in results.tasks for pair in task.pairs
+    ]  # fmt: skip
+    tables = tuple(_matrix(results, task) for task in results.tasks)
+    return Section("pairs", "Right choices by pair", (about,), tables, tuple(records))
+
+
+def _matrix(results: Compared, task: TaskComparisons) -> Table:
+    count = len(results.materials)
+    rows = tuple(
+        (material, *(_with_interval(task.pair(low, high).right) if low <= high else "" for low in range(count)))
+        for high, material in enumerate(results.materials)
+    )
+    each = sorted({pair.right.trials for pair in task.pairs})
+    between = f"{each[0]} to {each[-1]}" if len(each) > 1 else f"{each[0]}"
+    notes = [f"A cell is of {between} trials, by {plural(len(task.participants), 'participant')} together."]
+    if ties := sum(pair.ties for pair in task.pairs):
+        notes.append(f"{plural(ties, 'trial')} ended in a tie; these count as trials and are right for nobody.")
+    if task.unanswered:
+        notes.append(f"{plural(task.unanswered, 'trial')} without an answer count nowhere.")
+    marked = frozenset((place, place + 1) for place in range(count))
+    title = f"{task.task.title}: percent right (95 % CI)"
+    return Table(title, ("", *results.materials), rows, marked=marked, notes=tuple(notes))
+
+
+def _in_print(study: Study, results: Compared, tasks: list[TaskComparisons]) -> Section:
+    """Return the printed percentages beside those of the dataset."""
+    found = [(task, task.in_print) for task in tasks if task.in_print is not None]
+    about = (
+        "The paper prints neither counts nor intervals, and does not say what the cells of a material with itself "
+        "count; they stand here beside the choices of the one presented first."
+    )
+    if study.label:
+        about += f" This dataset is a {study.origin}: its answers say nothing of the paper's participants."
+    tables = tuple(
+        Table(
+            f"{task.task.title}: {table.where} of the paper",
+            ("pair", "printed", "here", "difference"),
+            tuple(_beside(results, cell) for cell in table.cells),
+            notes=(
+                f"Pearson's r over the {len(table.cells)} cells is {number(table.r)}, and over those of two materials "
+                f"{number(table.r_of_two)}.",
+            ),
+        )
+        for task, table in found
+    )
+    records = tuple(
+        {"task": task.task.id, "low": results.materials[cell.low], "high": results.materials[cell.high],
+         "printed_percent": cell.percent, "percent": cell.here}
+        for task, table in found for cell in table.cells
+    )  # fmt: skip
+    return Section("printed", "Beside the printed percentages", (about,), tables, records)
+
+
+def _beside(results: Compared, cell: Beside) -> tuple[str, ...]:
+    pair = f"{results.materials[cell.high]} and {results.materials[cell.low]}"
+    here, off = ("-", "-") if cell.here is None else (f"{cell.here:.0f}%", f"{cell.here - cell.percent:+.0f}")
+    return pair, cell.printed, here, off
+
+
+def _bias(results: Compared) -> Section:
+    about = (
+        "Where both samples are of one material, nothing but chance and a leaning to the first or second place can "
+        "tell them apart."
+    )
+    paragraphs = [about]
+    tables, records = [], []
+    for task in results.tasks:
+        of = task.first_of_same
+        if of.trials:
+            paragraphs.append(
+                f"In {task.task.id} the first was named in {of.count} of {of.trials} such trials: {_with_interval(of)} "
+                "percent (95 % CI, all trials taken as independent)."
+            )
+        rows = [(one.participant, _with_interval(one.right), _with_interval(one.first_of_same)) for one in task.people]
+        header = ("participant", "right, of two materials", "first, of one material")
+        tables.append(Table(f"{task.task.title}: each participant, percent (95 % CI)", header, tuple(rows)))
+        records += [
+            {"task": task.task.id, "participant": one.participant, "right": one.right.count,
+             "trials_of_two": one.right.trials, "first": one.first_of_same.count,
+             "trials_of_one": one.first_of_same.trials}
+            for one in task.people
+        ]  # fmt: skip
+    return Section("bias", "Bias to the first, and each participant", tuple(paragraphs), tuple(tables), tuple(records))
+
+
+def _scales(results: Compared) -> Section:
+    about = (
+        f"A scale of {results.quality} gives each material a value, so that the first of a pair is chosen by the "
+        "difference of the values and by what being first adds. Values add up to zero. Intervals are of 95 %, with "
+        "participants as the units (standard errors from the sum of scores of each, Student's t with one degree of "
+        "freedom less than participants); with few participants they are too narrow."
+    )
+    paragraphs, tables, records = [about], [], []
+    for task in results.tasks:
+        for one in task.scales:
+            if one.scale is None:
+                paragraphs.append(f"{task.task.id}: there is no scale of {_law(one)}: {one.statement}.")
+                continue
+            tables.append(_scale(results, task, one))
+            records += [
+                {"task": task.task.id, "law": one.law, "of": name, **_record(value)}
+                for name, value in (*zip(results.materials, one.values, strict=True), ("first", one.order))
+                if value is not None
+            ]
+    return Section("scales", f"Scales of {results.quality}", tuple(paragraphs), tuple(tables), tuple(records))
+
+
+def _law(one: Scaled) -> str:
+    return LAWS[one.law].partition(",")[0]
+
+
+def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:
+    steps = ("", *(number(step.value, 2) for step in one.steps)), ("", *(interval(step, 2) for step in one.steps))
+    rows = tuple(
+        (material, number(value.value, 2), interval(value, 2), step, limits)
+        for material, value, step, limits in zip(results.materials, one.values, *steps, strict=True)
+    )
+    notes = []
+    if one.order is not None:
+        notes.append(f"Being presented first adds {number(one.order.value, 2)} ({interval(one.order, 2)}).")
+    if one.scale is not None and one.scale.tie is not None:
+        notes.append(f"The logarithm of the odds of a tie between two equals is {number(one.scale.tie, 2)}.")
+    if one.scale is not None and one.p is not None:
+        notes.append(
+            f"The deviance from the observed frequencies of the ordered pairs is {number(one.scale.deviance, 1)} with "
+            f"{plural(one.scale.df, 'degree')} of freedom, P = {probability(one.p)}. This P takes all answers as "
+            "independent and every participant as having the same scale, and needs many answers of each kind; where "
+            "participants differ or some pairs are always told right, it is no more than a hint."
+        )
+    header = ("material", "value", "95 % CI", "above the one before", "95 % CI")
+    return Table(f"{task.task.title}: {LAWS[one.law]}", header, rows, notes=tuple(notes))
+
+
+def _record(value: Estimate) -> dict[str, object]:
+    return {"value": value.value, "se": value.se, "low": value.low, "high": value.high}
+
+
+METHODS = formulas("""
+Right choice
+    The material that stands later among the study's was named, whichever was presented first. Share = right / trials;
+    trials without an answer count in neither, ties in the trials alone.
+Interval of a share
+    Clopper and Pearson (1934), from beta quantiles, at 95 %. All trials of all participants count as independent.
+Bradley-Terry
+    P(first) = 1 / (1 + exp(-(s_first - s_second + order))), fitted by maximum likelihood (Bradley and Terry 1952).
+    Pairs of a material with itself tell of the order alone.
+Thurstone's case V
+    P(first) = Φ(s_first - s_second + order) (Thurstone 1927).
+Davidson
+    With d = s_first - s_second + order, the odds of first : tie : second are exp(d / 2) : ν : exp(-d / 2) (Davidson
+    1970; Davidson and Beaver 1977).
+Intervals of a scale
+    Covariance = A⁻¹ B A⁻¹, A the information and B the sum over participants of the outer products of their scores,
+    times n / (n - 1) for n participants; limits by Student's t with n - 1 degrees of freedom.
+Goodness of fit
+    Deviance = 2 Σ n ln(n / fitted) over the ordered pairs and answers; P is the upper tail of chi-square with so many
+    degrees of freedom as there are ordered pairs (twice as many with ties), less the fitted terms.
+Correlation with the paper
+    Pearson's r over the cells of one printed table.
+""")

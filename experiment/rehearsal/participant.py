@@ -1,0 +1,229 @@
+"""A simulated person behind the console's port, at the keys of a simulated experimenter or of one who practises.
+
+What every simulated participant does beside the trials stands here; what they feel and answer is their kind's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from experiment.clock import Clock
+from experiment.desk.port import Attended, Console, Remark, laid_out
+from experiment.protocol.models import Protocol
+from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY
+
+Tick = Callable[[], None]
+"""Called after each confirmed answer."""
+
+MASKED_DB_A = 60.0
+"""Level from which on a simulated participant no longer hears what the masker is to hide."""
+
+
+@dataclass(kw_only=True)
+class SimulatedPerson:
+    """Implements `Console`, but for what a kind of trial asks of a participant: `says`.
+
+    `who` are label of the participant and id of the task, and `entropy` names the random draws. Thinking and speaking
+    let the time of the session's `clock` pass. `tick` is called after each confirmed answer; `screen` shows what the
+    experimenter would see.
+    """
+
+    protocol: Protocol
+    who: tuple[str, str]
+    entropy: tuple[int, ...]
+    clock: Clock
+    tick: Tick
+    screen: Console | None
+
+    def __post_init__(self) -> None:
+        self._probed = False
+
+    def _rng(self, *keys: int) -> np.random.Generator:
+        return np.random.default_rng([*self.entropy, *keys])
+
+    def says(self, trial: int) -> tuple[str, str]:
+        """Return the key of the participant's answer, and the words for it, once these are spoken."""
+        raise NotImplementedError
+
+    def attend(self, session: Attended | None) -> None:
+        """Ask nothing of it: simulated participants speak when they are asked."""
+
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        """Look at nothing: a simulated participant knows where they are."""
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:  # noqa: ARG002
+        return True
+
+    def write(self, *, text: str) -> str:  # noqa: ARG002
+        return ""
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:  # noqa: ARG002
+        clock.sleep_ns(until_ns - clock.now_ns())
+
+    def goes_on(self, *, why: str) -> bool:  # noqa: ARG002
+        return False
+
+    def show(self, text: str) -> None:
+        if self.screen is not None:
+            self.screen.show(f"REHEARSAL  {text}")
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        self.show(f"Familiarisation: {instruction}")
+        self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
+
+    def level(
+        self,
+        *,
+        level_db_a: float,
+        limit_db_a: float,
+        criterion: str,
+        keys: dict[str, str],
+    ) -> str:
+        self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
+        if PROBE_KEY in keys and not self._probed:
+            self._probed = True
+            return PROBE_KEY
+        return LOUDER_KEY if level_db_a < min(MASKED_DB_A, limit_db_a) else ""
+
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:  # noqa: ARG002
+        return False
+
+    def waiting(self) -> None:
+        """Look at nothing: the tracker of a rehearsal is waited for by its own time."""
+
+    def chosen_ago_ns(self) -> int:
+        return 0
+
+    def heard(self, *, words: str) -> None:
+        self.show(words)
+
+    def rest(self, *, why: str) -> None:
+        """Rest nothing: only a foot is asked to."""
+
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        self.show(f"Trial {trial}: {laid_out(presented)} laid out")
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
+        if self.screen is not None:
+            self.screen.arm(trial=trial, attempt=attempt, trials=trials)
+        return False
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
+        if self.screen is not None:
+            self.screen.rearm(trial=trial, attempt=attempt, reason=reason)
+        return False
+
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:  # noqa: ARG002
+        key, _ = self.says(trial)
+        return key
+
+    def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
+        return True
+
+    def debrief(self) -> None:
+        return None
+
+    def ignored(self) -> str:
+        return ""
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        self.tick()
+        if self.screen is not None:
+            self.screen.confirmed(trial=trial, answer=answer)
+
+
+@dataclass(kw_only=True)
+class Practised:
+    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says."""
+
+    desk: Console
+    participant: SimulatedPerson
+
+    def __post_init__(self) -> None:
+        self._said = ""
+
+    def attend(self, session: Attended | None) -> None:
+        self.desk.attend(session)
+
+    def at(self, *, step: str, steps: Sequence[str]) -> None:
+        self.desk.at(step=step, steps=steps)
+
+    def agree(self, *, text: str, yes: str, no: str) -> bool:
+        return self.desk.agree(text=text, yes=yes, no=no)
+
+    def write(self, *, text: str) -> str:
+        return self.desk.write(text=text)
+
+    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
+        self.desk.wait(why=why, until_ns=until_ns, clock=clock)
+
+    def goes_on(self, *, why: str) -> bool:
+        return self.desk.goes_on(why=why)
+
+    def _tell(self, words: str) -> None:
+        self.desk.show(f"The participant says: {words}.")
+
+    def show(self, text: str) -> None:
+        self.desk.show(text)
+
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        self.desk.familiarise(instruction=instruction, min_s=min_s, max_s=max_s)
+
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
+        asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
+        wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
+        self._tell({LOUDER_KEY: "louder", PROBE_KEY: "let me feel it"}.get(wanted, "I no longer hear it"))
+        return self.desk.level(**asked, criterion=criterion, keys=keys)
+
+    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
+        said = self.desk.say(words=words, take=take, takes=takes, why=why)
+        return said and self.participant.say(words=words, take=take, takes=takes, why=why)
+
+    def waiting(self) -> None:
+        self.desk.waiting()
+
+    def chosen_ago_ns(self) -> int:
+        return self.desk.chosen_ago_ns()
+
+    def heard(self, *, words: str) -> None:
+        self.desk.heard(words=words)
+
+    def rest(self, *, why: str) -> None:
+        self.desk.rest(why=why)
+        self.participant.rest(why=why)
+
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        self._said = ""
+        self.desk.place(trial=trial, presented=presented)
+        self.participant.place(trial=trial, presented=presented)
+
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
+        self._said = ""
+        self.desk.arm(trial=trial, attempt=attempt, trials=trials)
+        # The participant steps only now: nothing was felt while the desk was waited for.
+        return self.participant.arm(trial=trial, attempt=attempt, trials=trials)
+
+    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
+        self.desk.rearm(trial=trial, attempt=attempt, reason=reason)
+        return self.participant.rearm(trial=trial, attempt=attempt, reason=reason)
+
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
+        if not self._said:
+            _, self._said = self.participant.says(trial)
+        self._tell(self._said)
+        return self.desk.ask(trial=trial, answers=answers, others=others)
+
+    def confirm(self, *, key: str, meaning: str) -> bool:
+        return self.desk.confirm(key=key, meaning=meaning)
+
+    def confirmed(self, *, trial: int, answer: str | None) -> None:
+        self.desk.confirmed(trial=trial, answer=answer)
+
+    def debrief(self) -> Remark | None:
+        return self.desk.debrief()
+
+    def ignored(self) -> str:
+        return self.desk.ignored()

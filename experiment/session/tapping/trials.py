@@ -1,0 +1,87 @@
+"""Comparisons of real samples, a kind of trial: have both laid out, ask at once, and say what goes on record."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+
+from experiment.clock import Clock
+from experiment.desk.port import Console
+from experiment.protocol.models import Protocol
+from experiment.records.entries import Header, PlannedTrial
+from experiment.records.tapping import FIRST, SECOND, PairLaidOut
+from experiment.session.kind import Limits, Log, Meaning, Measured, Seen
+
+
+@dataclass(frozen=True)
+class ComparisonDevices:
+    """Implements `KindDevices`: real samples need no device."""
+
+    def begin(
+        self,
+        *,
+        protocol: Protocol,
+        header: Header,  # noqa: ARG002
+        console: Console,
+        clock: Clock,
+        log: Log,  # noqa: ARG002
+        limits: Limits,
+    ) -> Comparisons:
+        return Comparisons(protocol=protocol, console=console, clock=clock, limits=limits)
+
+
+def open_comparisons(**_: object) -> ComparisonDevices:
+    """Open nothing; arguments are those of `laboratory.open_laboratory`."""
+    return ComparisonDevices()
+
+
+class Comparisons:
+    """Implements `Kind`: each attempt is one pair of samples before the participant.
+
+    The participant tries both, and changes from one to the other, as often as they wish; the question is asked from the
+    moment at which both are laid out, and response times count from it.
+    """
+
+    def __init__(self, *, protocol: Protocol, console: Console, clock: Clock, limits: Limits) -> None:
+        """Set up before the first attempt; arguments as in `KindDevices.begin`."""
+        self._comparison = protocol.comparisons
+        self._console = console
+        self._clock = clock
+        self._limits = limits
+        self._laid: PairLaidOut | None = None
+
+    def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
+        """Have the samples of the pair laid out, the one that is presented first at the first place."""
+        if self._limits.over():
+            return
+        self._console.place(trial=planned.trial, presented=planned.presented)
+        self._laid = PairLaidOut(
+            trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=self._clock.now_ns()
+        )
+
+    def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
+        """Return at once that both samples lie there: no device follows what the participant does with them."""
+        laid, self._laid = self._laid, None
+        if laid is None:
+            raise RuntimeError("no pair is watched before it was laid out")
+        return Seen(laid, answerable_ns=laid.laid_ns)
+
+    def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:
+        """Return what each key names: the first or the second sample of this pair, or neither."""
+        first, second = planned.presented
+        words = {FIRST: f"the first ({first})", SECOND: f"the second ({second})"}
+        return {key: Meaning(one, words.get(one, "neither")) for key, one in self._comparison.answers.items()}
+
+    def measured(self) -> Measured:
+        """Return that nothing is measured."""
+        return Measured()
+
+    @property
+    def probe(self) -> None:
+        """There is none: no device plays anything."""
+        return
+
+    def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
+        """Return at once: there is no device that could fall silent."""
+        return

@@ -1,0 +1,130 @@
+"""A whole analysis of comparisons: tables, figures and files, and what is refused in words."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import pytest
+
+from analysis.analyse import Analysis, analyse
+from analysis.export import DICTIONARY, files
+from analysis.identification.confusion import confusion_of
+from analysis.power import choice_models
+from analysis.reading.dataset import read, read_pooled
+from experiment.errors import DatasetError, PowerError
+from experiment.protocol import files as files_of
+from tests.analysis.datasets import compared, trials, write_dataset
+
+MATERIALS = ("felt", "cork", "tin")
+SAID = [
+    *[("felt", "cork", "second"), ("cork", "felt", "second"), ("cork", "tin", "second"), ("tin", "cork", "second")],
+    *[("felt", "tin", "second"), ("tin", "felt", "first"), ("cork", "cork", "first"), ("felt", "felt", "second")],
+    *[("felt", "cork", "second"), ("tin", "felt", "second"), ("tin", "tin", "first"), ("tin", "cork", "(none)")],
+]
+
+
+def dataset(
+    root: Path, answers: tuple[str, ...] = ("first", "second"), said: list[tuple[str, str, str]] = SAID
+) -> Path:
+    sessions = {who: {"live": compared(said[n:] + said[:n])} for n, who in enumerate(("1", "2", "3"))}
+    return write_dataset(root, sessions, materials=MATERIALS, tasks=("live",), answers=answers, origin="REHEARSAL")
+
+
+@pytest.fixture(scope="module")
+def analysed(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
+    place = tmp_path_factory.mktemp("pairs")
+    return analyse([dataset(place / "study")], place / "out")
+
+
+def test_the_matrix_is_in_the_papers_layout(analysed: Analysis) -> None:
+    text = analysed.text()
+    row = next(line for line in text.splitlines() if line.startswith("tin ") and "(" in line)
+    # Of felt and tin 6 of 9 were right; of cork and tin 3 of 6, of which 3 had no answer; of tin alone all were first.
+    assert row.split()[1] == "67"
+    assert "3 trials without an answer count nowhere." in text
+    assert text.startswith("REHEARSAL")
+
+
+def test_the_report_and_its_files_hold_everything(analysed: Analysis) -> None:
+    names = {path.relative_to(analysed.out).as_posix() for path in analysed.files}
+    assert {"report.html", "results.json", "tables/pairs.csv", "tables/scales.csv", "tables/bias.tex"} <= names
+    assert {"figures/right-choices.svg", "figures/right-choices.png", "figures/scales.svg"} <= names
+    report = analysed.report.read_text("utf-8")
+    assert "Right choices by pair" in report
+    assert "This P takes all answers as independent" in report
+    assert "Clopper and Pearson (1934)" in report
+    told = json.loads((analysed.out / "results.json").read_text("utf-8"))
+    assert told["tasks"][0]["unanswered"] == 3
+    assert len(told["tasks"][0]["pairs"]) == 6
+    assert analysed.as_dict()["quality"] == "what was compared"
+
+
+def test_only_the_results_of_its_own_kind_are_there(analysed: Analysis) -> None:
+    assert analysed.compared.materials == MATERIALS
+    with pytest.raises(TypeError, match="comparisons have other results"):
+        _ = analysed.results
+
+
+def test_ties_have_davidsons_scale(tmp_path: Path) -> None:
+    said = [*SAID, ("felt", "cork", "tie"), ("cork", "tin", "tie"), ("cork", "cork", "tie")]
+    found = analyse([dataset(tmp_path / "study", ("first", "second", "tie"), said)], tmp_path / "out", figures=False)
+    text = found.text()
+    assert "Davidson, with ties, in logits" in text
+    assert "The logarithm of the odds of a tie" in text
+    assert "9 trials ended in a tie" in text
+
+
+def test_tables_for_other_software_say_what_the_dataset_says(tmp_path: Path) -> None:
+    made = files(read(dataset(tmp_path / "study")))
+    rows = list(csv.DictReader(io.StringIO(made["trials.csv"].decode())))
+    assert len(rows) == 36
+    assert [row["right"] for row in rows[:8]] == ["1", "0", "1", "0", "1", "1", "NA", "NA"]
+    pairs = {
+        (row["first"], row["second"]): (row["first_named"], row["second_named"], row["ties"])
+        for row in csv.DictReader(io.StringIO(made["pairs.csv"].decode()))
+        if row["participant"] == "1"
+    }
+    assert pairs["felt", "cork"] == ("0", "2", "0")
+    assert pairs["tin", "felt"] == ("1", "1", "0")
+    assert pairs["tin", "cork"] == ("0", "1", "0")
+    described: dict[str, list[str]] = {}
+    for row in csv.DictReader(io.StringIO(made[DICTIONARY].decode())):
+        described.setdefault(row["file"], []).append(row["column"])
+    headers = {name: content.decode().split("\n")[0].split(",") for name, content in made.items() if name != DICTIONARY}
+    assert described == headers
+
+
+def test_a_cell_that_no_comparison_has_is_refused_with_its_line(tmp_path: Path) -> None:
+    root = dataset(tmp_path / "study")
+    table = root / "sub-1" / "beh" / "sub-1_task-live_events.tsv"
+    table.write_text(table.read_text().replace("\tsecond\tn/a", "\tthird\tn/a", 1))
+    with pytest.raises(DatasetError, match=r"line \d+: answered: got 'third'; allowed: first, second, \(none\)"):
+        read(root)
+
+
+def test_answers_that_nobody_may_give_are_refused(tmp_path: Path) -> None:
+    root = dataset(tmp_path / "study")
+    sidecar = root / "sub-1" / "beh" / "sub-1_task-live_events.json"
+    told = json.loads(sidecar.read_text())
+    sidecar.write_text(json.dumps({**told, "Answers": ["both"]}))
+    with pytest.raises(DatasetError, match=r"Answers is .'both'.; allowed: a list of first, second, tie"):
+        read(root)
+
+
+def test_comparisons_and_other_trials_are_not_pooled(tmp_path: Path) -> None:
+    pairs, named = dataset(tmp_path / "pairs"), tmp_path / "named"
+    write_dataset(
+        named, {"9": {"live": trials([("felt", "tin")])}}, materials=MATERIALS, tasks=("live",), origin="REHEARSAL"
+    )
+    with pytest.raises(DatasetError, match="got other answers than in pairs"):
+        read_pooled([pairs, named])
+
+
+def test_what_knows_no_comparisons_says_so(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="got comparisons of pairs; allowed: trials in which a material is named"):
+        confusion_of(read(dataset(tmp_path / "study")), "live")
+    with pytest.raises(PowerError, match="cannot simulate the power of comparisons yet"):
+        choice_models.find("published", files_of.load(files_of.shipped("wellman1995.toml")))

@@ -1,0 +1,82 @@
+"""Comparisons on disk: the rows of a session by hand, and a rehearsed dataset that builds and verifies."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from experiment.dataset import build, comparison
+from experiment.dataset.verify import verify
+from experiment.desk.port import Corrected
+from experiment.errors import DatasetError
+from experiment.protocol.files import shipped
+from experiment.rehearsal import study
+from tests.experiment.protocol.tapping import protocol
+from tests.experiment.session.tapping.bench import console, contents, run
+
+
+def test_a_row_for_each_pair_that_was_laid_out(tmp_path: Path) -> None:
+    run(protocol(tie_key="3"), console(["/", "1", "3", Corrected(2, "2", "misheard"), "0"]), tmp_path)
+    rows = comparison.rows(contents(tmp_path), "PILOT")
+    asked = "asked for by the experimenter"
+    # 2 s of laying out after 100 s of familiarisation, 1 s until each key and each remark.
+    assert rows == [
+        {"onset": 102.0, "trial": 1, "attempt": 1, "counted": False, "first": "felt", "second": "tin",
+         "answered": None, "response_time": None, "redo_reason": asked, "origin": "PILOT"},
+        {"onset": 105.0, "trial": 2, "attempt": 1, "counted": True, "first": "cork", "second": "cork",
+         "answered": "second", "response_time": 1.0, "redo_reason": None, "origin": "PILOT", "corrected_from": "first"},
+        {"onset": 108.0, "trial": 3, "attempt": 1, "counted": True, "first": "tin", "second": "cork",
+         "answered": "tie", "response_time": 1.0, "redo_reason": None, "origin": "PILOT"},
+        {"onset": 111.0, "trial": 1, "attempt": 2, "counted": True, "first": "felt", "second": "tin",
+         "answered": "(none)", "response_time": 2.0, "redo_reason": None, "origin": "PILOT"},
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rehearsed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return study.rehearse(
+        protocol_file=shipped("wellman1995.toml"),
+        rig_file=shipped("rigs/rehearsal.toml"),
+        out=tmp_path_factory.mktemp("pairs") / "rehearsed",
+        participants=1,
+        seed=1,
+    )
+
+
+def test_a_rehearsed_dataset_has_its_columns_and_says_what_they_hold(rehearsed: Path) -> None:
+    events = rehearsed / "sub-01" / "beh" / "sub-01_task-live_events.tsv"
+    header, *rows = events.read_text().splitlines()
+    columns = "onset duration trial attempt counted first second answered response_time redo_reason origin"
+    assert header.split("\t") == columns.split()
+    assert len(rows) == 120
+    sidecar = json.loads(events.with_suffix(".json").read_text())
+    assert sidecar["Answers"] == ["first", "second"]
+    assert sidecar["Materials"] == ["polystyrene", "silicone", "basswood", "plastic", "aluminum"]
+    assert list(sidecar["answered"]["Levels"]) == ["first", "second", "(none)"]
+    assert sidecar["TaskDescription"].endswith("15 pairs of 5 materials, compared by their hardness, 8 trials each.")
+    assert "REHEARSAL" in (rehearsed / "README").read_text()
+    assert not (rehearsed / "stimuli").exists()
+
+
+def test_it_is_built_again_the_same_and_verified(rehearsed: Path) -> None:
+    before = {path: path.read_bytes() for path in rehearsed.rglob("*") if path.is_file()}
+    build.build(rehearsed)
+    assert {path: path.read_bytes() for path in rehearsed.rglob("*") if path.is_file()} == before
+    build.check_tables(rehearsed)
+    told = verify(rehearsed)
+    assert told.refused == 0
+    assert any("its rig is the one that it names" in finding.text for finding in told.findings)
+
+
+def test_an_answer_that_was_edited_is_found(rehearsed: Path, tmp_path: Path) -> None:
+    events = rehearsed / "sub-01" / "beh" / "sub-01_task-live_events.tsv"
+    kept = events.read_bytes()
+    try:
+        header, _, rows = kept.partition(b"\n")
+        events.write_bytes(header + b"\n" + rows.replace(b"\tfirst\t", b"\tsecond\t", 1))
+        with pytest.raises(DatasetError, match="is not what the journal gives"):
+            build.check_tables(rehearsed)
+    finally:
+        events.write_bytes(kept)

@@ -1,0 +1,138 @@
+"""A protocol of comparisons: its own table, its rules, its canonical form and its page."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+from experiment.errors import ProtocolError
+from experiment.protocol import approval, files
+from experiment.protocol.models import Protocol
+from experiment.protocol.page import page
+from experiment.settings import load
+from tests.experiment.protocol import small
+from tests.experiment.protocol.small import changed
+from tests.experiment.protocol.tapping import comparing, protocol
+
+LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial", "reason": "x"}
+STEPS = small.document()["footstep"]
+
+BROKEN = [
+    (changed(comparing(), ("footstep",), STEPS), "footstep", "no table: the tasks are of the kind 'comparison'"),
+    (
+        {key: table for key, table in comparing().items() if key != "comparison"},
+        "comparison",
+        "a table: tasks of the kind 'comparison' need it",
+    ),
+    ({key: t for key, t in small.document().items() if key != "footstep"}, "footstep", "tasks of the kind 'footstep'"),
+    (changed(comparing(), ("materials", 0, "key"), "f"), "materials[0].key", "participants compare materials"),
+    (changed(comparing(), ("materials", 0, "spoken"), ("felt",)), "materials[0].spoken", "participants compare mat"),
+    (changed(comparing(), ("tasks", 0, "stimulus"), "virtual"), "tasks[0].stimulus", "renders no virtual surface yet"),
+    (changed(comparing(), ("tasks", 0, "repetitions"), 3), "tasks[0].repetitions", "an even number"),
+    (
+        changed(comparing(), ("tasks", 0, "order"), {"kind": "max-run", "max_run": 2}),
+        "tasks[0].order.kind",
+        "one of: full-random, blocked-random",
+    ),
+    (changed(comparing(), ("exclusion",), (LOST,)), "exclusion[0].when", "one of: answers-below, withdrawn"),
+    (
+        changed(comparing(), ("masker", "probe"), {"material": "felt", "speed_mm_s": 100.0}),
+        "masker.probe",
+        "no table: real samples play no probe",
+    ),
+    (changed(comparing(), ("analysis", 0, "test"), "Davidson"), "analysis[0].test", "without ties"),
+    (changed(comparing(tie_key="3"), ("analysis", 0, "test"), "Thurstone"), "analysis[0].test", "tie_key allows ties"),
+    (changed(comparing(), ("analysis", 0, "test"), "one-way ANOVA"), "analysis[0].test", "one of: Bradley-Terry, Thu"),
+    (changed(comparing(), ("comparison", "second_key"), "1"), "comparison.second_key", "a key of its own"),
+    (changed(comparing(), ("comparison", "first_key"), "0"), "answers.no_answer_key", "a key of its own"),
+    (changed(comparing(), ("comparison", "first_key"), "+"), "comparison.first_key", "which set the masker's level"),
+    (
+        changed(
+            comparing(),
+            ("exclusion",),
+            ({"id": "few", "when": "answers-below", "limit": 13, "action": "exclude-participant", "reason": "x"},),
+        ),
+        "exclusion[0].limit",
+        "at most 12, the trials of the shortest task",
+    ),
+    (changed(small.document(), ("tasks", 1, "kind"), "comparison"), "tasks[1].kind", "footstep, as in the first task"),
+    (changed(small.document(), ("analysis", 0, "test"), "Thurstone"), "analysis[0].test", "one of: t against chance"),
+]
+
+
+def without_a_chance(study: dict[str, Any]) -> dict[str, Any]:
+    study["analysis"] = tuple(
+        {k: v for k, v in one.items() if k not in ("chance", "form")} for one in study["analysis"]
+    )
+    return study
+
+
+@pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[f"{n}-{case[1]}" for n, case in enumerate(BROKEN)])
+def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allowed: str) -> None:
+    problems = [one for one in load.find(Protocol, without_a_chance(study), {}) if one.path == path]
+    assert [allowed in one.allowed for one in problems] == [True]
+
+
+@pytest.mark.parametrize("how", [{}, {"tie_key": "3"}, {"repetitions": 8, "order": "blocked-random"}])
+def test_what_is_within_the_rules_is_accepted(how: dict[str, Any]) -> None:
+    assert load.find(Protocol, comparing(**how), {}) == ()
+
+
+@pytest.mark.parametrize(
+    ("key", "named"), [("key", "one ASCII character"), ("spoken", "an array of at least 1")], ids=["key", "spoken"]
+)
+def test_a_footstep_study_still_needs_what_its_answers_are_called(key: str, named: str) -> None:
+    study = small.document()
+    study["materials"] = tuple({k: v for k, v in one.items() if k != key} for one in study["materials"])
+    found = load.find(Protocol, study, {})
+    assert [(one.path, named in one.allowed) for one in found] == [(f"materials[{i}].{key}", True) for i in range(2)]
+
+
+def test_it_presents_every_pair_and_a_material_with_itself() -> None:
+    pairs = {"felt felt", "felt cork", "felt tin", "cork cork", "cork tin", "tin tin"}
+    study = protocol(repetitions=4)
+    assert {" ".join(pair) for pair in study.presentations} == pairs
+    assert study.trials(study.tasks[0]) == 24
+    assert small.protocol().presentations == (("felt",), ("cork",))
+
+
+@pytest.mark.parametrize("tie_key", [None, "3"])
+def test_the_canonical_form_holds_what_the_file_states_and_nothing_of_another_kind(tie_key: str | None) -> None:
+    study = protocol(tie_key=tie_key)
+    form = json.loads(approval.canonical(study))
+    assert form["comparison"] == comparing(tie_key=tie_key)["comparison"]
+    assert "footstep" not in form
+    assert [set(one) for one in form["materials"]] == [{"id", "description"}] * 3
+    assert approval.names_draws(study) == approval.sha256(study)
+
+
+def test_the_other_kind_of_study_is_refused_in_words() -> None:
+    with pytest.raises(
+        ProtocolError, match=r"study small: .*\n.*footstep: got no such table; allowed: a study whose trials"
+    ):
+        _ = protocol().footsteps
+    with pytest.raises(ProtocolError, match="comparison: got no such table"):
+        _ = small.protocol().comparisons
+
+
+def test_the_board_reads_what_is_compared_how_often_and_by_which_answers() -> None:
+    text = " ".join(page(protocol(tie_key="3", order="blocked-random"), "study.toml").split())
+    assert "6 x 2 = 12" in text
+    assert "In half of the trials with a pair, drawn at random, the one of its materials is presented first" in text
+    assert 'Participants say which of the two has more "hardness", or neither.' in text
+    assert "[1] first, [2] second, [3] tie, [0] no answer" in text
+    assert "each with every pair once" in text
+    assert "foot" not in text
+    assert "nobody tells the participant whether an answer was right" in text
+    assert "they have to choose" in " ".join(page(protocol(), "study.toml").split())
+
+
+def test_the_shipped_study_is_that_of_the_paper() -> None:
+    """Live Tapping Experiment: five surfaces, random pairs of them, 120 trials, seven subjects, white noise."""
+    study = files.load(files.shipped("wellman1995.toml"))
+    assert (study.study.participants, study.masker.noise) == (7, "white")
+    assert len(study.presentations) == 15
+    assert [(task.id, study.trials(task)) for task in study.tasks] == [("live", 120)]
+    assert study.comparisons.tie_key is None

@@ -1,0 +1,44 @@
+"""A session of comparisons with a scripted experimenter, and what it wrote."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from experiment import storage
+from experiment.clock import ManualClock
+from experiment.desk.port import Remark
+from experiment.protocol.files import shipped
+from experiment.protocol.models import Protocol
+from experiment.records import journal
+from experiment.records.entries import Footer, PlannedTrial
+from experiment.session import attempt, runner
+from experiment.session.tapping.trials import open_comparisons
+from tests.experiment.session.bench import HEADER
+from tests.experiment.session.scripted import START_NS, ScriptedConsole
+
+PAIRS = (("felt", "tin"), ("cork", "cork"), ("tin", "cork"))
+ORDER = tuple(PlannedTrial(trial=n, presented=pair) for n, pair in enumerate(PAIRS, start=1))
+ASKED = HEADER.model_copy(update={"task": "live", "order": ORDER, "block_trials": len(ORDER)})
+
+
+class LayingConsole(ScriptedConsole):
+    """Takes two seconds to lay out a pair."""
+
+    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
+        super().place(trial=trial, presented=presented)
+        self._clock.sleep_ns(2 * 10**9)
+
+
+def console(keys: Iterable[str | Remark], clock: ManualClock | None = None) -> LayingConsole:
+    return LayingConsole(clock or ManualClock(START_NS), keys)
+
+
+def run(protocol: Protocol, desk: LayingConsole, dataset: Path) -> Footer:
+    devices = attempt.Devices(kind=open_comparisons(), console=desk, clock=desk._clock, masker=None, reconnect_s=300.0)
+    rig_file = shipped("rigs/rehearsal.toml")
+    return runner.run(protocol=protocol, header=ASKED, devices=devices, rig_file=rig_file, dataset=dataset)
+
+
+def contents(dataset: Path) -> journal.Contents:
+    return journal.read(storage.journal_path(dataset, "01", "live"))
