@@ -12,23 +12,22 @@ import numpy as np
 
 from analysis import published
 from analysis.audit.audit import Comparison, compare
-from analysis.comparison.results import Compared
-from analysis.comparison.results import compute as compute_comparisons
 from analysis.documents import page
 from analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from analysis.documents.tables import WIDTH, Section, text
 from analysis.identification.results import Results, TaskResult, compute
 from analysis.identification.time_course import TimeCourse
+from analysis.published.numbers import Published
 from analysis.reading.dataset import read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
 from analysis.reading.study import Study, nothing_left
-from analysis.report import comparison_sections
 from analysis.report.sections import METHODS, sections
 from analysis.statistics.anova import Anova
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
 
 if TYPE_CHECKING:
+    from analysis.comparison.results import Compared
     from analysis.documents.drawing import Sheet
 
 FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
@@ -56,7 +55,7 @@ class Analysis:
     @property
     def compared(self) -> Compared:
         """Return the results of comparisons. Raises `TypeError` for identifications."""
-        if not isinstance(self.found, Compared):
+        if isinstance(self.found, Results):
             raise TypeError("identifications have other results: results")
         return self.found
 
@@ -80,9 +79,9 @@ class Analysis:
     def as_dict(self) -> dict[str, Any]:
         """Return everything for JSON, with None instead of NaN or infinity where something is not defined."""
         paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
-        if isinstance(self.found, Compared):
-            return {**_compared(self.study, self.found), **paths}
-        return {**_numbers(self.study, self.found, self.comparison), **paths}
+        if isinstance(self.found, Results):
+            return {**_numbers(self.study, self.found, self.comparison), **paths}
+        return {**_compared(self.study, self.found), **paths}
 
 
 def analyse(
@@ -110,7 +109,7 @@ def analyse(
     if study.answers is not None:
         if dissimilarities is not None:
             raise DatasetError(f"{study.id}: got --dissimilarities and comparisons; allowed: one of them; leave it out")
-        return _comparisons(study, compute_comparisons(study, printed), place, figures=figures)
+        return _comparisons(study, printed, place, figures=figures)
     if dissimilarities is not None:
         alike = from_file(dissimilarities, study.materials)
     else:
@@ -122,8 +121,13 @@ def analyse(
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
 
 
-def _comparisons(study: Study, found: Compared, place: Path, *, figures: bool) -> Analysis:
+def _comparisons(study: Study, printed: Published | None, place: Path, *, figures: bool) -> Analysis:
     """Write the analysis of a study of comparisons."""
+    # Its scales need statsmodels, which no other analysis does.
+    from analysis.comparison.results import compute
+    from analysis.report import comparison_sections
+
+    found = compute(study, printed)
     parts = comparison_sections.sections(study, found)
     drawn: tuple[Sheet, ...] = ()
     if figures:

@@ -160,7 +160,7 @@ def _scales(results: Compared) -> Section:
         f"A scale of {results.quality} gives each material a value, so that the first of a pair is chosen by the "
         "difference of the values and by what being first adds. Values add up to zero. Intervals are of 95 %, with "
         "participants as the units (standard errors from the sum of scores of each, Student's t with one degree of "
-        "freedom less than participants); with few participants they are too narrow."
+        "freedom less than participants)."
     )
     paragraphs, tables, records = [about], [], []
     for task in results.tasks:
@@ -196,8 +196,8 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:
         notes.append(
             f"The deviance from the observed frequencies of the ordered pairs is {number(one.scale.deviance, 1)} with "
             f"{plural(one.scale.df, 'degree')} of freedom, P = {probability(one.p)}. This P takes all answers as "
-            "independent and every participant as having the same scale, and needs many answers of each kind; where "
-            "participants differ or some pairs are always told right, it is no more than a hint."
+            "independent and every participant as having the same scale, and needs many answers of each kind: where "
+            "participants differ it is too small, and where some pairs are nearly always told right it is too large."
         )
     header = ("material", "value", "95 % CI", "above the one before", "95 % CI")
     return Table(f"{task.task.title}: {LAWS[one.law]}", header, rows, notes=tuple(notes))

@@ -240,8 +240,9 @@ def rehearse(
     """Run a whole study with simulated participants.
 
     In a REHEARSAL a simulated foot is measured through a real serial port, and a simulated observer judges what the
-    actuator was sent. The answers go into the journal, and the tables are made from the dataset on disk. To continue a
-    rehearsal that was interrupted, run the same command again.
+    actuator was sent; or a simulated participant taps and compares simulated surfaces. The answers go into the journal,
+    and the tables are made from the dataset on disk. To continue a rehearsal that was interrupted, run the same command
+    again.
     """
     from experiment.cli.analysis import tell_analysis
     from experiment.desk.terminal import TerminalConsole

@@ -76,6 +76,11 @@ def rehearse(
         raise DatasetError(
             f"--participants: got {count}; allowed: 1 to {protocol.study.participants}, as in the protocol; give number"
         )
+    if control == "silence" and protocol.footstep is None:
+        raise DatasetError(
+            f"--control: got silence for study {protocol.study.id}; allowed: none, because nothing is played there; "
+            "leave it out"
+        )
     rig = _simulated_rig(rig_file, protocol)
     if rig.audio is not None and not real_time:
         raise DatasetError(

@@ -70,6 +70,19 @@ def test_it_is_built_again_the_same_and_verified(rehearsed: Path) -> None:
     assert any("its rig is the one that it names" in finding.text for finding in told.findings)
 
 
+def test_nothing_is_silenced_where_nothing_is_played(tmp_path: Path) -> None:
+    with pytest.raises(DatasetError, match="got silence for study wellman1995; allowed: none"):
+        study.rehearse(
+            protocol_file=shipped("wellman1995.toml"),
+            rig_file=shipped("rigs/rehearsal.toml"),
+            out=tmp_path / "silent",
+            participants=1,
+            seed=1,
+            control="silence",
+        )
+    assert not (tmp_path / "silent").exists()
+
+
 def test_an_answer_that_was_edited_is_found(rehearsed: Path, tmp_path: Path) -> None:
     events = rehearsed / "sub-01" / "beh" / "sub-01_task-live_events.tsv"
     kept = events.read_bytes()

@@ -46,9 +46,14 @@ def test_a_session_of_real_samples_needs_no_device(tmp_path: Path, monkeypatch: 
     rig.write_text(named, "utf-8")
     (tmp_path / "rehearsal-response.csv").write_bytes(devices.with_name("rehearsal-response.csv").read_bytes())
     protocol = files.load(study)
-    first, last = date(2001, 1, 1), date(2199, 1, 1)
-    board = protocol.ethics.board
-    approval.write(study, protocol, approval_number="17", board=board, approved_on=first, expires_on=last)
+    approval.write(
+        study,
+        protocol,
+        approval_number="17",
+        board=protocol.ethics.board,
+        approved_on=date(2001, 1, 1),
+        expires_on=date(2199, 1, 1),
+    )
     root = tmp_path / "dataset"
     enrolment.enrol(study, "01", day(wall_ns()), root=root, seed=1)
     desk = ScriptedConsole(ManualClock(START_NS), "12" * 15)
