@@ -151,7 +151,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
 
     With `[footstep]` every material has `key` and `spoken`. With `[comparison]` none has; `stimulus` is `real`;
-    `repetitions` are even, and no order is `max-run`; `masker.probe` is left out; exclusion rules judge answers and
+    `repetitions` are even, and no order is `max-run`; `masker.probe` is left out; `answers.microphone` and
+    `answers.on_screen` are false; exclusion rules judge answers and
     withdrawals; and the planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
     """
     yield from _kinds(table)
@@ -220,6 +221,9 @@ def _compared(table: Table) -> Iterator[Broken]:
             yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
     if _table(table, "masker").get("probe") is not None:
         yield Broken(("masker", "probe"), "no table: real samples play no probe")
+    for key in ("microphone", "on_screen"):
+        if _table(table, "answers").get(key) is True:
+            yield Broken(("answers", key), "false: with pairs nobody names a material")
     for i, rule in _tables(table, "exclusion"):
         if rule.get("when") in OF_STEPS:
             yield Broken(("exclusion", i, "when"), "one of: answers-below, withdrawn, with tasks of pairs")
