@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
 """Sections that a terminal shows first, so that the matrices and tests stay on the screen."""
+
+IN_SHORT = ("overview", "confusion", "tests")
+"""Sections that a terminal shows unless it is asked for all; what is left out of the analysis is never passed over."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +68,18 @@ class Analysis:
         """Return the path of the HTML report."""
         return self.out / page.REPORT
 
-    def text(self, width: int = WIDTH) -> str:
-        """Return everything for a terminal; only the last line, the report's path, may be longer than `width`."""
-        band = [self.study.label] if self.study.label else []
-        parts = sorted(map(self._in_terminal, self.sections), key=lambda section: section.slug not in FIRST_IN_TERMINAL)
-        return "\n\n\n".join([*band, *(text(part, width) for part in parts), *band, f"Report: {self.report}"])
+    def text(self, width: int = WIDTH, *, full: bool = False) -> str:
+        """Return matrices, tests and the report's path for a terminal, or every section if it is to be `full`.
+
+        Only the last line, the path, may be longer than `width`.
+        """
+        band = [textwrap.fill(self.study.label, width)] if self.study.label else []
+        wanted = IN_SHORT + ("exclusions",) * bool(self.study.exclusions or self.study.unasked)
+        parts = [self._in_terminal(section) for section in self.sections if full or section.slug in wanted]
+        parts.sort(key=lambda section: section.slug not in FIRST_IN_TERMINAL)
+        more = [] if full else [textwrap.fill("There is more: in the report, and here with --full.", width)]
+        last = "\n".join([*more, f"Report: {self.report}"])
+        return "\n\n\n".join([*band, *(text(part, width) for part in parts), *band, last])
 
     def _in_terminal(self, section: Section) -> Section:
         # The numbers of a study that nobody expects to match the paper's stay in the report.
@@ -85,11 +96,17 @@ class Analysis:
 
 
 def analyse(
-    datasets: Sequence[Path], out: Path | None = None, *, figures: bool = True, dissimilarities: Path | None = None
+    datasets: Sequence[Path],
+    out: Path | None = None,
+    *,
+    figures: bool = True,
+    titles: bool = False,
+    dissimilarities: Path | None = None,
 ) -> Analysis:
     """Analyse these BIDS datasets, pooled if there are several, and write everything into `out`.
 
-    `out` is by default `derivatives/palpate` in a single dataset. Drawing the figures takes most of the time. The CSV
+    `out` is by default `derivatives/palpate` in a single dataset. Drawing the figures takes most of the time; they have
+    `titles` inside for slides, and for a paper none, for the caption says what they show. The CSV
     file of `dissimilarities` is that of `analysis.reading.dissimilarities.from_file`; by default they are the published
     ones.
 
@@ -117,7 +134,7 @@ def analyse(
     results = compute(study, printed.pairs() if printed else {}, alike)
     comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
     parts = sections(study, results, comparison)
-    content = _content(study, results, comparison, parts, figures=figures)
+    content = _content(study, results, comparison, parts, figures=figures, titles=titles)
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
 
 
@@ -144,14 +161,20 @@ def _compared(study: Study, found: Compared) -> dict[str, Any]:
 
 
 def _content(
-    study: Study, results: Results, comparison: Comparison | None, parts: tuple[Section, ...], *, figures: bool
+    study: Study,
+    results: Results,
+    comparison: Comparison | None,
+    parts: tuple[Section, ...],
+    *,
+    figures: bool,
+    titles: bool,
 ) -> dict[str, bytes]:
     title = study.name.removeprefix(f"{study.label}: ")
     drawn: tuple[Sheet, ...] = ()
     if figures:
         from analysis.report.figures import sheets
 
-        drawn = sheets(results, study.label)
+        drawn = sheets(results, study.label, titles=titles)
     numbers, counts = _numbers(study, results, comparison), _counts(results)
     return page.folder(title, study.label, parts, drawn, METHODS, numbers, further=(counts,)) | _bids(study)
 

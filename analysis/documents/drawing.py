@@ -73,14 +73,18 @@ class Sheet:
 
 
 def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUMN_MM) -> tuple[Figure, list[Axes]]:
-    """Return a figure of panels one below the other, with heights in inches, under a heading that the `label` leads."""
+    """Return a figure of panels one below the other, with heights in inches, under the `label` and the title.
+
+    Either may be empty.
+    """
     width = width_mm / 25.4
     letters = int((width - 0.1) / LETTER_INCHES)
     head = [*textwrap.wrap(label, letters), *textwrap.wrap(title, letters)]
     figure = Figure(figsize=(width, sum(rows) + 0.13 * len(head)), layout="constrained")
     panels = figure.subplots(len(rows), 1, squeeze=False, height_ratios=rows)[:, 0].tolist()
     figure.set_label(label)
-    figure.suptitle("\n".join(head), fontsize=7, fontweight="bold" if label else "normal")
+    if head:
+        figure.suptitle("\n".join(head), fontsize=7, fontweight="bold" if label else "normal")
     return figure, panels
 
 

@@ -29,7 +29,10 @@ GAP = "  "
 
 @dataclass(frozen=True)
 class Table:
-    """Cells as text; columns in `left` are flush left, and the (row, column) cells in `marked` stand out."""
+    """Cells as text; columns in `left` are flush left, and the (row, column) cells in `marked` stand out.
+
+    A terminal breaks the cells of a `matrix` before ±, where that keeps its columns beside one another.
+    """
 
     title: str
     header: tuple[str, ...]
@@ -37,6 +40,7 @@ class Table:
     left: frozenset[int] = frozenset({0})
     marked: frozenset[tuple[int, int]] = frozenset()
     notes: tuple[str, ...] = ()
+    matrix: bool = False
 
 
 @dataclass(frozen=True)
@@ -118,14 +122,22 @@ def text(section: Section, width: int = WIDTH) -> str:
 
 def table_text(table: Table, width: int = WIDTH) -> str:
     """Return one table for a terminal: long cells are wrapped, and columns that do not fit follow below the first."""
-    sizes = [max(1, *(len(row[column]) for row in (table.header, *table.rows))) for column in range(len(table.header))]
+    rows = [table.header, *table.rows]
+    sizes = [max(1, *(len(row[column]) for row in rows)) for column in range(len(table.header))]
     sizes[:-1] = [min(size, WIDEST) for size in sizes[:-1]]
+    if table.matrix and len(_blocks(sizes, width)) > 1:
+        broken = [tuple(cell.replace(" ± ", "\n± ") for cell in row) for row in rows]
+        parts = [[*table.header[place].split(), *(part for row in broken for part in row[place].split("\n"))]
+                 for place in range(1, len(sizes))]  # fmt: skip
+        narrow = [max(1, *map(len, column)) for column in parts]
+        if sizes[0] + sum(narrow) + len(GAP) * len(narrow) <= width:
+            sizes[1:], rows = narrow, broken
     blocks = []
     for columns in _blocks(sizes, width):
         widths = [sizes[column] for column in columns]
         widths[-1] = min(widths[-1], max(width - sum(widths[:-1]) - len(GAP) * (len(widths) - 1), 1))
-        lines = [_line(table.header, columns, widths, table.left), GAP.join("-" * size for size in widths)]
-        lines += [_line(row, columns, widths, table.left) for row in table.rows]
+        header, *below = (_line(row, columns, widths, table.left) for row in rows)
+        lines = [header, GAP.join("-" * size for size in widths), *below]
         blocks.append("\n".join(lines))
     notes = "\n".join(textwrap.fill(note, width) for note in table.notes)
     title = textwrap.fill(table.title, width)
@@ -190,7 +202,10 @@ def _blocks(sizes: Sequence[int], width: int) -> list[list[int]]:
 
 
 def _line(row: Sequence[str], columns: Sequence[int], widths: Sequence[int], left: frozenset[int]) -> str:
-    wrapped = [textwrap.wrap(row[column], size) for column, size in zip(columns, widths, strict=True)]
+    wrapped = [
+        [line for part in row[column].split("\n") for line in textwrap.wrap(part, size)]
+        for column, size in zip(columns, widths, strict=True)
+    ]
     lines = []
     for parts in [*zip_longest(*wrapped, fillvalue="")] or [("",) * len(columns)]:
         cells = zip(columns, widths, parts, strict=True)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.documents.drawing import (
@@ -308,17 +310,32 @@ PAGES = 4
 ELSEWHERE = "The tables here give the numbers."
 
 
-def sheets(results: Results, label: str) -> tuple[Sheet, ...]:
-    """Return every figure for which there are numbers, of at least one task; `label` is that of the dataset."""
+def sheets(results: Results, label: str, *, titles: bool = False) -> tuple[Sheet, ...]:
+    """Return every figure for which there are numbers, of at least one task.
+
+    `label` is that of the dataset, and stands above each figure; with `titles` what it shows stands there too.
+    """
+    head = _Head(label, titles)
     with mpl.rc_context(COLUMN_STYLE):
-        return (*_answers(results, label), *_course(results, label))
+        return (*_answers(results, head), *_course(results, head))
 
 
-def _answers(results: Results, label: str) -> Iterator[Sheet]:
+@dataclass(frozen=True)
+class _Head:
+    """What stands above every figure: the label, and its own title if there are to be `titles`."""
+
+    label: str
+    titles: bool
+
+    def sheet(self, rows: Sequence[float], title: str, width_mm: float = COLUMN_MM) -> tuple[Figure, list[Axes]]:
+        return sheet(rows, title if self.titles else "", self.label, width_mm)
+
+
+def _answers(results: Results, head: _Head) -> Iterator[Sheet]:
     tasks = results.tasks
     count = len(tasks[0].confusion.materials)
     width = COLUMN_MM if count <= FEW else PAGE_MM
-    figure, (axes,) = sheet([2.4], "Correct answers: mean ± SD", label, width)
+    figure, (axes,) = head.sheet([2.4], "Correct answers: mean ± SD", width)
     correct_ratios(axes, tasks)
     said = (
         "Correct answer ratios of each material and task (as Fig. 11 of Okamoto et al.). Bars are means, whiskers "
@@ -329,18 +346,18 @@ def _answers(results: Results, label: str) -> Iterator[Sheet]:
 
     unanswered = any(task.confusion.unanswered for task in tasks)
     height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else 0.32 * count + 1.4
-    figure, panels = sheet([height] * len(tasks), "Answer ratios: means among participants", label, width)
+    figure, panels = head.sheet([height] * len(tasks), "Answer ratios: means among participants", width)
     for axes, task in zip(panels, tasks, strict=True):
         confusion(axes, task, unanswered=unanswered)
     said = "Mean answer ratios as heat maps, from 0 (white) to 1 (dark), with the standard deviation if there is room."
     yield Sheet("confusion", "confusion", f"{said} {ELSEWHERE}", figure)
 
     for task in tasks:
-        yield from _participants(task, label)
+        yield from _participants(task, head)
 
     found = [one for one in results.identifications if one.scaling]
     if found:
-        figure, panels = sheet([2.6] * len(found), "Map of the materials, from their confusions", label)
+        figure, panels = head.sheet([2.6] * len(found), "Map of the materials, from their confusions")
         for axes, one in zip(panels, found, strict=True):
             material_map(axes, one, tasks[0].confusion.materials)
         key(panels[0])
@@ -348,23 +365,24 @@ def _answers(results: Results, label: str) -> Iterator[Sheet]:
         yield Sheet("map", "confusions", said, figure)
 
     if confusing := _confusing(results):
-        figure, (axes,) = sheet([2.5], "Confusing answers and dissimilarity of spectra", label)
+        figure, (axes,) = head.sheet([2.5], "Confusing answers and dissimilarity of spectra")
         against_dissimilarity(axes, confusing, results.dissimilarities.source)
         said = "Confusing answer ratios against the dissimilarity of spectra (as Fig. 13 of Okamoto et al.)."
         yield Sheet("dissimilarity", "confusions", said, figure)
 
 
-def _participants(task: TaskResult, label: str) -> Iterator[Sheet]:
+def _participants(task: TaskResult, head: _Head) -> Iterator[Sheet]:
     people, count = len(task.confusion.participants), len(task.confusion.materials)
     shown = min(people, PAGES * PAGE)
     for page, first in enumerate(range(0, shown, PAGE), start=1):
         last = min(first + PAGE, shown)
         title = f"{task.task.id}: participants {first + 1} to {last} of {people}, and their share of right answers"
-        figure, (axes,) = sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title, label)
+        figure, (axes,) = head.sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title)
         participants(axes, task, first, last)
         said = (
-            f"{task.task.title}: answer ratios of each participant, the darker the more often. Rows are the {count} "
-            "materials presented and columns the answers, both in the order of the tables; the share right is above."
+            f"{task.task.title}: answer ratios of each participant, {first + 1} to {last} of {people}, the darker the "
+            f"more often. Rows are the {count} materials presented and columns the answers, both in the order of the "
+            "tables; the share right is above."
         )
         if shown < people:
             said += f" The first {shown} of {people} participants are drawn; counts.csv has all of them."
@@ -389,27 +407,27 @@ def _confusing(results: Results) -> dict[str, list[tuple[float, float]]]:
     return found
 
 
-def _course(results: Results, label: str) -> Iterator[Sheet]:
+def _course(results: Results, head: _Head) -> Iterator[Sheet]:
     found = results.course
     chances = {task.task.id: task.chance for task in results.tasks}
     if found.learning:
         window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
-        figure, (axes,) = sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time", label)
+        figure, (axes,) = head.sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time")
         learning(axes, found.learning, chances)
         of = plural(window, "successive trial")
         said = f"Share of right answers in {of}, with 95 % BCa intervals over participants."
         yield Sheet("learning", "course", said, figure)
     if found.speed:
-        figure, (axes,) = sheet([2.3], "Right answers by the speed of the foot", label)
+        figure, (axes,) = head.sheet([2.3], "Right answers by the speed of the foot")
         speed(axes, found.speed, chances)
         said = "Share of right answers by the speed of the foot, with Wilson's 95 % intervals over trials."
         yield Sheet("speed", "course", said, figure)
     if found.onsets:
-        figure, (axes,) = sheet([2.3], "Onset of the stimulus, measured at the panel", label)
+        figure, (axes,) = head.sheet([2.3], "Onset of the stimulus, measured at the panel")
         onset_errors(axes, found.onsets)
         yield Sheet("onset-errors", "course", "Measured onset of the stimulus minus contact of the foot.", figure)
     if found.masker:
-        figure, (axes,) = sheet([2.3], "Masker of each participant", label)
+        figure, (axes,) = head.sheet([2.3], "Masker of each participant")
         masker_levels(axes, found.masker)
         said = "Level of the masker: the median of a participant's trials, with the lowest and the highest."
         yield Sheet("masker", "course", said, figure)

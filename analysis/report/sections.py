@@ -341,7 +341,7 @@ def _confusion_table(task: TaskResult) -> Table:
     spread = "mean ± SD among" if people > 1 else "of"
     title = f"{task.task.title}: answer ratios, {spread} {plural(people, 'participant')}"
     marked = frozenset((i, i + 1) for i in range(len(matrix.materials)))
-    return Table(title, header, tuple(rows), marked=marked, notes=tuple(notes))
+    return Table(title, header, tuple(rows), marked=marked, notes=tuple(notes), matrix=True)
 
 
 Line = tuple[Effect, EffectSize | None]

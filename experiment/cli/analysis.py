@@ -28,12 +28,14 @@ def analyse(
         Path | None, typer.Option("--out", help="Folder for tables, figures and report [default: inside DATASET].")
     ] = None,
     figures: Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")] = True,
+    titles: Annotated[bool, typer.Option("--titles", help="Draw a title inside of each figure, for slides.")] = False,
     dissimilarities: Annotated[
         Path | None,
         typer.Option(
             "--dissimilarities", help="CSV file of the dissimilarities of materials, as `palpate validate` writes it."
         ),
     ] = None,
+    full: Annotated[bool, typer.Option("--full", help="Print every section, not matrices and tests alone.")] = False,
     as_json: Json = False,
 ) -> None:
     """Make the tables and the report of a dataset.
@@ -42,7 +44,9 @@ def analyse(
     models of single trials, figures and one HTML report. Beside each published test stands ours, in which participants
     are the unit. A published study is compared with its paper, value by value.
     """
-    tell_analysis(datasets, out, as_json=as_json, figures=figures, dissimilarities=dissimilarities)
+    tell_analysis(
+        datasets, out, as_json=as_json, figures=figures, titles=titles, full=full, dissimilarities=dissimilarities
+    )
 
 
 @commands.command(epilog="Example: palpate export participants/okamoto2012 --out okamoto2012-tables")
@@ -360,17 +364,25 @@ def status_of(study: Path) -> "Status":
 
 
 def tell_analysis(
-    datasets: list[Path], out: Path | None, *, as_json: bool, figures: bool, dissimilarities: Path | None = None
+    datasets: list[Path],
+    out: Path | None,
+    *,
+    as_json: bool,
+    figures: bool,
+    titles: bool = False,
+    full: bool = False,
+    dissimilarities: Path | None = None,
 ) -> None:
-    """Analyse datasets, and print what was found."""
+    """Analyse datasets, and print what was found in the width of the terminal."""
     from analysis import analyse as analyses
+    from analysis.documents.tables import WIDTH
 
     _believe(*datasets)
-    result = analyses.analyse(datasets, out, figures=figures, dissimilarities=dissimilarities)
+    result = analyses.analyse(datasets, out, figures=figures, titles=titles, dissimilarities=dissimilarities)
     if as_json:
         options.put(result.as_dict())
     else:
-        typer.echo(result.text())
+        typer.echo(result.text(options.columns(WIDTH), full=full))
 
 
 def _believe(*datasets: Path) -> None:

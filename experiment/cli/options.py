@@ -78,6 +78,17 @@ def put(document: object) -> None:
     typer.echo(json.dumps(document, indent=2, allow_nan=False) if hidden(text, "\n") else text)
 
 
+NARROWEST = 40
+"""Text is not written in fewer columns."""
+
+
+def columns(most: int) -> int:
+    """Return in how many columns to write: those of the terminal, at most so many, and these where there is none."""
+    import shutil
+
+    return max(NARROWEST, min(most, shutil.get_terminal_size((most, 24)).columns))
+
+
 @contextmanager
 def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
     """Show a progress bar on standard error; yield what sets its total and draws it, and what advances it.

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from html.parser import HTMLParser
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -85,7 +86,7 @@ def test_every_icc_says_which_matrix_it_is_of(okamoto: Analysis) -> None:
 
 
 def test_the_terminal_ends_with_matrices_tests_and_the_report(okamoto: Analysis) -> None:
-    lines = okamoto.text().split("\n")
+    lines = okamoto.text(full=True).split("\n")
     assert lines[0] == LABELS["RECONSTRUCTION"]
     assert lines[-1] == f"Report: {okamoto.report}"
     assert all(len(line) <= 100 for line in lines[:-1])
@@ -94,6 +95,23 @@ def test_the_terminal_ends_with_matrices_tests_and_the_report(okamoto: Analysis)
     assert order == sorted(order)
     assert any(line.startswith("copy paper     0.787 ± 0.239***") for line in lines)
     assert any(line.startswith("copy paper     0.970 ± 0.067***") for line in lines)
+
+
+@pytest.mark.parametrize("width", [40, 80, 100])
+def test_a_terminal_has_matrices_tests_and_the_path_in_its_width(okamoto: Analysis, width: int) -> None:
+    *lines, more, path = okamoto.text(width).split("\n")
+    assert more.endswith("--full.")
+    assert path == f"Report: {okamoto.report}"
+    assert max(map(len, lines)) <= width
+    titles = [above for above, rule in pairwise(lines) if rule and set(rule) == {"="}]
+    assert titles == ["Study", "Answer ratios", "Tests against chance"]
+    assert " ".join(lines).count("RECONSTRUCTION") == 2
+
+
+def test_what_was_left_out_is_never_passed_over(tmp_path: Path) -> None:
+    sessions = {str(k): {"virtual": balanced(k)} for k in range(1, 5)}
+    found = analyse([write_dataset(tmp_path, sessions, withdrawn=["4"])], figures=False)
+    assert "Left out\n========" in found.text()
 
 
 def _floats(value: Any) -> Iterator[float]:
@@ -199,7 +217,7 @@ def test_results_never_stand_among_the_data(tmp_path: Path) -> None:
 
 def _no_nan(found: Analysis) -> str:
     assert json.dumps(found.as_dict(), allow_nan=False)
-    shown = found.text()
+    shown = found.text(full=True)
     assert all(len(line) <= 100 for line in shown.split("\n")[:-1])
     texts = [path.read_text(encoding="utf-8") for path in found.files if path.suffix not in (".svg", ".png")]
     for text in (shown, *texts):
@@ -276,7 +294,7 @@ def test_nothing_left_is_an_error_with_the_reason(tmp_path: Path) -> None:
 
 def test_of_one_everything_is_said_in_the_singular(tmp_path: Path) -> None:
     found = analyse([write_dataset(tmp_path, {"1": {"real": [trial(1, "sand", "snow")]}})], figures=False)
-    said = " ".join((found.text() + found.report.read_text()).split())
+    said = " ".join((found.text(full=True) + found.report.read_text()).split())
     assert re.findall(r"\b1 (?:\w+ )?(?:participants|trials|answers|times|rows)\b", said) == []
     assert "1 participant in the dataset" in said
 

@@ -86,6 +86,18 @@ def test_a_dollar_sign_in_a_name_is_no_formula(tmp_path: Path) -> None:
     assert set(names) <= {text.get_text() for text in confusion.axes[0].get_yticklabels()}
 
 
+def test_a_title_stands_inside_of_a_figure_for_slides_alone(tmp_path: Path) -> None:
+    study = read(_study(tmp_path, 2, ("real",), MATERIALS))
+    results = compute(study, {}, NO_DISSIMILARITIES)
+    for label in ("", "REHEARSAL"):
+        bare, titled = sheets(results, label), sheets(results, label, titles=True)
+        assert {one.figure.get_suptitle() for one in bare} == {label}
+        assert all(one.figure.get_suptitle().removeprefix(label).strip() for one in titled)
+        taller = [(a.figure.get_figheight(), b.figure.get_figheight()) for a, b in zip(bare, titled, strict=True)]
+        assert all(a < b for a, b in taller)
+    check(titled)
+
+
 def test_the_published_studys_figures(repository_root: Path) -> None:
     found = _sheets(repository_root / "participants" / "okamoto2012", printed_dissimilarities())
     names = ["correct-ratios", "confusion", "participants-virtual", "participants-real", "map", "dissimilarity"]

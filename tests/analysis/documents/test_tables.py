@@ -29,7 +29,24 @@ def tables(draw: st.DrawFn) -> Table:
     columns = draw(st.integers(1, 9))
     row = st.tuples(*[words] * columns)
     header = tuple(draw(st.text("ABCDEFGH", min_size=1, max_size=12)) for _ in range(columns))
-    return Table(draw(words), header, tuple(draw(st.lists(row, max_size=5))), notes=(draw(words),))
+    return Table(
+        draw(words), header, tuple(draw(st.lists(row, max_size=5))), notes=(draw(words),), matrix=draw(st.booleans())
+    )
+
+
+def test_a_matrix_stays_in_one_piece_where_breaking_its_cells_is_enough() -> None:
+    rows = (("felt", "0.787 ± 0.239***", "0.213 ± 0.239"), ("cork", "0.047 ± 0.074", "0.953 ± 0.074***"))
+    table = Table("", ("presented", "felt", "cork"), rows, matrix=True)
+    assert table_text(table, 33).split("\n") == [
+        "presented        felt        cork",
+        "---------  ----------  ----------",
+        "felt            0.787       0.213",
+        "           ± 0.239***     ± 0.239",
+        "cork            0.047       0.953",
+        "              ± 0.074  ± 0.074***",
+    ]
+    assert table_text(table, 60).count("\n") == 3
+    assert max(map(len, table_text(table, 28).split("\n"))) <= 28
 
 
 @settings(deadline=None)
