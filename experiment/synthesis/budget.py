@@ -31,7 +31,7 @@ from scipy import fft
 
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
-from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, inverse_on, spectrum
+from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, finite, inverse_on, spectrum
 from experiment.synthesis.waveforms import Stimulus
 
 SHORT = 1e-9
@@ -70,11 +70,12 @@ class Budget:
 def of_accelerations(stimulus: Stimulus, *, handed_m_s2: NDArray[np.float64], limited: int) -> Budget:
     """Return the budget of a device that takes accelerations; it was handed these, m/s^2, shape (n,).
 
-    The limiter changed `limited` of the samples. Errors are those of `at_speed`.
+    The limiter changed `limited` of the samples. Errors are those of `at_speed`, and `SynthesisError` for samples that
+    are not finite.
     """
     asked = _asked(stimulus)
     # Against the equations, and not against the waveform that was prepared, which may be wrong itself.
-    off_m_s2 = handed_m_s2 - inverse_on(asked, stimulus.basis.on)
+    off_m_s2 = finite(handed_m_s2, what="handed_m_s2") - inverse_on(asked, stimulus.basis.on)
     reached = asked[: stimulus.basis.on.carried]
     if limited:
         reached = reached + _projected(off_m_s2, stimulus)
@@ -93,9 +94,10 @@ def of_voltages(
     """Return the budget of a device that takes volts; it was handed these, V, shape (n,).
 
     `voltages_v`, V, shape (n,), and `shaped` are what `shaping.drive` makes of the stimulus with that `response` and
-    the scale that was used. Errors are those of `at_speed`.
+    the scale that was used. Errors are those of `of_accelerations`.
     """
     asked, whole, carried = _asked(stimulus), _rms_asked(stimulus), stimulus.basis.on.carried
+    missing_v = finite(handed_v, what="handed_v") - finite(voltages_v, what="voltages_v")
     within = _bending(response, stimulus)
     wanted = np.abs(asked[:carried])
     reached = np.abs(shaped.reached_m_s2)
@@ -104,7 +106,7 @@ def of_voltages(
     held_back = known & (shaped.scale * wanted - reached > SHORT * wanted)
     missed = within.missed_m_s2(np.abs(shaped.coefficients_v[within.at.known]))
     steepest_m_s2_per_v = (np.diff(within.at.curves, axis=0) / np.diff(within.at.levels_v)[:, None]).max(initial=0.0)
-    off_m_s2 = float(steepest_m_s2_per_v) * sqrt(float(np.mean((handed_v - voltages_v) ** 2)))
+    off_m_s2 = float(steepest_m_s2_per_v) * sqrt(float(np.mean(missing_v**2)))
     return _budget(
         stimulus,
         reached,
