@@ -151,8 +151,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
 
     With `[footstep]` every material has `key` and `spoken`. With `[comparison]` none has; `stimulus` is `real`;
-    `repetitions` are even, and no order is `max-run`; `masker.probe` is left out; `answers.microphone` and
-    `answers.on_screen` are false; exclusion rules judge answers and
+    `repetitions` are even, and no order is `max-run`; `masker.probe` is left out; `answers.microphone` is
+    false; exclusion rules judge answers and
     withdrawals; and the planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
     """
     yield from _kinds(table)
@@ -203,7 +203,9 @@ def _named_materials(table: Table) -> Iterator[Broken]:
         if one.get("key") is None:
             yield Broken(("materials", i, "key"), "one ASCII character: participants of a footstep name the material")
         if not one.get("spoken", ()):
-            yield Broken(("materials", i, "spoken"), "an array of at least 1: participants of a footstep name it")
+            yield Broken(
+                ("materials", i, "spoken"), "an array of at least 1, each one line: participants of a footstep name it"
+            )
 
 
 def _compared(table: Table) -> Iterator[Broken]:
@@ -221,9 +223,8 @@ def _compared(table: Table) -> Iterator[Broken]:
             yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
     if _table(table, "masker").get("probe") is not None:
         yield Broken(("masker", "probe"), "no table: real samples play no probe")
-    for key in ("microphone", "on_screen"):
-        if _table(table, "answers").get(key) is True:
-            yield Broken(("answers", key), "false: with pairs nobody names a material")
+    if _table(table, "answers").get("microphone") is True:
+        yield Broken(("answers", "microphone"), "false: with pairs nobody names a material")
     for i, rule in _tables(table, "exclusion"):
         if rule.get("when") in OF_STEPS:
             yield Broken(("exclusion", i, "when"), "one of: answers-below, withdrawn, with tasks of pairs")

@@ -43,7 +43,6 @@ BROKEN = [
         "no table: real samples play no probe",
     ),
     (changed(comparing(), ("answers", "microphone"), True), "answers.microphone", "nobody names a material"),
-    (changed(comparing(), ("answers", "on_screen"), True), "answers.on_screen", "nobody names a material"),
     (changed(comparing(), ("analysis", 0, "test"), "Davidson"), "analysis[0].test", "without ties"),
     (changed(comparing(tie_key="3"), ("analysis", 0, "test"), "Thurstone"), "analysis[0].test", "tie_key allows ties"),
     (changed(comparing(), ("analysis", 0, "test"), "one-way ANOVA"), "analysis[0].test", "one of: Bradley-Terry, Thu"),
