@@ -29,10 +29,9 @@ def desk(
 ) -> None:
     """Open the desk of a study, from which sessions are begun.
 
-    It shows who is done, under way and due, what comes next, and what is to be done.
-
-    With the study's protocol file and --rig, Enter begins or resumes the session of the participant who is chosen, and
-    the desk comes back after it. Without, the page only shows. What is concealed stays so.
+    It shows who is done, under way and due, what comes next, and what is to be done. With the study's protocol file
+    and --rig, Enter begins or resumes the session of the participant who is chosen, and the desk comes back after it.
+    Without them the page only shows. What is concealed stays so.
     """
     from experiment.cli.analysis import status_of
     from experiment.desk.console.study import StudyPage

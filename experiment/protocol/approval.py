@@ -234,7 +234,7 @@ def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Se
         fields = "; ".join(
             one.got
             if one.path == MORE
-            else f"{one.path} is {one.got}, approved was {one.allowed.removesuffix(APPROVED)}"
+            else f"{one.path} is {one.got}, but {one.allowed.removesuffix(APPROVED)} was approved"
             for one in changed
         )
         told = f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one."

@@ -18,17 +18,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-DECAY_PER_S = 100.0
-"""B of equation (2): "with B held constant at 100"."""
+from experiment.synthesis.tap import DECAY_PER_S, SURFACES
 
 TABLE_1: Mapping[str, tuple[float, float]] = {
-    "polystyrene": (4500.0, 43.0),
-    "silicone": (5800.0, 50.0),
-    "basswood": (19_000.0, 100.0),
-    "plastic": (140_000.0, 1000.0),
-    "aluminum": (160_000.0, 4000.0),
+    surface.name.split()[-1]: (surface.stiffness_n_m, surface.attack_hz) for surface in SURFACES
 }
-"""Material -> stiffness, N/m, and the frequency of its attack, Hz, as printed."""
+"""Material, by the last word of its name, -> stiffness, N/m, and the frequency of its attack, Hz, as printed."""
 
 RATE_HZ = 40_000
 """As the paper samples its recordings."""

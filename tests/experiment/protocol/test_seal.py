@@ -71,7 +71,7 @@ def test_what_is_not_as_approved_is_told_where_the_board_reads(file: Path) -> No
     approval.write(file, protocol(), **APPROVAL)
     told, _ = approval.state(file, other(), date(2020, 6, 1))
     assert told.startswith("CHANGED SINCE THE SEAL")
-    assert "study.title is 'Another study', approved was " in told
+    assert f"study.title is 'Another study', but '{protocol().study.title}' was approved." in told
 
 
 @pytest.mark.parametrize("day", [date(2020, 2, 1), date(2021, 2, 1)])
