@@ -55,7 +55,9 @@ def intervals_section(results: Results) -> Section:
     about = (
         "All intervals are 95 % intervals. Those of Wilson and of Clopper and Pearson treat all trials as independent, "
         "although the trials of one participant are not. The BCa interval is that of the mean among participants, from "
-        f"{RESAMPLES} resamples of whole participants; it is the one to report."
+        f"{RESAMPLES} resamples of whole participants; it is the one to report, although it is short where participants are few: in "
+        "60 SIMULATED studies of each size it held the truth in 82 to 93 % with 6 participants, and in 85 to 97 % with 10 "
+        "to 25."
     )
     return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), tuple(records), tuple(brief))
 
