@@ -15,7 +15,7 @@ from analysis.identification.results import SEED, ComponentReliability, Reliabil
 from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
 from analysis.reading.study import Study, sentences
 from analysis.report.beside_tables import beside_records, beside_tables
-from analysis.report.contrast_tables import MARGINAL, contrasts_section, equivalence_section
+from analysis.report.contrast_tables import MARGINAL, contrasts_section, equivalence_section, lapses_section
 from analysis.report.found import found_section
 from analysis.report.identification_sections import (
     ARBITRARY,
@@ -132,6 +132,7 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
         tests_section(results),
         intervals_section(results),
         confusions_section(results, study.materials, remark),
+        lapses_section(results, study.materials, remark),
         anova_section(results, remark),
         contrasts_section(results),
         equivalence_section(results),

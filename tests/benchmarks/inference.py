@@ -29,6 +29,7 @@ from analysis.identification.confusion import Confusion, most_confused, transmit
 from analysis.identification.contrasts import MARGIN, marginal
 from analysis.identification.trial_models import Design
 from analysis.reading.study import Study, Task
+from analysis.statistics import lapses
 from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests
 from analysis.statistics.exact import NotDefined, of_counts
 from analysis.statistics.inference import clopper_pearson, mean_interval, resamples, t_tests, wilson
@@ -170,6 +171,15 @@ def intervals(shown: Counts, share: float) -> Iterator[tuple[str, Iterable[bool]
         own = jackknife(float(transmitted(pooled)), transmitted(pooled - study))
         found.append(own.low <= bits <= own.high)
     yield "jackknife, information (ours)", found
+    # Wrong answers are as frequent, so that a share of right answers is 1 - 3/4 of the lapses.
+    lapse, held_lapses = (1 - share) * 4 / 3, []
+    for study in shown[0]:
+        pooled = study.sum(axis=0)
+        guessed = lapses.fits(np.concatenate([pooled[None], pooled - study]))[0].sum(axis=1)
+        left = (people - 1) * 4 * TRIALS
+        own = jackknife(float(guessed[0]) / (people * 4 * TRIALS), guessed[1:] / left)
+        held_lapses.append(own.low <= lapse <= own.high)
+    yield "jackknife, lapses (ours)", held_lapses
 
 
 def one_by_one(shown: Counts, share: float, random: np.random.Generator) -> Iterator[tuple[str, bool]]:
