@@ -83,6 +83,12 @@ def not_simulated(planned: Design) -> tuple[str, ...]:
     """Return one sentence for each planned test that cannot be simulated."""
     return (
         *(
+            f"The planned {test.test} of {' and '.join(test.tasks)} is not simulated; the Bradley-Terry scale of the "
+            "same choices is."
+            for test in planned.tests
+            if test.test in ("Thurstone", "Davidson")
+        ),
+        *(
             f"The planned equivalence of {' and '.join(test.tasks)} is not simulated: where everybody guesses, "
             "tasks and materials are equivalent, so that the control is none of it."
             for test in planned.tests

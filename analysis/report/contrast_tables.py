@@ -168,7 +168,7 @@ def _lapse(task: str, quantity: str, of: str, value: float, limits: Jackknife | 
 LAPSES = "91 to 97 %"
 """How often the jackknife of lapses covered in `tests.benchmarks.inference`."""
 
-MATERIALS, TASKS = "2 to 7 %", "0 to 5 %"
+MATERIALS, TASKS = "2 to 6 %", "0 to 5 %"
 """How often the contrasts erred in `tests.benchmarks.inference`."""
 
 

@@ -142,7 +142,7 @@ def power(
     """
     from analysis import published
     from analysis.documents import output
-    from analysis.power import choice_models, planned_tests, report, simulate
+    from analysis.power import choice_models, comparisons, planned_tests, report, simulate
     from experiment.protocol import files
 
     for name, share in (("--alpha", alpha), ("--target", target)):
@@ -153,7 +153,7 @@ def power(
         output.check(out, (), "power")
     protocol = files.load(protocol_file)
     _believe(Path(model))
-    chosen = choice_models.find(model, protocol)
+    chosen = (choice_models if protocol.comparison is None else comparisons).find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
     planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
     runner = (
