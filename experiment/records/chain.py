@@ -129,14 +129,14 @@ def _head(path: Path, error: type[PalpateError]) -> tuple[int, str]:
 
 
 def _verified(where: str, number: int, line: bytes, last: str, error: type[PalpateError]) -> Link:
-    remedy = "keep the file as it is and restore it from a backup"
+    remedy = "keep a copy of it as it is, and restore it from a backup"
     older = "it was changed, or an older palpate wrote it"
     try:
         document = storage.json_of(line)
         n, t_ns, prev, entry = (document[key] for key in ("n", "t_ns", "prev", "entry"))
         fits = set(document) == {"n", "t_ns", "prev", "entry"} and isinstance(t_ns, int) and isinstance(entry, dict)
     except (ValueError, KeyError, TypeError) as problem:
-        raise error(f"{where} is no chained line ({type(problem).__name__}): {older}; {remedy}") from problem
+        raise error(f"{where} is no chained line: {older}; {remedy}") from problem
     if not fits or (n, prev) != (number, last):
         raise error(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
     # JSON lets a line hold more than what it says, another line among it: blanks, or one key twice.
@@ -152,7 +152,7 @@ def _line(number: int, t_ns: int, last: str, entry: dict[str, object]) -> bytes:
 
 def _check_head(path: Path, head: tuple[int, str], links: list[Link], error: type[PalpateError]) -> None:
     (known, last), file = head, head_path(path).name
-    remedy = "keep the file as it is and restore it from a backup"
+    remedy = "keep a copy of it as it is, and restore it from a backup"
     if len(links) < known:
         raise error(f"{path}: the file is truncated: it had {known} lines and has {len(links)}; {remedy}")
     if (links[known - 1].sha256 if known else GENESIS) != last:

@@ -135,12 +135,12 @@ def read_if_begun(path: Path) -> Contents:
 
 
 def _line(where: str, link: chain.Link, first: bool) -> Line:
-    remedy = "keep the file as it is and restore it from a backup"
+    remedy = "keep a copy of it as it is, and restore it from a backup"
     try:
         _check_format(where, link.entry)
         entry = ENTRY.validate_json(json.dumps(link.entry))
     except (KeyError, ValidationError) as error:
-        raise JournalError(f"{where} is no journal entry ({type(error).__name__}); {remedy}") from error
+        raise JournalError(f"{where} is no journal entry that this palpate knows; {remedy}") from error
     if isinstance(entry, Header) != first:
         raise JournalError(f"{where}: a journal holds one header, in its first line; {remedy}")
     return Line(link.t_ns, entry)

@@ -25,7 +25,7 @@ from pydantic import Field, ValidationError
 
 from experiment import storage
 from experiment.clock import MonotonicClock, day, wall_ns
-from experiment.errors import DatasetError, RosterError
+from experiment.errors import DatasetError, PalpateError, RosterError
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
@@ -227,7 +227,14 @@ def withdraw(
         else:
             _mark(root, participant, reason)
         if erase or storage.journals(root):
-            rebuild(root)
+            try:
+                rebuild(root)
+            except PalpateError as error:
+                error.add_note(
+                    f"The withdrawal of participant {participant} is on record, and no table was made anew. Mend what "
+                    "is told above, then run the same command again."
+                )
+                raise
     return path
 
 
