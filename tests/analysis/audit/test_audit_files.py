@@ -174,6 +174,15 @@ def test_a_test_of_a_score_needs_its_null(scores: Path) -> None:
         audit(str(scores))
 
 
+def test_a_score_may_not_have_the_name_of_a_material(scores: Path) -> None:
+    """A test of "ease" would be of both, and hypothesis found a file in which the one was checked as the other."""
+    cell = '{ presented = "ease", answered = "ease", mean = "0.5" }'
+    table = f'[[table]]\nwhere = "T"\ntask = "all"\ncomplete = false\ncells = [{cell}]\n'
+    scores.write_text(scores.read_text(encoding="utf-8") + table, encoding="utf-8")
+    with pytest.raises(PublishedError, match=r"name: got 'ease'; allowed: a name that no material of the task has"):
+        audit(str(scores))
+
+
 def test_against_is_for_datasets(scores: Path) -> None:
     with pytest.raises(PublishedError, match="is no dataset"):
         audit("okamoto2012", scores)
