@@ -74,6 +74,9 @@ PROMPTS = 20
 STOP = "s"
 """The key that ends the process of a session that paused."""
 
+NEXT = "── Task {step} ──"
+"""The line between what was told of one task and what is told of the next."""
+
 CLOSED = "That question is no longer asked; the key answered nothing."
 
 NO_SESSION = (
@@ -308,6 +311,8 @@ class LinkedConsole:
         self.wake()
 
     def at(self, *, step: str, steps: Sequence[str]) -> None:
+        if step != self._view.step:
+            self.show(NEXT.format(step=step))
         self._now(step=step, steps=tuple(steps))
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
