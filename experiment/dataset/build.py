@@ -31,10 +31,10 @@ from experiment.records.entries import (
     Redo,
     Spoken,
     TrackerOpened,
-    Withdrawal,
 )
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from experiment.records.progress import progress
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.storage import foot_path, rig_path
 
@@ -183,8 +183,11 @@ def edited(root: Path, dataset: Believed, under_way: Collection[Path] = ()) -> l
 
 def under_way(dataset: Believed) -> frozenset[Path]:
     """Return the journals that no footer ends: their session is running, or was cut off and not continued yet."""
+    withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}
     return frozenset(
-        path for path, _ in dataset.sessions if not isinstance(journal.read(path).entries[-1], Footer | Withdrawal)
+        path
+        for path, header in dataset.sessions
+        if header.participant not in withdrawn and progress(journal.read(path).entries).footer is None
     )
 
 
