@@ -289,11 +289,12 @@ def section(result: Sequential) -> Section:
     header = ("of", "power", "type I error", "n", "n, control", f"found at {looks}",
               *(("for none",) if result.rule == "bayes" else ()))  # fmt: skip
     note = "n is the number of participants on average. In brackets is Wilson's 95 % interval, the Monte Carlo error."
+    same = "Where all participants give the same ratio t is not defined, and nothing is found; sign flips have a P."
     bayes = (
         "A Bayes factor is no test: its type I error is what it is, and depends on the looks.",
     ) * (result.rule == "bayes")  # fmt: skip
     return Section("looks", "Design with looks", paragraphs,
-                   (Table("", header, tuple(rows), notes=(note, *bayes)),), tuple(records))  # fmt: skip
+                   (Table("", header, tuple(rows), notes=(note, same, *bayes)),), tuple(records))  # fmt: skip
 
 
 def _limits(share: float, studies: int) -> tuple[float, float]:

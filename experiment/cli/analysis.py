@@ -233,12 +233,22 @@ def _look(
         raise PowerError(f"--alike: got {alike}; allowed: a number from 0 to 1; give one")
     if not 1 <= studies <= simulate.MOST_STUDIES:
         raise PowerError(f"--studies: got {studies}; allowed: 1 to {simulate.MOST_STUDIES}; give a number between them")
-    with options.progress(simulate.LABEL, quiet=as_json) as (total, tick):
-        total(2 * -(-studies // sequential.CHUNK))
-        found = sequential.run(
-            planned, model, study=protocol.study.id, rule=cast("sequential.Rule", rule), looks=_sizes(looks, "--looks"),
-            alike=alike, studies=studies, seed=seed, tick=tick,
-        )  # fmt: skip
+    try:
+        with options.progress(simulate.LABEL, quiet=as_json) as (total, tick):
+            total(2 * -(-studies // sequential.CHUNK))
+            found = sequential.run(
+                planned,
+                model,
+                study=protocol.study.id,
+                rule=cast("sequential.Rule", rule),
+                looks=_sizes(looks, "--looks"),
+                alike=alike,
+                studies=studies,
+                seed=seed,
+                tick=tick,
+            )
+    except KeyboardInterrupt:
+        raise Interrupted("the simulation was interrupted; nothing was written") from None
     label = f"{simulate.LABEL}, after: {model.label}" if model.label else simulate.LABEL
     section = sequential.section(found)
     if out is not None:
