@@ -113,8 +113,8 @@ class Checks:
                 return pinned
         return effects
 
-    def _tried(self, found: Iterable[Mistake]) -> Iterable[Mistake]:
-        return found if self._diagnose else ()
+    def _tried(self, found: Iterable[Mistake]) -> Iterable[Mistake] | None:
+        return found if self._diagnose else None
 
     def _citation(self, where: str, task: str, subject: str, statement: str = "") -> Citation:
         return Citation(where, task, subject, self._evidence.missing, statement)
@@ -151,7 +151,7 @@ class Checks:
                 instead = f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
                 why_so = f"its t and P follow from the SD{instead}" if test else "as in the rest of the table"
                 contradiction = "differs", f"it is {misreading}: {why_so}"
-            why = () if misreading else self._tried(mistakes.of_sd(possible()))
+            why = None if misreading else self._tried(mistakes.of_sd(possible()))
             sd = cited.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
             yield replace(sd, reason=_cut(cell.sd, held)) if sd.verdict == "agrees if truncated" and held else sd
         null = test.null if test else None if cell.is_score else self._published.chance
@@ -250,7 +250,7 @@ class Checks:
         if len(found.f) > 1 and (verdict not in AGREES or len(fitting) < len(found.f)):
             remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
         layout = self._layout(printed, found) if self._diagnose else None
-        why = mistakes.of_f(values, layout, printed.df) if layout else ()
+        why = self._tried(mistakes.of_f(values, layout, printed.df) if layout else ())
         line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, why, remark=remark)
         yield line
         if own is None or not values:
@@ -258,7 +258,7 @@ class Checks:
             yield cited.number("P", printed.p, from_print)
         else:
             narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
-            why = mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
+            why = self._tried(mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ())
             yield cited.number("P", printed.p, [p_of_f(one, own) for one in narrow], why)
         effect, residual = own or (None, None)
         of_effect = mistakes.of_df_of_effect(layout) if layout else ()
