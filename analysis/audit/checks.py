@@ -252,12 +252,15 @@ class Checks:
         layout = self._layout(printed, found) if self._diagnose else None
         why = self._tried(mistakes.of_f(values, layout, printed.df) if layout else ())
         line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, why, remark=remark)
-        yield line
         if own is None or not values:
+            yield line
             from_print = [p_of_f(printed.f.either, printed.df)] if cited.missing == "cannot be decided" else []
             yield cited.number("P", printed.p, from_print)
         else:
             narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
+            if self._diagnose and line.agrees and (slip := _slip_of_f(printed, narrow, values, own)):
+                line, narrow = replace(line, verdict="differs", reason=slip), values
+            yield line
             why = self._tried(mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ())
             yield cited.number("P", printed.p, [p_of_f(one, own) for one in narrow], why)
         effect, residual = own or (None, None)
@@ -299,6 +302,18 @@ def _df(cited: Citation, printed: int, found: int | None, other: Iterable[tuple[
     reason = "; or ".join(text for value, text in other if value == printed) if printed != found else ""
     verdict: Verdict = "agrees" if printed == found else "differs"
     return cited.text(name, str(printed), str(found), verdict, reason, float(found))
+
+
+def _slip_of_f(printed: PrintedF, narrow: Sequence[Interval], values: Sequence[Interval], df: tuple[int, int]) -> str:
+    """Return the slip of a digit in F that explains why its P does not follow it, where no slip of P does."""
+    ps = [p_of_f(one, df) for one in narrow]
+    if judge(printed.p, ps)[0] in AGREES or mistakes.slip_of(printed.p, ps) or not printed.f.exact:
+        return ""
+    for slip, text in mistakes.slips(printed.f.text):
+        held = [one.common(Printed(text).either) for one in values if one.meets(Printed(text).either)]
+        if held and judge(printed.p, [p_of_f(one, df) for one in held])[0] in AGREES:
+            return f"{slip}: {text} would stand, and gives the P beside it"
+    return ""
 
 
 def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:

@@ -187,15 +187,25 @@ def _of_test(field: str, wrong: Callable[[dict[str, Any], Study, Random], str | 
     return plant
 
 
-def _d(test: dict[str, Any], made: Study, _: Random) -> str:
+def _true(test: dict[str, Any], made: Study) -> tuple[float, int]:
+    """Cohen's d of a test, and its participants."""
     values = [float(v) for v in _values(made, ("one", "two").index(test["task"]), 4 * MATERIALS.index(test["of"]))]
-    return text(float((np.mean(values) - float(CHANCE)) / np.std(values, ddof=1)), 2, ROUND_HALF_EVEN)
+    return float((np.mean(values) - float(CHANCE)) / np.std(values, ddof=1)), len(values)
+
+
+def _d(test: dict[str, Any], made: Study, _: Random) -> str:
+    return text(_true(test, made)[0], 2, ROUND_HALF_EVEN)
+
+
+def _squared(test: dict[str, Any], made: Study, _: Random) -> str:
+    d, n = _true(test, made)
+    return text(d * d * n, 2, ROUND_HALF_EVEN)
 
 
 def _p(factor: float, *, df: int = 0) -> Callable[[dict[str, Any], Study, Random], str | None]:
     def wrong(test: dict[str, Any], made: Study, _: Random) -> str | None:
-        values = [float(v) for v in _values(made, ("one", "two").index(test["task"]), 4 * MATERIALS.index(test["of"]))]
-        t = (np.mean(values) - float(CHANCE)) / (np.std(values, ddof=1) / math.sqrt(len(values)))
+        d, n = _true(test, made)
+        t = d * math.sqrt(n)
         p = factor * float(2 * stats.t.sf(abs(t), test["df"] + df))
         return printed_study.scientific(p, ROUND_HALF_EVEN) if p < 1 else None
 
@@ -281,7 +291,7 @@ KINDS: Mapping[str, Plant] = {
     "t: a wrong digit": _of_test("t", _number(digit, "t"), *DIGIT),
     "t: two digits swapped": _of_test("t", _number(transposed, "t"), "digits"),
     "t: Cohen's d": _of_test("t", _d, "Cohen's d"),
-    "t: squared": _of_test("t", lambda test, *_: text(float(test["t"]) ** 2, 2, ROUND_HALF_EVEN), "square"),
+    "t: squared": _of_test("t", _squared, "square"),
     "P: a wrong digit": _of_test("p", _number(digit, "p"), *DIGIT),
     "P: one-tailed": _of_test("p", _p(0.5), "one-tailed"),
     "P: off by a power of ten": _of_test("p", _number(_tenfold, "p"), "power of ten"),
@@ -316,13 +326,23 @@ def judged(planted: Planted) -> Found:
     lines = print_lines(printed_study.published(planted.document))
     accused = [line for line in lines if line.verdict in CONFLICTS]
     wrong = {(line.task, line.subject, line.quantity): line for line in accused}
-    named = any(
-        key in planted.wrong and any(word in line.reason for word in planted.words) for key, line in wrong.items()
-    )
+    named = any(_names(line, planted) for line in accused)
     touched = {(task, subject.partition(" -> ")[0]) for task, subject, _ in planted.wrong}
     rows = {(task, f"row of {name}") for task, name in touched}
     right = [key for key in wrong if key not in planted.wrong and key[:2] not in rows]
     return Found(bool(accused), named, len(right), tuple(accused))
+
+
+def _names(line: Line, planted: Planted) -> bool:
+    """Whether a line accuses the wrong number, or its row with its answer, and names the mistake."""
+    if (line.task, line.subject, line.quantity) in planted.wrong:
+        return any(word in line.reason for word in planted.words)
+    for task, subject, quantity in planted.wrong:
+        shown, _, answered = subject.partition(" -> ")
+        if (line.task, line.subject, quantity) == (task, f"row of {shown}", "mean"):
+            _, found, told = line.reason.partition(f"-> {answered} (")
+            return bool(found) and any(word in told.partition(")")[0] for word in planted.words)
+    return False
 
 
 def run(studies: int, kinds: Mapping[str, Plant]) -> Iterator[tuple[str, list[Found]]]:

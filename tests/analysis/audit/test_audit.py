@@ -230,6 +230,6 @@ def test_a_dataset_without_a_paper_says_what_to_do(tmp_path: Path) -> None:
 
 def test_the_result_comes_first(okamoto: Audit) -> None:
     heading, rule, _, *rest = okamoto.text().splitlines()
-    result = " ".join(rest[:2])
+    result = " ".join(rest[:2]).strip()
     assert (heading, set(rule)) == ("Printed numbers against one another", {"="})
     assert result == "Of 133 printed numbers and rows, 121 agree, 10 differ, 1 is impossible and 1 cannot be decided."
