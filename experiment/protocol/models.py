@@ -382,8 +382,8 @@ class PlannedTest(Confined):
         question: what it is to answer, and how.
         chance: the share of right answers of somebody who guesses.
         form: the form of the intraclass correlation.
-        alpha: the level of significance.
         margin: the difference in shares of right answers, or of a pair told apart, below which they count as the same.
+        alpha: the level of significance.
         correction: the family of tests over which Holm's method adjusts the P that stars follow: the materials of a
             task, or those of all `tasks`; without it stars follow the P that is not adjusted.
     """
