@@ -26,7 +26,7 @@ from analysis.numerics.numerics import (
     dominated,
     order,
 )
-from analysis.numerics.played import Played
+from analysis.numerics.played import PREPARED, Played
 from experiment.errors import SynthesisError
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
 from experiment.synthesis.stepping.impact import Collision, Course, closed_form, in_steps
@@ -241,6 +241,8 @@ def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
 
 def _voltages(axes: Axes, rows: Sequence[Measured]) -> None:
     shown = [one for one in rows if one.subject == "voltages" and one.given["output_rate_hz"] == OUTPUT_RATE_HZ]
+    # Where nothing fits, prepared voltages are those of the step.
+    shown = [one for one in shown if one.way != PREPARED or one.others["prepared_share"]]
     _curves(axes, shown)
     _logarithmic(axes)
     _times(axes, "from the speed of the foot to the voltages")
