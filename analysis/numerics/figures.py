@@ -44,6 +44,9 @@ QUIET, BEATEN = "#57606a", "#b8bec6"
 
 RULE: Any = {"color": "#e3e6ea", "linewidth": 0.6}
 
+SHORT = 5.0
+"""A contact that is shorter than a step by this is drawn on a scale of its own."""
+
 FINE = 400
 """Points by which the exact motion is drawn."""
 
@@ -82,7 +85,14 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
                 continue
             _steps(axes, made, name, [(unit, of_course) for _, unit, of_course in panels])
         axes[0].set_xlim(-0.05 * lasts * 1e3, 1e3 * max(1.1 * lasts, 1.5 / rate_hz))
-        axes[-1].set_xlabel("time since the touch (ms)", fontsize=9)
+        label = "time since the touch (ms)"
+        if 1 / rate_hz > SHORT * lasts:
+            # A contact between two samples would be a line at 0.
+            axes[0].set_xscale("symlog", linthresh=2e3 * lasts, linscale=2.0)
+            axes[0].xaxis.set_major_formatter(FuncFormatter(lambda ms, _: f"{ms:g}"))
+            axes[0].xaxis.set_minor_formatter(NullFormatter())
+            label += f", by its logarithm beyond {2e3 * lasts:.2g}"
+        axes[-1].set_xlabel(label, fontsize=9)
         drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
         title = (
             f"{of.mass_kg:g} kg at {of.speed_m_s:g} m/s on {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m"

@@ -300,7 +300,7 @@ def _budget(result: Sequence[Played]) -> Section:
 
 
 def _range(shares: Sequence[float]) -> str:
-    low, high = (f"{100 * share:.2g}" if share < 1e-5 else f"{100 * share:.3g}" for share in (min(shares), max(shares)))
+    low, high = (f"{100 * share:.1g}" if share < 1e-5 else f"{100 * share:.3g}" for share in (min(shares), max(shares)))
     return low if low == high else f"{low} to {high}"
 
 
@@ -309,8 +309,8 @@ def _conditions(result: Numerics) -> Section:
         "How a relative error of the one grows in the other, rms to rms: the largest over the materials at speeds from "
         "20 to 400 mm/s, and over the stiffnesses of a contact. By the amplitudes recorded every stimulus has the "
         "condition number 1.",
-        "No condition number has the middle of two speeds measured, where by equation (4) signs change: there the next "
-        f"speed plays a waveform that differs by {result.jump:.0%} (rms).",
+        "In the middle of two speeds measured, where by equation (4) signs change, a stimulus has none: the next speed "
+        f"plays a waveform that differs by {result.jump:.0%} (rms).",
     )
     cells = tuple((one.of, one.on, f"{one.number:.3g}", one.where) for one in result.conditions)
     table = Table("", ("of", "on", "condition number", "largest at"), cells, left=frozenset({0, 1, 3}))
