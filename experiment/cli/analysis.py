@@ -285,14 +285,15 @@ def _look(
 def numerics(
     quick: Annotated[bool, typer.Option("--quick", help="Try fewer sizes and repeats.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for the tables (CSV, Markdown) and the plot.")
+        Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown), plots, and what was played (.npz).")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Measure error against run time of every way to compute a stimulus.
 
-    Every way to compute a stimulus is measured, and the extreme cases are tried, each with the invariant that must
-    hold. The exit code is 1 if an invariant does not hold.
+    Every way to compute a stimulus or voltages is measured, extreme cases are tried, each with the invariant that must
+    hold, and the error budget of what a rig plays is held against the truth. The exit code is 1 if an invariant, a
+    claimed bound or a budget does not hold.
     """
     from analysis.numerics import numerics as measured
     from analysis.numerics import report
