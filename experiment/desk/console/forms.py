@@ -83,8 +83,8 @@ def opened(name: str, view: View) -> Form:
 
 def answering(question: Question) -> Form:
     """Return the form for a question that is answered with a line of text."""
-    does = "writes it down, or nothing"
-    return Form("write", question.text, does, (Blank("Answer"),), question=question.number)
+    hint = "It may stay empty: then there is none."
+    return Form("write", question.text, "writes it down", (Blank("Answer"),), hint, question=question.number)
 
 
 def answers(view: View) -> tuple[Choice, ...]:

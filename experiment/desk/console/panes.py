@@ -239,8 +239,9 @@ class Board(Vertical):
         self.call_after_refresh(self._fit)
 
     def scroll(self, key: str) -> None:
-        """Scroll what is asked by a line or a page."""
-        for part in (self._text, self._keys):
+        """Scroll what is asked by a line or a page, or, if it is all on the screen, what was told before."""
+        asked = [part for part in (self._text, self._keys) if part.max_scroll_y]
+        for part in asked or [self._told]:
             lines = max(1, part.size.height - 1) if key.startswith("page") else 1
             part.scroll_relative(y=-lines if key.endswith("up") else lines, animate=False)
 
@@ -268,7 +269,8 @@ class Board(Vertical):
         if gauges is not None:
             pane["left"].show(picture.left, picture.time_left(gauges.left_s))
             pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
-            pane["gauges"].show(picture.gauges, gauges.model_copy(update={"trace": (), "left_s": 0.0}), roomy)
+            still = gauges.model_copy(update={"trace": (), "left_s": 0.0})
+            pane["gauges"].show(picture.gauges, still, roomy, side - 4)
         fitted = (question, view.lines, view.lay_out, view.heard, now, form, self.app.size)
         if fitted != self._fitted:
             self._fitted = fitted
@@ -293,4 +295,5 @@ class Board(Vertical):
         room = height - self._panes["notice"].size.height
         self._text.styles.max_height = max(3, room - self._panes["offered"].lines(width) - 1)
         self._keys.styles.max_height = max(3, room - min(3, self._panes["asked"].lines(width)))
-        self._told.scroll_end(animate=False)
+        # Whatever becomes of its height, its end stays on the screen.
+        self._told.anchor()

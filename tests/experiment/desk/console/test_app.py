@@ -33,7 +33,8 @@ from experiment.desk.messages import (
 from experiment.errors import LinkError
 from tests.experiment.desk.console.scripted import Desk, desk, question
 
-KINDS = ("agree", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue")
+KINDS = ("agree", "familiarise", "level", "say", "rest", "place", "answer", "confirm", "debrief", "continue")
+"""Every kind of question that is answered by a key; those without are `write` and `break`."""
 
 RECENT = (Told(trial=1, words="copy paper"), Told(trial=2, words="typing paper"))
 ARMED = View(study="small", state="armed", trial=3, standing=Standing(trials=8, answered=2, remaining=6, recent=RECENT))
@@ -418,6 +419,7 @@ def test_a_long_text_scrolls_and_its_keys_stay(tmp_path: Path) -> None:
 
     async def then(there: Desk) -> None:
         seen = ""
+        await there.until(lambda: there.app.query_one("#text").max_scroll_y > 0)
         for _ in range(12):
             assert "go on" in there.text
             seen += there.text
@@ -425,6 +427,33 @@ def test_a_long_text_scrolls_and_its_keys_stay(tmp_path: Path) -> None:
         assert all(word in seen for word in text.split())
 
     at_a_desk(tmp_path, view, then)
+
+
+def test_the_newest_line_stays_on_the_screen_whatever_is_asked(tmp_path: Path) -> None:
+    lines = tuple(f"line {number}" for number in range(40))
+
+    async def then(there: Desk) -> None:
+        for number, kind in enumerate(("place", "answer", "confirm", "continue")):
+            await there.show(asking(kind, number).model_copy(update={"lines": (*lines, f"newest {number}")}))
+            await there.until(lambda number=number: f"newest {number}" in there.text)  # type: ignore[misc]
+            await there.press("f3")
+            await there.until(lambda number=number: f"newest {number}" in there.text)  # type: ignore[misc]
+            await there.press("escape")
+        await there.press("pageup", "pageup")
+        await there.until(lambda: "newest" not in there.text)
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_what_a_pause_was_told_is_gone_once_it_came(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        there.end.words = "The session pauses soon."
+        await there.press("f7")
+        await there.until(lambda: there.end.words in there.text)
+        await there.show(asking("continue").model_copy(update={"state": "paused"}))
+        assert there.end.words not in there.text
+
+    at_a_desk(tmp_path, ARMED, then)
 
 
 NAMES = (
