@@ -74,6 +74,9 @@ PANES = (
     "commands",
 )
 
+FIXED = ("counted",)
+"""Those of them that are as high as they are, whatever they show."""
+
 _P = ParamSpec("_P")
 
 _MEASURE = Console(file=StringIO(), width=80, color_system=None)
@@ -84,6 +87,7 @@ class Pane(Static):
 
     def __init__(self, *, id: str) -> None:  # noqa: A002
         super().__init__(id=id, markup=False)
+        self._fixed = id in FIXED
         self._drawn_of: tuple[object, ...] | None = None
         self._shows: RenderableType = ""
         self._heights: dict[int, int] = {}
@@ -95,8 +99,9 @@ class Pane(Static):
         self._drawn_of = (draw, *of)
         self._shows = draw(*of, **no)
         self._heights = {}
-        # Where it needs no more lines than before, nothing else has to move.
-        self.update(self._shows, layout=self.lines(self.content_size.width) != self.content_size.height)
+        # Where it needs no more lines than before, nothing else has to move: a layout takes longer than all else.
+        moves = not self._fixed and self.lines(self.content_size.width) != self.content_size.height
+        self.update(self._shows, layout=moves)
         return True
 
     def lines(self, width: int) -> int:
@@ -234,9 +239,12 @@ class Board(Vertical):
 
     def say(self, words: str, how: str) -> None:
         """Show words right above what is asked: `done`, `ignored` or `refused`."""
-        self._panes["notice"].set_classes(how if words else "")
-        self._panes["notice"].show(picture.notice, words)
-        self.call_after_refresh(self._fit)
+        notice = self._panes["notice"]
+        # Styles are worked out anew whenever classes are set.
+        if notice.classes != {how} if words else notice.classes:
+            notice.set_classes(how if words else "")
+        if notice.show(picture.notice, words):
+            self.call_after_refresh(self._fit)
 
     def scroll(self, key: str) -> None:
         """Scroll what is asked by a line or a page, or, if it is all on the screen, what was told before."""

@@ -6,8 +6,10 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from textual.widget import Widget
 from textual.widgets import Input
 
 from experiment.desk.console import panes, presses
@@ -398,6 +400,26 @@ def test_what_has_not_changed_is_not_drawn_again(tmp_path: Path, monkeypatch: py
         assert set(drawn) == {"gauges", "left", "trace"}
 
     at_a_desk(tmp_path, ARMED, then)
+
+
+def test_the_next_trial_moves_nothing_on_the_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A layout takes longer than all else, and whoever keys an answer waits for it."""
+    laid_out: list[str | None] = []
+    refresh = Widget.refresh
+
+    def counted(self: Widget, *regions: Any, layout: bool = False, **more: Any) -> Widget:
+        if layout:
+            laid_out.append(self.id)
+        return refresh(self, *regions, layout=layout, **more)
+
+    async def then(there: Desk) -> None:
+        monkeypatch.setattr(Widget, "refresh", counted)
+        for trial in (4, 5):
+            standing = ARMED.standing.model_copy(update={"answered": trial - 1, "remaining": 9 - trial})
+            await there.show(asking("answer", trial).model_copy(update={"trial": trial, "standing": standing}))
+        assert laid_out == []
+
+    at_a_desk(tmp_path, asking("answer", 3), then)
 
 
 def test_a_break_is_counted_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
