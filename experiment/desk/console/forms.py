@@ -56,7 +56,7 @@ def opened(name: str, view: View) -> Form:
             form = Form(name, f"Note on {about}. It may name no person.", "puts it on disk", (Blank("Note"),))
         case "correct":
             blanks = (Blank("Trial", answered), Blank("Key"), Blank("Reason"))
-            keys = "  ".join(f"{one.key} {one.words}" for one in answers(view))
+            keys = ", ".join(f"{one.key}={one.words}" for one in answers(view))
             title = "Correct an answer. Both answers stay on record."
             form = Form(name, title, "corrects it", blanks, f"Keys: {keys}" if keys else "")
         case "repeat":

@@ -212,6 +212,7 @@ class Board(Vertical):
         self._told = VerticalScroll(id="told", can_focus=False)
         self._side = VerticalScroll(id="side", can_focus=False)
         self._fitted: tuple[object, ...] = ()
+        self.says = ""
         self.blanks = Blanks()
 
     def compose(self) -> ComposeResult:
@@ -238,11 +239,12 @@ class Board(Vertical):
         yield pane["commands"]
 
     def say(self, words: str, how: str) -> None:
-        """Show words right above what is asked: `done`, `ignored` or `refused`."""
-        notice = self._panes["notice"]
+        """Show words right above what is asked: `done`, `ignored` or `refused`, which `says` tells afterwards."""
+        notice, how = self._panes["notice"], how if words else ""
         # Styles are worked out anew whenever classes are set.
-        if notice.classes != {how} if words else notice.classes:
-            notice.set_classes(how if words else "")
+        if how != self.says:
+            notice.set_classes(how)
+        self.says = how
         if notice.show(picture.notice, words):
             self.call_after_refresh(self._fit)
 

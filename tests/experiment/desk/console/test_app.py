@@ -474,6 +474,12 @@ def test_what_a_pause_was_told_is_gone_once_it_came(tmp_path: Path) -> None:
         await there.until(lambda: there.end.words in there.text)
         await there.show(asking("continue").model_copy(update={"state": "paused"}))
         assert there.end.words not in there.text
+        await there.show(ARMED)
+        there.end.refusals = {"note": "The session ends at this moment."}
+        await there.press("f2", "x", "enter")
+        await there.until(lambda: "ends at this moment" in there.text)
+        await there.show(asking("continue", 6).model_copy(update={"state": "paused"}))
+        assert "ends at this moment" in there.text
 
     at_a_desk(tmp_path, ARMED, then)
 
