@@ -76,7 +76,7 @@ def rehearse(
         raise DatasetError(
             f"--participants: got {count}; allowed: 1 to {protocol.study.participants}, as in the protocol; give number"
         )
-    if control == "silence" and protocol.footstep is None:
+    if control == "silence" and all(task.stimulus == "real" for task in protocol.tasks):
         raise DatasetError(
             f"--control: got silence for study {protocol.study.id}; allowed: none, because nothing is played there; "
             "leave it out"
@@ -121,6 +121,12 @@ def generic(protocol: Protocol) -> str:
     """Return a sentence on the materials that are simulated generically; nothing without any."""
     materials = [material.id for material in protocol.materials]
     return recorded_takes.generic(materials) if protocol.comparison is None else surfaces.generic(materials)
+
+
+def simulated_rig(protocol: Protocol) -> Path:
+    """Return the shipped rig to rehearse a study on: one with a hand's devices where surfaces are rendered."""
+    rendered = protocol.comparison is not None and protocol.comparison.virtual is not None
+    return files.shipped("rigs/tapping.toml" if rendered else "rigs/rehearsal.toml")
 
 
 def practice_folder(protocol: Protocol) -> Path:

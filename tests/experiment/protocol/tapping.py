@@ -32,6 +32,29 @@ def comparing(*, repetitions: int = 2, order: str = "full-random", tie_key: str 
     return study
 
 
+def rendering() -> dict[str, Any]:
+    """The same with virtual surfaces."""
+    study = comparing()
+    task = study["tasks"][0]
+    study["tasks"] = ({**task, "id": "virtual", "stimulus": "virtual"},)
+    study["analysis"] = tuple({**one, "tasks": ("virtual",)} for one in study["analysis"])
+    rings = ((60.0, 0.1), (200.0, 0.2), (900.0, 0.5))
+    study["materials"] = tuple(
+        {**one, "attack_hz": hz, "amplitude": part} for one, (hz, part) in zip(study["materials"], rings, strict=True)
+    )
+    study["exposure"] = {**study["exposure"], "force_peak_n": 2.0}
+    study["comparison"]["virtual"] = {
+        "switch_key": "s",
+        "rate_hz": 2000,
+        "stiffness_n_m": 800.0,
+        "damping_n_s_m": 5.0,
+        "full_m_s2": 40.0,
+        "decay_per_s": 100.0,
+        "fastest_mm_s": 175.0,
+    }
+    return study
+
+
 def protocol(**how: Any) -> Protocol:
     """The protocol of `comparing`."""
     return Protocol.model_validate(comparing(**how))
