@@ -255,12 +255,11 @@ def check(
     state, seal = approval.state(protocol_file, protocol, today)
     borne = _borne(protocol, rig_file) if rig_file is not None else None
     if page_file is not None:
-        from experiment import storage
         from experiment.protocol.html import html
 
         if page_file.suffix != ".html":
             raise PalpateError(f"got the file {quoted(str(page_file))}; allowed: a name that ends in .html")
-        storage.write(page_file, html(protocol, str(protocol_file), state, seal, today).encode())
+        options.put_file(page_file, html(protocol, str(protocol_file), state, seal, today).encode())
     if as_json:
         import json
 

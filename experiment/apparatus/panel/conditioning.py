@@ -78,7 +78,7 @@ class Played:
             floored_bins=asked.floored_bins,
             extrapolated=asked.extrapolated,
             computed=records.Computed(
-                method=self.method,
+                method=self.method + asked.basis.band,
                 relative_error=error.total,
                 left_out=error.left_out,
                 dissimilarity_m_s2=error.dissimilarity_m_s2,
