@@ -14,6 +14,7 @@ from experiment import storage
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
+from experiment.apparatus.servo import settings
 from experiment.clock import MonotonicClock
 from experiment.dataset import build
 from experiment.dataset.beliefs import Plan
@@ -213,6 +214,8 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     rig = rigs.load(rig_file)
     if not rig.rig.simulated:
         raise DatasetError(f"{rig_file}: is a real rig; allowed: one that says simulated = true; give such a rig file")
+    if protocol.comparison is not None and any(task.stimulus == "virtual" for task in protocol.tasks):
+        settings.of(rig.servo, rig=rig.rig.name)
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     return rig
 

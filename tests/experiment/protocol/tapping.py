@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import document
 
@@ -53,6 +55,15 @@ def rendering() -> dict[str, Any]:
         "fastest_mm_s": 175.0,
     }
     return study
+
+
+def live_alone(folder: Path) -> Path:
+    """Write the shipped study with its live task alone, which needs no device; return the file."""
+    text = shipped("wellman1995.toml").read_text("utf-8")
+    begin, end = text.index('[[tasks]]\nid = "virtual"'), text.index("# Exclusion rules")
+    file = folder / "live.toml"
+    file.write_text((text[:begin] + text[end:]).replace('["live", "virtual"]', '["live"]'), "utf-8")
+    return file
 
 
 def protocol(**how: Any) -> Protocol:
