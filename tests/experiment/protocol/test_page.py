@@ -89,10 +89,11 @@ FULL = Protocol.model_validate(changed(PLANNED, ("analysis", 0, "correction"), "
 microphone."""
 
 PAIRS = tapping.protocol(tie_key="3")
+RENDERED = Protocol.model_validate(changed(tapping.rendering(), ("comparison", "virtual", "mass_kg"), 2.0))
 
 CASES = [
     (study, path, value, other)
-    for study in (FULL, PAIRS)
+    for study in (FULL, PAIRS, RENDERED)
     for path, kind, value in fields(study)
     for other in others(kind, value)
     if study is FULL or path != ("consent", "voice_recordings")
@@ -101,7 +102,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(
-    ("study", "path", "value", "other"), CASES, ids=lambda one: "" if one in (FULL, PAIRS) else str(one)
+    ("study", "path", "value", "other"), CASES, ids=lambda one: "" if one in (FULL, PAIRS, RENDERED) else str(one)
 )
 def test_the_page_changes_with_every_value(
     study: Protocol, path: tuple[str | int, ...], value: object, other: object
