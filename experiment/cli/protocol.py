@@ -16,6 +16,7 @@ from experiment.errors import Interrupted, PalpateError
 from experiment.settings.characters import quoted
 
 if TYPE_CHECKING:
+    from experiment.protocol.models import Protocol
     from experiment.protocol.new import NewStudy
 
 commands = options.room()
@@ -222,6 +223,13 @@ def check(
         Path | None,
         typer.Option("--html", metavar="FILE.html", help="Write the page as HTML, for a browser to print on A4."),
     ] = None,
+    rig_file: Annotated[
+        Path | None, typer.Option("--rig", help="Rig file: is it allowed to leave out what it leaves out?")
+    ] = None,
+    recordings: Annotated[
+        Path | None,
+        typer.Option("--recordings", help="Folder of recordings, for --rig [default: the dataset's own]."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show a protocol to an ethics board.
@@ -230,6 +238,9 @@ def check(
     meant. Below it stands whether this version is sealed, by which board and until when. If the file has errors, all of
     them are printed instead: each with its path, its line, what was got, what is allowed. With --html the page is
     written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF.
+
+    With --rig, a rig that leaves out more of the recorded vibrations than footstep.synthesis.left_out_max is refused,
+    as palpate run refuses it for participants; practice and rehearsals go on.
     """
     from dataclasses import asdict
 
@@ -246,6 +257,7 @@ def check(
         raise
     today = day(wall_ns())
     state, seal = approval.state(protocol_file, protocol, today)
+    carried, refusal = _carried(protocol, rig_file, recordings)
     if page_file is not None:
         from experiment import storage
         from experiment.protocol.html import html
@@ -260,12 +272,40 @@ def check(
         approved = seal.model_dump(mode="json", exclude={"protocol"}) if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
         known["advice"] = [asdict(one) for one in advice.advice(protocol)]
+        if rig_file is not None:
+            known["rig"] = {"file": str(rig_file), "refused": None if refusal is None else str(refusal)}
         options.put(known | {"protocol": document})
     elif page_file is not None:
         typer.echo(f"{state}\nPage: {page_file}. Open it in a browser, and print it there, on A4 or as PDF.")
     else:
         told = f"{page.page(protocol, str(protocol_file))}\n{state}"
         typer.echo(f"{told}\n{page.approved(seal)}" if seal else told)
+    if carried and not as_json:
+        typer.echo(carried)
+    if refusal is not None:
+        if as_json:
+            raise typer.Exit(refusal.exit_code)
+        raise refusal
+
+
+def _carried(protocol: "Protocol", rig_file: Path | None, recordings: Path | None) -> tuple[str, PalpateError | None]:
+    """Return what is said of a rig that may carry a study's vibrations, and why it is refused for participants."""
+    if rig_file is None:
+        return "", None
+    from experiment import storage
+    from experiment.apparatus import rig as rigs
+    from experiment.session.footstep.fidelity import refuse_what_leaves_out_too_much
+    from experiment.study.enrolment import default_root
+
+    most, rig = protocol.footsteps.synthesis.left_out_max, rigs.load(rig_file)
+    if most is None:
+        return f"Rig '{rig.rig.name}': the protocol sets no limit on what a rig leaves out of a vibration.", None
+    folder = recordings or default_root(protocol) / storage.RECORDINGS
+    try:
+        refuse_what_leaves_out_too_much(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+    except PalpateError as refusal:
+        return "", refusal
+    return f"Rig '{rig.rig.name}': it leaves out no more than {most:.4g} (rms) of any in {folder}.", None
 
 
 @commands.command(

@@ -1,8 +1,8 @@
 """What a rig makes of a study's recordings: the error budget of each material at the speeds that count, and its table.
 
-`palpate plan` shows it, and a session for a participant is refused on a rig that leaves out more than the protocol
-allows. What is measured is what a session would hand over, but for voltages, which are shaped for each speed instead of
-prepared: `synthesis/voltages.py` says that they are the same.
+`palpate plan` shows it. A session for a participant is refused on a rig that leaves out more than the protocol allows,
+and `palpate check` and `palpate doctor` say so before. What is measured is what a session would hand over, but for
+voltages, which are shaped for each speed instead of prepared: `synthesis/voltages.py` says that they are the same.
 """
 
 from __future__ import annotations
