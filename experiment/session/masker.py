@@ -144,20 +144,28 @@ class Sound:
 
 
 def open_sound(
-    rig: Rig, protocol: Protocol, *, clock: Clock, dose_before: float, opened: ExitStack, device: str | None = None
+    rig: Rig,
+    protocol: Protocol,
+    *,
+    planned: scene.Scene,
+    clock: Clock,
+    dose_before: float,
+    opened: ExitStack,
+    device: str | None = None,
 ) -> Sound:
-    """Open the rig's audio device for a session; `opened` closes the stream.
+    """Open of the rig's audio device what a session's scene `planned` needs; `opened` closes the stream.
 
     `dose_before` is the dose of the participant's sessions in the 24 hours before; `device` replaces the one that the
     rig names. Raises `RigError` if a calibration is too old or the device exists in simulation alone, and `AudioError`
     if the device cannot be opened.
     """
     audio = opening.audio_of(rig)
-    samples = scene.masker_samples(protocol=protocol, rate_hz=audio.rate_hz, seconds=ROUND_S)
+    samples = scene.masker_samples(scene=planned, rate_hz=audio.rate_hz, seconds=ROUND_S)
     noise = opening.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
     stream = opening.open_audio(
         rig,
-        limit_m_s2=protocol.exposure.vibration_peak_m_s2,
+        limit_m_s2=protocol.exposure.vibration_peak_m_s2 if planned.actuator else None,
+        listens=planned.listens,
         masker=noise,
         clock=clock,
         today=day(clock.now_ns()),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from experiment.synthesis.crinkle import CrinkleSpectra
+    from experiment.synthesis.noise import Colour
     from experiment.synthesis.waveforms import Basis
 
 
@@ -22,20 +23,36 @@ class Scene:
     """What a task needs.
 
     Stimuli are synthesised (`synthesis`), from the spectra of `materials`, and drive the panel (`actuator`); or the
-    experimenter lays out a real object before each trial (`place`), and no spectra are opened.
+    experimenter lays out a real object before each trial (`place`), and no spectra are opened. The masker plays
+    `masker` noise, and a microphone may listen to answers (`listens`).
     """
 
     synthesis: bool
     actuator: bool
     place: bool
     materials: tuple[str, ...]
+    masker: Colour
+    listens: bool
 
 
 def plan(*, protocol: Protocol, task_id: str) -> Scene:
     """Decide what task `task_id` needs."""
-    virtual = protocol.task(task_id).stimulus == "virtual"
-    materials = tuple(m.id for m in protocol.materials) if virtual else ()
-    return Scene(synthesis=virtual, actuator=virtual, place=not virtual, materials=materials)
+    whole = virtual(protocol)
+    if protocol.task(task_id).stimulus == "virtual":
+        return whole
+    return replace(whole, synthesis=False, actuator=False, place=True, materials=())
+
+
+def virtual(protocol: Protocol) -> Scene:
+    """Return what a task with virtual stimuli of every material needs."""
+    return Scene(
+        synthesis=True,
+        actuator=True,
+        place=False,
+        materials=tuple(material.id for material in protocol.materials),
+        masker=protocol.masker.noise,
+        listens=protocol.answers.microphone,
+    )
 
 
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
@@ -111,7 +128,7 @@ def prepare_stimuli(
     }
 
 
-def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArray[np.float64]:
+def masker_samples(*, scene: Scene, rate_hz: int, seconds: float) -> NDArray[np.float64]:
     """Return one round of the masker's noise at the audio device's rate, rms 1, shape (n,).
 
     It is the same in every session, for a masker is no random draw of a study. Raises `SynthesisError` if no noise can
@@ -122,4 +139,4 @@ def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArr
     from experiment.synthesis.noise import noise
 
     drawn = np.random.default_rng(0)
-    return noise(colour=protocol.masker.noise, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)
+    return noise(colour=scene.masker, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)

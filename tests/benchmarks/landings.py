@@ -105,7 +105,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
         card = opened.enter_context(WiredCard(rig))
-        sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
+        sound = open_sound(rig, protocol, planned=planned, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
         card.wire()
         drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)

@@ -197,7 +197,9 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
         else:
             card = opened.enter_context(WiredCard(rig))
-            sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
+            sound = open_sound(
+                rig, protocol, planned=planned, clock=clock, dose_before=0.0, opened=opened, device=DEVICE
+            )
             card.wire()
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(played.close)

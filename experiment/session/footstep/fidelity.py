@@ -78,9 +78,8 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
     from experiment.recordings import manifest
     from experiment.synthesis import budget
 
-    materials = tuple(material.id for material in protocol.materials)
-    taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=materials)
-    scene = scenes.Scene(True, True, False, materials)
+    scene = scenes.virtual(protocol)
+    taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2)

@@ -52,7 +52,7 @@ def protocol(noise: str = "pink") -> Protocol:
 
 
 def made(noise: str = "pink", *, limit_db_a: float = 80.0, full_scale_db_a: float = FULL_SCALE_DB_A) -> MaskerNoise:
-    samples = scene.masker_samples(protocol=protocol(noise), rate_hz=RATE_HZ, seconds=ROUND_S)
+    samples = scene.masker_samples(scene=scene.virtual(protocol(noise)), rate_hz=RATE_HZ, seconds=ROUND_S)
     return masker_noise(samples, rate_hz=RATE_HZ, pink_full_scale_db_a=full_scale_db_a, limit_db_a=limit_db_a)
 
 
