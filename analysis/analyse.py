@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
 """Sections that a terminal shows first, so that the matrices and tests stay on the screen."""
 
-IN_SHORT = ("overview", "confusion", "tests")
+IN_SHORT = ("overview", "confusion", "tests", "pairs", "scales")
 """Sections that a terminal shows unless it is asked for all; what is left out of the analysis is never passed over."""
 
 

@@ -35,7 +35,7 @@ def analyse(
             "--dissimilarities", help="CSV file of the dissimilarities of materials, as `palpate validate` writes it."
         ),
     ] = None,
-    full: Annotated[bool, typer.Option("--full", help="Print every section, not matrices and tests alone.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Print every section, not the first results alone.")] = False,
     as_json: Json = False,
 ) -> None:
     """Make the tables and the report of a dataset.
@@ -322,7 +322,6 @@ def status(
     code is 1 if anything speaks against the evidence.
     """
     from analysis.documents import drawing
-    from experiment import storage
 
     drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
     if figure is not None and figure.suffix.lower() not in drawn:
@@ -331,7 +330,7 @@ def status(
     if figure is not None:
         aside, stages = found.flow()
         flow = drawing.flow(found.heading, f"Flow of participants on {found.day}: {found.title}", aside, stages)
-        storage.write_bytes(figure, drawn[figure.suffix.lower()](flow))
+        options.put_file(figure, drawn[figure.suffix.lower()](flow))
     if as_json:
         options.put(found.as_dict())
     else:

@@ -85,7 +85,7 @@ def test_tables_for_other_software_say_what_the_dataset_says(tmp_path: Path) -> 
     pairs = {
         (row["first"], row["second"]): (row["first_named"], row["second_named"], row["ties"])
         for row in csv.DictReader(io.StringIO(made["pairs.csv"].decode()))
-        if row["participant"] == "1"
+        if row["participant"] == "sub-1"
     }
     assert pairs["felt", "cork"] == ("0", "2", "0")
     assert pairs["tin", "felt"] == ("1", "1", "0")

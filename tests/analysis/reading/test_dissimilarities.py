@@ -41,7 +41,7 @@ def test_the_report_compares_with_the_file(tmp_path: Path) -> None:
     path = _file(tmp_path, f"{GOOD}SIMULATED,snow,sand,0.25,\n")
     found = analyse([root], dissimilarities=path)
     assert found.results.identifications[0].mantel is not None
-    assert "(pairs.csv - SIMULATED)" in " ".join(found.text().split())
+    assert "(pairs.csv - SIMULATED)" in " ".join(found.text(full=True).split())
     assert (found.out / "figures" / "dissimilarity.svg").is_file()
 
 
