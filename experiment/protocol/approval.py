@@ -69,9 +69,10 @@ def _document(protocol: Protocol) -> dict[str, Any]:
             table = table[name] if table is not None else None
         if table is not None and (table[key] is None or table[key] is False):
             del table[key]
-    for planned in document["analysis"]:
-        if planned["correction"] is None:
-            del planned["correction"]
+    for listed, younger in (("analysis", "correction"), ("tasks", "masker")):
+        for one in document[listed]:
+            if one[younger] is None:
+                del one[younger]
     for kind in ("footstep", "comparison"):
         if document[kind] is None:
             del document[kind]

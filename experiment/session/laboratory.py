@@ -56,7 +56,7 @@ def open_laboratory(
         priority = opened.enter_context(host.raised()) if ends.real_time else ""
         planned = scene.plan(protocol=protocol, task_id=task_id)
         sound: masker.Sound | None = None
-        if rig.audio is not None:
+        if rig.audio is not None and planned.sounds(rig):
             paths = (storage.journal_path(dataset, participant, task.id) for task in protocol.tasks)
             dose = exposure.dose_before([journal.read_if_begun(path) for path in paths], clock)
             device = ends.sound_device(opened)

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from experiment.apparatus import opening
-from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker
+from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker, MaskerNoise
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import Masker, MaskerExposure
 from experiment.apparatus.rig import Rig
@@ -137,10 +137,12 @@ class Masking:
 
 @dataclass(frozen=True)
 class Sound:
-    """The stream of a session, whose sample clock masker, stimulus, microphone and loopback share, and its masker."""
+    """The stream of a session, whose sample clock masker, stimulus, microphone and loopback share, and its masker, if
+    it has one.
+    """
 
     stream: AudioStream
-    masker: AudioMasker
+    masker: AudioMasker | None
 
 
 def open_sound(
@@ -160,8 +162,10 @@ def open_sound(
     if the device cannot be opened.
     """
     audio = opening.audio_of(rig)
-    samples = scene.masker_samples(scene=planned, rate_hz=audio.rate_hz, seconds=ROUND_S)
-    noise = opening.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
+    noise: MaskerNoise | None = None
+    if planned.masker is not None:
+        samples = scene.masker_samples(colour=planned.masker, rate_hz=audio.rate_hz, seconds=ROUND_S)
+        noise = opening.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
     stream = opening.open_audio(
         rig,
         limit_m_s2=protocol.exposure.vibration_peak_m_s2 if planned.actuator else None,
@@ -172,4 +176,6 @@ def open_sound(
         device=device,
     )
     opened.callback(stream.close)
+    if noise is None:
+        return Sound(stream, None)
     return Sound(stream, opening.open_masker(rig, stream=stream, noise=noise, clock=clock, dose_before=dose_before))

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from experiment.apparatus.rig import Rig
     from experiment.synthesis.crinkle import CrinkleSpectra
     from experiment.synthesis.noise import Colour
     from experiment.synthesis.waveforms import Basis
@@ -23,22 +24,28 @@ class Scene:
     """What a task needs.
 
     Stimuli are synthesised (`synthesis`), from the spectra of `materials`, and drive the panel (`actuator`); or the
-    experimenter lays out a real object before each trial (`place`), and no spectra are opened. The masker plays
-    `masker` noise, and a microphone may listen to answers (`listens`).
+    experimenter lays out a real object before each trial (`place`), and no spectra are opened. The masker plays noise
+    of the colour `masker`, None for no noise, and a microphone may listen to answers (`listens`).
     """
 
     synthesis: bool
     actuator: bool
     place: bool
     materials: tuple[str, ...]
-    masker: Colour
+    masker: Colour | None
     listens: bool
+
+    def sounds(self, rig: Rig) -> bool:
+        """Return whether anything of an audio device is needed: headphones, a microphone, or an output that shakes."""
+        return self.masker is not None or self.listens or (self.actuator and rig.actuator.driver == "audio")
 
 
 def plan(*, protocol: Protocol, task_id: str) -> Scene:
     """Decide what task `task_id` needs."""
-    whole = virtual(protocol)
-    if protocol.task(task_id).stimulus == "virtual":
+    task, whole = protocol.task(task_id), virtual(protocol)
+    if task.masker is not None:
+        whole = replace(whole, masker=None if task.masker == "none" else task.masker)
+    if task.stimulus == "virtual":
         return whole
     return replace(whole, synthesis=False, actuator=False, place=True, materials=())
 
@@ -128,7 +135,7 @@ def prepare_stimuli(
     }
 
 
-def masker_samples(*, scene: Scene, rate_hz: int, seconds: float) -> NDArray[np.float64]:
+def masker_samples(*, colour: Colour, rate_hz: int, seconds: float) -> NDArray[np.float64]:
     """Return one round of the masker's noise at the audio device's rate, rms 1, shape (n,).
 
     It is the same in every session, for a masker is no random draw of a study. Raises `SynthesisError` if no noise can
@@ -139,4 +146,4 @@ def masker_samples(*, scene: Scene, rate_hz: int, seconds: float) -> NDArray[np.
     from experiment.synthesis.noise import noise
 
     drawn = np.random.default_rng(0)
-    return noise(colour=scene.masker, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)
+    return noise(colour=colour, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)

@@ -30,15 +30,14 @@ from experiment.apparatus import rig as rigs
 from experiment.clock import MonotonicClock
 from experiment.desk.terminal import TerminalConsole
 from experiment.protocol import files
-from experiment.protocol.files import shipped
 from experiment.session.laboratory import open_laboratory
 from experiment.session.run import RealEnds
-task, rig_file, recordings, dataset = sys.argv[1], *map(Path, sys.argv[2:])
+task, protocol, rig_file, recordings, dataset = sys.argv[1], *map(Path, sys.argv[2:])
 ends = RealEnds(TerminalConsole(write=sys.stderr, ask=lambda _: "y", heading=""))
 # Its priority is no matter here.
 ends.real_time = False
 with open_laboratory(
-    protocol=files.load(shipped("okamoto2012.toml")), rig=rigs.load(rig_file), rig_folder=rig_file.parent,
+    protocol=files.load(protocol), rig=rigs.load(rig_file), rig_folder=rig_file.parent,
     participant="01", task_id=task, dataset=dataset, recordings=recordings if task == "virtual" else None,
     clock=MonotonicClock(), ends=ends,
 ):
@@ -83,9 +82,13 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Held]]:
         ) as card,
     ):
         rig = write_rig(folder, "headless", port=f'"{line.url}"', device='"system"')
-        for task in ("virtual", "real"):
+        quiet = folder / "quiet.toml"
+        text = shipped("okamoto2012.toml").read_text("utf-8")
+        quiet.write_text(text.replace('id = "real"', 'id = "real"\nmasker = "none"'), "utf-8")
+        asked = {"virtual": ("virtual", shipped("okamoto2012.toml")), "real": ("real", shipped("okamoto2012.toml"))}
+        for name, (task, study) in (asked | {"quiet": ("real", quiet)}).items():
             opened = subprocess.Popen(
-                [sys.executable, "-c", OPENED, task, rig, recordings, folder / "dataset"],
+                [sys.executable, "-c", OPENED, task, study, rig, recordings, folder / "dataset"],
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
                 text=True,
@@ -98,7 +101,7 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Held]]:
             opened.communicate("\n", timeout=60)
             assert opened.returncode == 0
             modules = frozenset(told.pop("modules"))
-            found[task] = Held(**told, modules=modules, outputs=outputs, inputs=inputs)
+            found[name] = Held(**told, modules=modules, outputs=outputs, inputs=inputs)
         yield found
 
 
@@ -106,6 +109,9 @@ def test_a_task_with_real_objects_opens_no_port_of_the_actuator(held: dict[str, 
     # The rig: headphones on outputs 1 and 2, the actuator on 3; a microphone and the actuator's loopback on inputs.
     assert (held["virtual"].outputs, held["virtual"].inputs) == (3, 2)
     assert (held["real"].outputs, held["real"].inputs) == (2, 0)
+    # Without a masker nothing of the device is needed.
+    assert (held["quiet"].outputs, held["quiet"].inputs) == (0, 0)
+    assert "sounddevice" not in held["quiet"].modules
 
 
 def test_a_task_with_real_objects_holds_70_mb_less_and_begins_half_a_second_sooner(held: dict[str, Held]) -> None:

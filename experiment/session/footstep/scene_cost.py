@@ -221,13 +221,14 @@ def _stream(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> StreamSettings
 
 def sound(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> tuple[str, ...]:
     """Return what a task needs for its masker, and of the audio device."""
-    if rig.audio is None:
-        return (f"masker    {scene.masker} noise, by other means: the rig has no audio device",)
+    masker = f"masker    {scene.masker or 'no'} noise"
+    if rig.audio is None or not scene.sounds(rig):
+        return (masker if scene.masker is None else f"{masker}, by other means: the rig has no audio device",)
     stream = _stream(scene, protocol, rig)
     counted = f"{_counted(len(stream.ceilings), 'output')} and {_counted(stream.inputs, 'input')}"
     held_kb = measured(partial(Mixer, stream.layout()))[1]
     return (
-        f"masker    {scene.masker} noise on the headphones",
+        masker if scene.masker is None else f"{masker} on the headphones",
         f"stream    {counted} at {stream.rate_hz} Hz, {held_kb:.0f} kB of sound held",
     )
 

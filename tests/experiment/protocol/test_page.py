@@ -82,7 +82,8 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
 KEPT = changed(changed(document(), ("consent", "kept_months"), 18), ("answers", "microphone"), True)
 PROBED = changed(KEPT, ("masker", "probe"), {"material": "felt", "speed_mm_s": 200.0})
 LIMITED = changed(PROBED, ("footstep", "synthesis", "left_out_max"), 0.25)
-FULL = Protocol.model_validate(changed(LIMITED, ("analysis", 0, "correction"), "materials"))
+MASKED = changed(LIMITED, ("tasks", 0, "masker"), "white")
+FULL = Protocol.model_validate(changed(MASKED, ("analysis", 0, "correction"), "materials"))
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""
 

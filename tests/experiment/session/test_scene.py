@@ -93,12 +93,15 @@ def opens(monkeypatch: pytest.MonkeyPatch, protocol: Protocol, rig: Rig, task_id
     asked: list[StreamSettings] = []
     monkeypatch.setattr("experiment.apparatus.audio.stream.AudioStream", lambda settings, _: asked.append(settings))
     planned, actuator = scene.plan(protocol=protocol, task_id=task_id), protocol.exposure.vibration_peak_m_s2
-    samples = scene.masker_samples(scene=planned, rate_hz=48_000, seconds=1.0)
+    noise = None
+    if planned.masker is not None:
+        samples = scene.masker_samples(colour=planned.masker, rate_hz=48_000, seconds=1.0)
+        noise = opening.masker_noise(rig, samples=samples, limit_db_a=70.0)
     opening.open_audio(
         rig,
         limit_m_s2=actuator if planned.actuator else None,
         listens=planned.listens,
-        masker=opening.masker_noise(rig, samples=samples, limit_db_a=70.0),
+        masker=noise,
         clock=ManualClock(0),
         today=date(2026, 1, 1),
         device="a card",
@@ -121,6 +124,31 @@ def test_the_scene_decides_which_channels_of_the_audio_device_are_opened(
     assert (real.ceilings, real.inputs, real.sent, real.stimuli) == (virtual.ceilings[:2], 0, None, False)
     heard = opens(monkeypatch, listening(protocol), rig, "real")
     assert (len(heard.ceilings), heard.inputs, heard.sent, heard.stimuli) == (2, 1, 0, False)
+
+
+def with_masker(protocol: Protocol, task_id: str, masker: str) -> Protocol:
+    tasks = tuple(t.model_copy(update={"masker": masker}) if t.id == task_id else t for t in protocol.tasks)
+    return protocol.model_copy(update={"tasks": tasks})
+
+
+def test_the_masker_is_a_property_of_a_task(protocol: Protocol, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert scene.plan(protocol=with_masker(protocol, "real", "white"), task_id="real").masker == "white"
+    quiet = with_masker(protocol, "virtual", "none")
+    assert scene.plan(protocol=quiet, task_id="real").masker == "pink"
+    assert scene.plan(protocol=quiet, task_id="virtual").masker is None
+    # The actuator sounds on its output, and the headphones stay silent.
+    rig = rigs.load(shipped("rigs/headless.toml"))
+    virtual = opens(monkeypatch, quiet, rig, "virtual")
+    assert (virtual.ceilings[:2], virtual.ceilings[2] > 0) == ((0.0, 0.0), True)
+
+
+def test_a_task_without_masker_opens_no_audio_device_unless_something_else_of_it_is_needed(protocol: Protocol) -> None:
+    audio, panel = (rigs.load(shipped(f"rigs/{name}.toml")) for name in ("headless", "rehearsal"))
+    quiet = with_masker(with_masker(protocol, "real", "none"), "virtual", "none")
+    real, virtual = (scene.plan(protocol=quiet, task_id=task) for task in ("real", "virtual"))
+    assert (real.sounds(audio), virtual.sounds(audio), virtual.sounds(panel)) == (False, True, False)
+    assert scene.plan(protocol=listening(quiet), task_id="real").sounds(audio)
+    assert scene_cost.sound(real, quiet, audio) == ("masker    no noise",)
 
 
 def test_an_actuator_below_the_headphones_is_opened_with_them_and_stays_silent(
