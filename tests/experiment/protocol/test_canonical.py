@@ -44,9 +44,9 @@ def test_form_is_that_of_rfc_8785() -> None:
             for name in tables:
                 table = table[name]
             del table[key]
-        for listed, younger in (("analysis", "correction"), ("tasks", "masker")):
+        for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker",))):
             document[listed] = [
-                {key: held for key, held in one.items() if key != younger or held} for one in document[listed]
+                {key: held for key, held in one.items() if key not in younger or held} for one in document[listed]
             ]
         expected = json.dumps(plain(document), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
         assert canonical(study) == expected.encode()
@@ -69,6 +69,8 @@ def stated() -> Protocol:
     probe = {"material": tables["materials"][0]["id"], "speed_mm_s": 200.0}
     for where, value in zip(YOUNGER, (18, True, True, probe, 0.25), strict=True):
         tables = changed(tables, where, value)
+    same = {"test": "equivalence", "tasks": (tables["tasks"][0]["id"],), "question": "?", "margin": 0.1}
+    tables["analysis"] = (*tables["analysis"], same)
     return Protocol.model_validate(changed(tables, ("analysis", 0, "correction"), "materials"))
 
 
