@@ -5,6 +5,7 @@ Each driver is imported only when its device is opened.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
-    from experiment.apparatus.audio.stream import AudioStream
+    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
     from experiment.synthesis.voltages import Drive
 
 
@@ -37,19 +38,25 @@ def audio_of(rig: Rig) -> AudioRig:
 
 
 def open_audio(
-    rig: Rig, *, limit_m_s2: float, masker: MaskerNoise | None, clock: Clock, today: date, device: str | None = None
+    rig: Rig,
+    *,
+    limit_m_s2: float | None,
+    listens: bool,
+    masker: MaskerNoise | None,
+    clock: Clock,
+    today: date,
+    device: str | None = None,
 ) -> AudioStream:
-    """Open the rig's audio device, with a limit on every channel: what is neither headphones nor actuator stays silent.
+    """Open what a session needs of the rig's audio device, as `session_stream` says; its clock must go by itself.
 
-    That is `limit_m_s2`, the protocol's, for the magnitude of any sample of a stimulus, and the masker's where the
-    headphones will play one. The session's clock must go by itself. Calibrations must not be too old `today`; those of
-    a simulated rig do not age. A `device` is used instead of the one that the rig names.
+    Calibrations must not be too old `today`; those of a simulated rig do not age. A `device` is used instead of the one
+    that the rig names.
 
     Raises:
         RigError: the rig has no audio device, a calibration is too old, or the device exists in simulation alone.
         AudioError: the device cannot be opened.
     """
-    from experiment.apparatus.panel.conditioning import Conditioner
+    from experiment.apparatus.audio.stream import AudioStream
 
     audio = audio_of(rig)
     if device is None and audio.device == REHEARSAL:
@@ -57,15 +64,34 @@ def open_audio(
     if not rig.rig.simulated:
         rigs.check_latency(audio, today)
         rigs.check_headphones(audio, today)
-    ceilings = [0.0] * audio.channels.outputs
-    for channel in audio.channels.headphones:
+    settings = session_stream(rig, limit_m_s2=limit_m_s2, listens=listens, masker=masker)
+    return AudioStream(replace(settings, device=device or audio.device), clock)
+
+
+def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker: MaskerNoise | None) -> StreamSettings:
+    """Return how a session opens its audio device, with a limit on every channel: others than these stay silent.
+
+    That is `limit_m_s2`, the protocol's, for the magnitude of any sample of a stimulus, and the masker's where the
+    headphones will play one. Where the limit is None, or another device is the actuator, neither the actuator's output
+    nor the loopback is opened, no place for stimuli is held, and what comes in is kept only if a microphone `listens`.
+
+    Raises:
+        RigError: the rig has no audio device.
+    """
+    audio = audio_of(rig)
+    channels, plays = audio.channels, limit_m_s2 is not None and rig.actuator.driver == "audio"
+    outputs, inputs = (channels.outputs, channels.inputs) if plays else channels.without_actuator(listens=listens)
+    ceilings = [0.0] * outputs
+    for channel in channels.headphones:
         ceilings[channel - 1] = masker.ceiling if masker is not None else 0.0
-    if rig.actuator.driver == "audio":
+    if plays and limit_m_s2 is not None:
+        from experiment.apparatus.panel.conditioning import Conditioner
+
         volts = rig.actuator.shaping is not None
-        ceilings[audio.channels.actuator - 1] = (
+        ceilings[channels.actuator - 1] = (
             1.0 if volts else Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2).ceiling
         )
-    return _stream(audio, ceilings, clock, device)
+    return _settings(audio, ceilings, inputs=inputs, sent=listens and channels.microphone is not None, stimuli=plays)
 
 
 def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = None) -> AudioStream:
@@ -73,25 +99,30 @@ def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = No
 
     A probe on the actuator's channel is at most `peak` in magnitude, 1.0 being full scale; other channels are silent.
     """
+    from experiment.apparatus.audio.stream import AudioStream
+
     audio = audio_of(rig)
-    ceilings = [0.0] * audio.channels.outputs
-    ceilings[audio.channels.actuator - 1] = peak
-    return _stream(audio, ceilings, clock, device)
+    channels = audio.channels
+    ceilings = [0.0] * channels.outputs
+    ceilings[channels.actuator - 1] = peak
+    settings = _settings(audio, ceilings, inputs=channels.inputs, sent=channels.microphone is not None, stimuli=True)
+    return AudioStream(replace(settings, device=device or audio.device), clock)
 
 
-def _stream(audio: AudioRig, ceilings: list[float], clock: Clock, device: str | None) -> AudioStream:
-    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
+def _settings(audio: AudioRig, ceilings: list[float], *, inputs: int, sent: bool, stimuli: bool) -> StreamSettings:
+    """Return how a stream is opened; `sent` has what leaves to the first of the headphones kept."""
+    from experiment.apparatus.audio.stream import StreamSettings
 
-    settings = StreamSettings(
+    return StreamSettings(
         host_api=audio.host_api,
-        device=device or audio.device,
+        device=audio.device,
         rate_hz=audio.rate_hz,
         block=audio.block,
-        inputs=audio.channels.inputs,
+        inputs=inputs,
         ceilings=tuple(ceilings),
-        sent=audio.channels.headphones[0] - 1 if audio.channels.microphone is not None else None,
+        sent=audio.channels.headphones[0] - 1 if sent else None,
+        stimuli=stimuli,
     )
-    return AudioStream(settings, clock)
 
 
 def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -> MaskerNoise:

@@ -219,6 +219,14 @@ class AudioChannels(Confined):
         """Inputs to open."""
         return max(self.microphone or 1, self.loopback or 1)
 
+    def without_actuator(self, *, listens: bool) -> tuple[int, int]:
+        """Return how many outputs and inputs to open where nothing is played but the masker.
+
+        `listens` has the microphone among them. Channels are opened from the first on: an actuator below the last of
+        the headphones stays open, and silent.
+        """
+        return max(self.headphones), self.microphone or 0 if listens else 0
+
 
 class HeadphonesRig(Confined):
     """How loud the headphones are, as measured at the ear.

@@ -224,8 +224,11 @@ def check(
         typer.Option("--html", metavar="FILE.html", help="Write the page as HTML, for a browser to print on A4."),
     ] = None,
     rig_file: Annotated[
+        Path | None, typer.Option("--rig", help="Rig file: does it carry this study's vibrations, or bear its block?")
+    ] = None,
+    recordings: Annotated[
         Path | None,
-        typer.Option("--rig", help="Rig file: say how stiff a virtual block may be on it."),
+        typer.Option("--recordings", help="Folder of recordings, for --rig [default: the dataset's own]."),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -234,9 +237,11 @@ def check(
     The page states the whole study; at its end, what is left empty, and which values are allowed and unlikely to be
     meant. Below it stands whether this version is sealed, by which board and until when. If the file has errors, all of
     them are printed instead: each with its path, its line, what was got, what is allowed. With --html the page is
-    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF. With --rig
-    the last lines say how stiff a virtual block may be on that rig. Where it does not bear the protocol's, no
-    participant is run on it, and the command ends with an error.
+    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF.
+
+    With --rig, a rig that leaves out more of the recorded vibrations than footstep.synthesis.left_out_max is refused,
+    and one that does not bear the stiffness of a virtual block, as palpate run refuses them for participants. Practice
+    and rehearsals go on.
     """
     from dataclasses import asdict
 
@@ -253,7 +258,7 @@ def check(
         raise
     today = day(wall_ns())
     state, seal = approval.state(protocol_file, protocol, today)
-    borne = _borne(protocol, rig_file) if rig_file is not None else None
+    told, refusal = _judged(protocol, rig_file, recordings) if rig_file is not None else ("", None)
     if page_file is not None:
         from experiment.protocol.html import html
 
@@ -267,28 +272,47 @@ def check(
         approved = seal.model_dump(mode="json", exclude={"protocol"}) if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
         known["advice"] = [asdict(one) for one in advice.advice(protocol)]
-        if borne is not None:
-            known["rig"] = {"file": str(rig_file), "bears": borne[0], "stiffness": borne[1]}
+        if rig_file is not None:
+            refused = None if refusal is None else str(refusal)
+            known["rig"] = {"file": str(rig_file), "told": told, "refused": refused}
         options.put(known | {"protocol": document})
     elif page_file is not None:
         typer.echo(f"{state}\nPage: {page_file}. Open it in a browser, and print it there, on A4 or as PDF.")
     else:
-        told = f"{page.page(protocol, str(protocol_file))}\n{state}"
-        typer.echo(f"{told}\n{page.approved(seal)}" if seal else told)
-    if borne is not None:
-        if not as_json:
-            typer.echo(f"\n{borne[1]}")
-        if not borne[0]:
-            raise RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
+        shown = f"{page.page(protocol, str(protocol_file))}\n{state}"
+        typer.echo(f"{shown}\n{page.approved(seal)}" if seal else shown)
+    if told and not as_json:
+        typer.echo(f"\n{told}")
+    if refusal is not None:
+        if as_json:
+            raise typer.Exit(refusal.exit_code)
+        raise refusal
 
 
-def _borne(protocol: "Protocol", rig_file: Path) -> tuple[bool, str]:
-    """Return whether a rig may render the block of a protocol, and why."""
+def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tuple[str, PalpateError | None]:
+    """Return what is said of a rig for a study, and why it is refused for participants."""
+    from experiment import storage
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.servo import settings
+    from experiment.session.footstep.fidelity import refuse_what_leaves_out_too_much
+    from experiment.study.enrolment import default_root
 
     rig = rigs.load(rig_file)
-    return settings.judged(protocol.surfaces, settings.of(rig.servo, rig=rig.rig.name))
+    if protocol.footstep is None:
+        if all(task.stimulus == "real" for task in protocol.tasks):
+            return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
+        bears, told = settings.judged(protocol.surfaces, settings.of(rig.servo, rig=rig.rig.name))
+        refusal = RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
+        return told, None if bears else refusal
+    most = protocol.footstep.synthesis.left_out_max
+    if most is None:
+        return f"Rig '{rig.rig.name}': the protocol sets no limit on what a rig leaves out of a vibration.", None
+    folder = recordings or default_root(protocol) / storage.RECORDINGS
+    try:
+        refuse_what_leaves_out_too_much(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+    except PalpateError as refused:
+        return "", refused
+    return f"Rig '{rig.rig.name}': it leaves out no more than {most:.4g} (rms) of any in {folder}.", None
 
 
 @commands.command(

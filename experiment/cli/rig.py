@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import ExitStack, closing
 from dataclasses import asdict
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -78,22 +79,27 @@ def doctor(
     dataset: Annotated[
         Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")
     ] = None,
+    recordings: Annotated[
+        Path | None, typer.Option("--recordings", help="Folder of recordings, for --protocol [default: the dataset's].")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Check a rig before a session.
 
     Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback, actuator,
-    disk and clocks are checked through the drivers that sessions use. Each check is green, or red with its remedy. The
-    exit code is 2 if any check is red.
+    disk and clocks are checked through the drivers that sessions use. With --protocol, a rig that leaves out more of
+    the recorded vibrations than that allows is red. Each check is green, or red with its remedy. The exit code is 2 if
+    any check is red.
     """
     from experiment.apparatus.doctor import doctor as doctors
     from experiment.clock import MonotonicClock
 
     typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
     found = []
-    for check in doctors.examine(
+    examined = doctors.examine(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
-    ):
+    )
+    for check in chain(examined, left_out(rig, protocol, dataset, recordings)):
         found.append(check)
         if not as_json:
             for line in _lines(check):
@@ -106,6 +112,39 @@ def doctor(
         typer.echo(f"{red} of {len(found)} checks are red." if red else "Nothing is red.")
     if red:
         raise typer.Exit(2)
+
+
+def left_out(
+    rig_file: Path, protocol_file: Path | None, dataset: Path | None, recordings: Path | None
+) -> Iterator["Check"]:
+    """Yield whether the rig carries what the protocol wants of its recordings, where it says how much."""
+    from experiment import storage
+    from experiment.apparatus import rig as rigs
+    from experiment.apparatus.doctor import checks
+    from experiment.errors import PalpateError, RigError
+    from experiment.protocol import files
+    from experiment.session.footstep.fidelity import refuse_what_leaves_out_too_much
+    from experiment.study.enrolment import default_root
+
+    protocol, name = files.load(protocol_file) if protocol_file is not None else None, "left out"
+    if protocol is None or protocol.footstep is None or protocol.footstep.synthesis.left_out_max is None:
+        return
+    try:
+        rig = rigs.load(rig_file)
+    except RigError:
+        # A check of its own is red for it.
+        return
+    folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS
+    if recordings is None and not folder.exists():
+        yield checks.unchecked(name, f"there are no recordings in {folder} yet", "give their folder, with --recordings")
+        return
+    try:
+        refuse_what_leaves_out_too_much(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+    except PalpateError as error:
+        yield checks.refused(name, error)
+        return
+    most = protocol.footstep.synthesis.left_out_max
+    yield checks.Check(name, "green", f"no more than {most:.4g} (rms) of any vibration in {folder}")
 
 
 def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":

@@ -370,6 +370,7 @@ def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, obje
     """Return what is known of a step's timing, by column, s."""
     heard = onset.delivered if onset else None
     known_ms = {
+        "contact_standard_error": step.contact_standard_error_ms if isinstance(step, FootStep) else None,
         "prediction_error": onset.prediction_error_ms if onset else None,
         "delivery_error": heard.onset_error_ms if heard else None,
         "gate_to_scheduled": onset.gate_to_scheduled_ms if onset else None,

@@ -70,10 +70,11 @@ def _document(protocol: Protocol) -> dict[str, Any]:
             table = table[name] if table is not None else None
         if table is not None and (table[key] is None or table[key] is False):
             del table[key]
-    for planned in document["analysis"]:
-        for key in ("correction", "margin"):
-            if planned[key] is None:
-                del planned[key]
+    for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker",))):
+        for one in document[listed]:
+            for key in younger:
+                if one[key] is None:
+                    del one[key]
     for kind in ("footstep", "comparison"):
         if document[kind] is None:
             del document[kind]

@@ -337,6 +337,7 @@ class Task(Confined):
         repetitions: how often each material is presented, or each pair of materials, half of these in either order.
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
+        masker: the colour of this task's noise, or none, where it is not that of `[masker]`.
     """
 
     id: Label
@@ -348,6 +349,7 @@ class Task(Confined):
     repetitions: Annotated[int, Field(ge=1, le=1000)]
     order: Order
     familiarisation: Familiarisation
+    masker: Literal["none", "pink", "white"] | None = None
 
 
 class TaskOrder(Confined):

@@ -415,6 +415,9 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
     masker = protocol.masker
     yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
     yield Quoted(masker.criterion)
+    for task in protocol.tasks:
+        if task.masker is not None:
+            yield Said(f"In task {task.id} they play {task.masker.replace('none', 'no')} noise.")
     if (probe := masker.probe) is not None:
         yield Said(
             f"While the level is set, the panel vibrates as {named(probe.material)} does under a foot at "

@@ -103,6 +103,11 @@ FURTHER_COLUMNS: dict[str, dict[str, object]] = {
     },
     "voice_lead": {"Description": "How much farther the next answer was, in the same unit."},
     "masker_level": {"Description": "Level of the masker in this attempt. n/a for silence.", "Units": "dB(A)"},
+    "contact_standard_error": {
+        "Description": "Standard error of the contact, by the tracker's noise and by what is not known of how the foot "
+        "moved. n/a where the foot did not land.",
+        "Units": "s",
+    },
     "prediction_error": {
         "Description": "Contact as predicted last before the onset could no longer be moved, minus actual contact. n/a "
         "where it was not predicted in time.",

@@ -64,6 +64,9 @@ class TrackerClock(Record):
 class FootStep(Entry):
     """One step of the foot, in device time, with the stimulus it set off.
 
+    `contact_us`: when the foot met the panel, as all its readings until then have it; `contact_standard_error_ms`: the
+    standard error of that, by the sensor's noise and what is not known of the movement. It is None in a journal from
+    before, whose contact is the root of a straight line through the last 3 mm.
     `dead_time_ms`: from the confirmed answer to the trial before until this one was armed, without the time in which
     its object was laid out; None where no answer came just before, and in simulated time.
     """
@@ -77,6 +80,7 @@ class FootStep(Entry):
     gate_top_us: DeviceUs
     gate_bottom_us: DeviceUs
     contact_us: DeviceUs
+    contact_standard_error_ms: float | None = None
     speed_mm_s: float
     link: Link
     trace: Trace

@@ -110,7 +110,7 @@ def _said(entry: AnyEntry) -> str:
                 f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, {entry.speed_mm_s:.1f} mm/s, "
                 f"{_played(entry.stimulus, entry.onset)}; "
                 f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
-                f"{_met(entry.onset)}{_dead(entry.dead_time_ms)}"
+                f"{_met(entry.onset)}{_known(entry.contact_standard_error_ms)}{_dead(entry.dead_time_ms)}"
             )
         case BrokenOff():
             again = "put off to the end of the block" if entry.felt else "armed again"
@@ -203,6 +203,10 @@ def _met(onset: Onset | None) -> str:
     if heard.onset_error_ms is not None:
         off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
     return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
+
+
+def _known(standard_error_ms: float | None) -> str:
+    return "" if standard_error_ms is None else f"; its contact has a standard error of {standard_error_ms:.2f} ms"
 
 
 def _dead(dead_time_ms: float | None) -> str:

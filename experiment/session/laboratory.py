@@ -22,7 +22,7 @@ from experiment.protocol import approval
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Header, Purpose
-from experiment.session import exposure, masker
+from experiment.session import exposure, masker, scene
 from experiment.session.attempt import Devices
 from experiment.session.footstep.trials import open_footsteps
 from experiment.session.kind import FarEnds, KindDevices
@@ -54,12 +54,15 @@ def open_laboratory(
     """
     with ExitStack() as opened:
         priority = opened.enter_context(host.raised()) if ends.real_time else ""
+        planned = scene.plan(protocol=protocol, task_id=task_id)
         sound: masker.Sound | None = None
-        if rig.audio is not None:
+        if rig.audio is not None and planned.sounds(rig):
             paths = (storage.journal_path(dataset, participant, task.id) for task in protocol.tasks)
             dose = exposure.dose_before([journal.read_if_begun(path) for path in paths], clock)
             device = ends.sound_device(opened)
-            sound = masker.open_sound(rig, protocol, clock=clock, dose_before=dose, opened=opened, device=device)
+            sound = masker.open_sound(
+                rig, protocol, planned=planned, clock=clock, dose_before=dose, opened=opened, device=device
+            )
             ends.wire_sound()
         kind = OPENS[protocol.task(task_id).kind](
             protocol=protocol,

@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from experiment.apparatus import opening
-from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker
+from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker, MaskerNoise
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import Masker, MaskerExposure
 from experiment.apparatus.rig import Rig
@@ -137,31 +137,45 @@ class Masking:
 
 @dataclass(frozen=True)
 class Sound:
-    """The stream of a session, whose sample clock masker, stimulus, microphone and loopback share, and its masker."""
+    """The stream of a session, whose sample clock masker, stimulus, microphone and loopback share, and its masker, if
+    it has one.
+    """
 
     stream: AudioStream
-    masker: AudioMasker
+    masker: AudioMasker | None
 
 
 def open_sound(
-    rig: Rig, protocol: Protocol, *, clock: Clock, dose_before: float, opened: ExitStack, device: str | None = None
+    rig: Rig,
+    protocol: Protocol,
+    *,
+    planned: scene.Scene,
+    clock: Clock,
+    dose_before: float,
+    opened: ExitStack,
+    device: str | None = None,
 ) -> Sound:
-    """Open the rig's audio device for a session; `opened` closes the stream.
+    """Open of the rig's audio device what a session's scene `planned` needs; `opened` closes the stream.
 
     `dose_before` is the dose of the participant's sessions in the 24 hours before; `device` replaces the one that the
     rig names. Raises `RigError` if a calibration is too old or the device exists in simulation alone, and `AudioError`
     if the device cannot be opened.
     """
     audio = opening.audio_of(rig)
-    samples = scene.masker_samples(protocol=protocol, rate_hz=audio.rate_hz, seconds=ROUND_S)
-    noise = opening.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
+    noise: MaskerNoise | None = None
+    if planned.masker is not None:
+        samples = scene.masker_samples(colour=planned.masker, rate_hz=audio.rate_hz, seconds=ROUND_S)
+        noise = opening.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
     stream = opening.open_audio(
         rig,
-        limit_m_s2=protocol.exposure.vibration_peak_m_s2,
+        limit_m_s2=protocol.exposure.vibration_peak_m_s2 if planned.actuator else None,
+        listens=planned.listens,
         masker=noise,
         clock=clock,
         today=day(clock.now_ns()),
         device=device,
     )
     opened.callback(stream.close)
+    if noise is None:
+        return Sound(stream, None)
     return Sound(stream, opening.open_masker(rig, stream=stream, noise=noise, clock=clock, dose_before=dose_before))

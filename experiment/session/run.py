@@ -167,13 +167,13 @@ class _Visit:
         console.at(step=task_id, steps=visit.visit_steps(tasks))
         _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
         self._admitted()
-        if rig.audio is None:
+        planned = scene.plan(protocol=protocol, task_id=task_id)
+        if rig.audio is None and planned.masker is not None:
             console.show(
-                f"The rig has no audio device for the masker. Play {protocol.masker.noise} noise by other means, "
+                f"The rig has no audio device for the masker. Play {planned.masker} noise by other means, "
                 f"at no more than {protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: "
                 f"{protocol.masker.criterion}"
             )
-        planned = scene.plan(protocol=protocol, task_id=task_id)
         used: Path | None = None
         if planned.synthesis:
             folder = _real_recordings(root, self.recordings)

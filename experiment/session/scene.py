@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from experiment.apparatus.rig import Rig
     from experiment.synthesis.crinkle import CrinkleSpectra
+    from experiment.synthesis.noise import Colour
     from experiment.synthesis.waveforms import Basis
 
 
@@ -22,22 +24,44 @@ class Scene:
     """What a task needs.
 
     Stimuli are synthesised (`synthesis`), from the spectra of `materials`, and drive the panel (`actuator`); or the
-    experimenter lays out a real object before each trial (`place`), and no spectra are opened.
+    experimenter lays out a real object before each trial (`place`), and no spectra are opened. The masker plays noise
+    of the colour `masker`, None for no noise, and a microphone may listen to answers (`listens`).
     """
 
     synthesis: bool
     actuator: bool
     place: bool
     materials: tuple[str, ...]
+    masker: Colour | None
+    listens: bool
+
+    def sounds(self, rig: Rig) -> bool:
+        """Return whether anything of an audio device is needed: headphones, a microphone, or an output that shakes."""
+        return self.masker is not None or self.listens or (self.actuator and rig.actuator.driver == "audio")
 
 
 def plan(*, protocol: Protocol, task_id: str) -> Scene:
     """Decide what task `task_id` needs."""
-    virtual = protocol.task(task_id).stimulus == "virtual"
+    task, whole = protocol.task(task_id), virtual(protocol)
+    if task.masker is not None:
+        whole = replace(whole, masker=None if task.masker == "none" else task.masker)
+    if task.stimulus == "virtual":
+        return whole
+    return replace(whole, synthesis=False, actuator=False, place=True, materials=())
+
+
+def virtual(protocol: Protocol) -> Scene:
+    """Return what a task with virtual stimuli of every material needs."""
     # A virtual surface rings by a closed form: it needs no recording.
-    recorded = virtual and protocol.comparison is None
-    materials = tuple(m.id for m in protocol.materials) if recorded else ()
-    return Scene(synthesis=recorded, actuator=virtual, place=not virtual, materials=materials)
+    recorded = protocol.comparison is None
+    return Scene(
+        synthesis=recorded,
+        actuator=True,
+        place=False,
+        materials=tuple(material.id for material in protocol.materials) if recorded else (),
+        masker=protocol.masker.noise,
+        listens=protocol.answers.microphone,
+    )
 
 
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
@@ -113,7 +137,7 @@ def prepare_stimuli(
     }
 
 
-def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArray[np.float64]:
+def masker_samples(*, colour: Colour, rate_hz: int, seconds: float) -> NDArray[np.float64]:
     """Return one round of the masker's noise at the audio device's rate, rms 1, shape (n,).
 
     It is the same in every session, for a masker is no random draw of a study. Raises `SynthesisError` if no noise can
@@ -124,4 +148,4 @@ def masker_samples(*, protocol: Protocol, rate_hz: int, seconds: float) -> NDArr
     from experiment.synthesis.noise import noise
 
     drawn = np.random.default_rng(0)
-    return noise(colour=protocol.masker.noise, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)
+    return noise(colour=colour, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)

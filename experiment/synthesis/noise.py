@@ -12,7 +12,6 @@ from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from experiment.errors import SynthesisError
 
@@ -53,6 +52,6 @@ def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generato
     amplitudes = np.zeros(k.size)
     amplitudes[sounding] = k[sounding] ** -0.5 if colour == "pink" else 1.0
     phases = rng.uniform(0.0, 2 * np.pi, k.size)
-    wave: NDArray[np.float64] = fft.irfft(amplitudes * np.exp(1j * phases), n=samples)
+    wave: NDArray[np.float64] = np.fft.irfft(amplitudes * np.exp(1j * phases), n=samples)
     wave *= samples / np.sqrt(2 * np.sum(amplitudes**2))
     return wave

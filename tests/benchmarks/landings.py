@@ -110,7 +110,7 @@ def session(folder: Path, steps: int, number: int, seed: int, with_desk: bool = 
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
         card = opened.enter_context(WiredCard(rig))
-        sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
+        sound = open_sound(rig, protocol, planned=planned, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
         card.wire()
         ear = opened.enter_context(attended.listening(rig, sound.stream, clock, there)) if there is not None else None
         landed.desk = there.says if there is not None else "none"

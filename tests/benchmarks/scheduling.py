@@ -205,7 +205,9 @@ def gate_to_scheduled_ms(
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=panel.address)
         else:
             card = opened.enter_context(WiredCard(rig))
-            sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
+            sound = open_sound(
+                rig, protocol, planned=planned, clock=clock, dose_before=0.0, opened=opened, device=DEVICE
+            )
             card.wire()
             if desk is not None:
                 ear = opened.enter_context(attended.listening(rig, sound.stream, clock, desk))

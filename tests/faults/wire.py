@@ -108,7 +108,7 @@ class Fed(SerialTracker):
     def _open(self, port: str) -> None:
         self._decoder, self._clock_state, self._failure = Decoder(period_us=1e6 / self._settings.rate_hz), None, None
         self._reference_us, self._reference_mm, self._falls_until_us = 0, np.inf, 0
-        self._pause_ns = self._falling_pause_ns
+        self._falls = True
         self._forget()
 
     def drain(self) -> None:

@@ -56,7 +56,9 @@ def card() -> Iterator[SoundCard]:
 
 @pytest.fixture
 def stream(card: SoundCard) -> Iterator[AudioStream]:
-    opened = opening_audio.open_audio(RIG, limit_m_s2=20.0, masker=None, clock=CLOCK, today=DAY, device=DEVICE)
+    opened = opening_audio.open_audio(
+        RIG, limit_m_s2=20.0, listens=False, masker=None, clock=CLOCK, today=DAY, device=DEVICE
+    )
     for entry in (1, 2):
         card.disconnect(entry)
     card.connect(3, 2)
@@ -229,4 +231,6 @@ def test_a_calibration_that_is_too_old_is_refused_before_anything_is_opened() ->
     made = DAY - timedelta(days=1)
     for day, said in ((made + timedelta(days=31), "31 days old"), (made - timedelta(days=1), "-1 days old")):
         with pytest.raises(RigError, match=rf"audio\.latency: .* {said} on .*; allowed: 0 to 30 days; run"):
-            opening_audio.open_audio(real, limit_m_s2=20.0, masker=None, clock=CLOCK, today=day, device=DEVICE)
+            opening_audio.open_audio(
+                real, limit_m_s2=20.0, listens=False, masker=None, clock=CLOCK, today=day, device=DEVICE
+            )

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import signal
 
 from experiment.apparatus.audio.mixer import AT_ONCE, Cue
 from experiment.apparatus.audio.stream import AudioStream
@@ -52,7 +51,9 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
     """
     wanted, found = intended.astype(np.float64), heard.astype(np.float64)
     energy = float(wanted @ wanted)
-    products = signal.correlate(found, wanted, mode="valid", method="fft")
+    length = found.size + wanted.size - 1
+    products = np.fft.irfft(np.fft.rfft(found, length) * np.fft.rfft(wanted, length).conj(), length)
+    products = products[: found.size - wanted.size + 1]
     onset = int(np.argmax(np.abs(products)))
     part = found[onset : onset + wanted.size]
     # The FFT gives only the place; what is reported is summed anew.

@@ -1,4 +1,4 @@
-"""The one full-duplex stream of a session: opened once and kept; everything is told by its frames.
+"""The one stream of a session, out and in: opened once and kept; everything is told by its frames.
 
 Frames count from 0 at the stream's first sample. A block's samples are made by `mixer.Mixer` in the device's callback.
 What is scheduled before `lead_frames` have to be made leaves at its very frame; what comes too late is never played
@@ -268,6 +268,9 @@ STIMULUS_S = 4.0
 KEPT_S = 30.0
 """How much input is kept, s."""
 
+NOTHING = np.zeros((2**20, 0), np.float32)
+"""What comes in where there is no input: it takes no memory."""
+
 SILENT_S = 2.0
 """A stream whose device asks for nothing for this long has stopped, s."""
 
@@ -284,6 +287,7 @@ class StreamSettings:
 
     A ceiling is the largest magnitude of a sample, 1.0 being full scale. `block` is in frames; with JACK it is the
     server's period, or a buffer more stands between. Of the output `sent`, from 0, what leaves is kept; None for none.
+    Without `stimuli` no place for any is held; without inputs the device is opened to play alone.
     """
 
     host_api: str
@@ -293,6 +297,19 @@ class StreamSettings:
     inputs: int
     ceilings: tuple[float, ...]
     sent: int | None = None
+    stimuli: bool = True
+
+    def layout(self) -> Layout:
+        """Return what is held of sound while such a stream is open."""
+        return Layout(
+            outputs=len(self.ceilings),
+            inputs=self.inputs,
+            block=self.block,
+            stimulus_frames=round(STIMULUS_S * self.rate_hz) if self.stimuli else 0,
+            kept_frames=round(KEPT_S * self.rate_hz),
+            ceilings=self.ceilings,
+            sent=self.sent,
+        )
 
 
 @dataclass(frozen=True)
@@ -322,17 +339,7 @@ class AudioStream:
         self._settings = settings
         self._clock = clock
         outputs = len(settings.ceilings)
-        self._mixer = Mixer(
-            Layout(
-                outputs=outputs,
-                inputs=settings.inputs,
-                block=settings.block,
-                stimulus_frames=round(STIMULUS_S * settings.rate_hz),
-                kept_frames=round(KEPT_S * settings.rate_hz),
-                ceilings=settings.ceilings,
-                sent=settings.sent,
-            )
-        )
+        self._mixer = Mixer(settings.layout())
         self._timeline = Timeline(rate_hz=settings.rate_hz, block=settings.block)
         self._xruns = 0
         self._broken: Exception | None = None
@@ -343,15 +350,20 @@ class AudioStream:
             sounddevice = library()
             self._abort = sounddevice.CallbackAbort
             number = find(host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs)
-            self._stream = sounddevice.Stream(
-                device=(number, number),
-                channels=(settings.inputs, outputs),
-                samplerate=settings.rate_hz,
-                blocksize=settings.block,
-                dtype="float32",
-                latency="low",
-                callback=self._called,
-            )
+            asked = {
+                "samplerate": settings.rate_hz,
+                "blocksize": settings.block,
+                "dtype": "float32",
+                "latency": "low",
+            }
+            if settings.inputs:
+                self._stream = sounddevice.Stream(
+                    device=(number, number), channels=(settings.inputs, outputs), callback=self._called, **asked
+                )
+            else:
+                self._stream = sounddevice.OutputStream(
+                    device=number, channels=outputs, callback=self._called_to_play, **asked
+                )
         try:
             with host.elsewhere(), self._explained():
                 self._stream.start()
@@ -464,6 +476,9 @@ class AudioStream:
         finally:
             with self._explained():
                 close_stream(self._stream)
+
+    def _called_to_play(self, outputs: Block, frames: int, time: object, status: Any) -> None:
+        self._called(NOTHING[:frames], outputs, frames, time, status)
 
     def _called(self, inputs: Block, outputs: Block, _frames: int, _time: object, status: Any) -> None:
         try:

@@ -6,11 +6,12 @@ that is (clock_map.py). One thread at a time may read. In a session it runs just
 computation keeps it from the line.
 
 A read costs the process waking up, and code that meets cold caches. So it makes few calls, reader and thread share a
-queue and no condition, and the thread pauses after a read that found no backlog. While the foot falls the pause is
-short, 1.6 ms at 1 kHz and 6 ms at 5 kHz, because predictions of contact rest on the newest samples. At any other time
-nothing waits for them, and it is up to 12 ms. For feet of 300 mm/s with 0.1 mm of noise at 1 kHz, predictions 12 ms
-ahead have an SD of 0.73 ms, against 0.85 ms with a constant pause of 4 ms and 0.69 ms with none (300 simulated falls
-each). A line has to hold what comes in a pause: 720 bytes at 5 kHz, where systems hold 4096 or more.
+queue and no condition, and the thread pauses after a read that found no backlog, up to 12 ms. While the foot falls, in
+the gate and before it, predictions of contact rest on the newest samples: the thread then blocks on the line and has
+each frame when it comes, or what came in a millisecond where frames come faster. For feet of 300 mm/s with 0.1 mm of
+noise at 1 kHz, predictions 12 ms ahead have an SD of 0.69 ms so, against 0.73 ms with a pause of 1.6 ms and 0.85 ms
+with one of 4 ms (300 simulated falls each). A line has to hold what comes in a pause: 720 bytes at 5 kHz, where systems
+hold 4096 or more.
 
 A foot falls if a read found it `FALLEN_MM` below its reference, the highest or latest height of the last `LOOKBACK_US`,
 and for that long afterwards. A foot that falls faster than 20 to 40 mm/s is therefore noticed after a millimetre or two
@@ -40,15 +41,14 @@ if TYPE_CHECKING:
     from experiment.apparatus.rig import TrackerRig
 
 
-FALLING_PAUSE_NS = 500_000
-FALLING_PAUSE_NS_PER_HZ = 1_100
-"""Pause after a read of a falling foot, ns, and how much longer it is for each Hz of the device's rate."""
+FALLING_NS = 1_000_000
+"""A falling foot is read so often at most, ns."""
 
 LONGEST_PAUSE_NS = 12_000_000
 """Pause after any other read, ns."""
 
 SILENCE_PART = 0.06
-"""That pause is at most this part of the silence allowed, but never shorter than a falling foot's."""
+"""That pause is at most this part of the silence allowed."""
 
 FALLEN_MM = 1.0
 """A foot this far below its reference falls, mm: seven standard deviations of the difference between two readings of a
@@ -98,9 +98,9 @@ class SerialTracker:
         self._settings = settings
         self._clock = clock or MonotonicClock()
         self._known_map = clock_map
-        self._falling_pause_ns = FALLING_PAUSE_NS + FALLING_PAUSE_NS_PER_HZ * settings.rate_hz
-        calm_pause_ns = min(LONGEST_PAUSE_NS, int(SILENCE_PART * settings.stall_ms * 1e6))
-        self._calm_pause_ns = max(self._falling_pause_ns, calm_pause_ns)
+        # The wait for a frame after it makes up the rest.
+        self._falling_pause_ns = max(FALLING_NS - round(1e9 / settings.rate_hz), 0)
+        self._calm_pause_ns = min(LONGEST_PAUSE_NS, int(SILENCE_PART * settings.stall_ms * 1e6))
         # What a pause brings, and as much again: a read that brings no more found no backlog.
         self._calm_bytes = FRAME_BYTES * (2 + 2 * self._calm_pause_ns * settings.rate_hz // 1_000_000_000)
         self._most_bytes = int(KEPT_S * settings.rate_hz) * FRAME_BYTES
@@ -196,7 +196,7 @@ class SerialTracker:
         self._closing = False
         # Until the first reading the foot counts as falling.
         self._reference_us, self._reference_mm, self._falls_until_us = 0, math.inf, 0
-        self._pause_ns = self._falling_pause_ns
+        self._falls = True
         self._forget()
         self._thread = threading.Thread(target=self._run, args=(host.joining(),), name="tracker", daemon=True)
         self._thread.start()
@@ -225,7 +225,7 @@ class SerialTracker:
         try:
             while not self._closing:
                 if self._queued_bytes - self._given_bytes + len(self._raw) >= self._most_bytes:
-                    _MACHINE.sleep_ns(self._pause_ns)
+                    _MACHINE.sleep_ns(self._calm_pause_ns)
                     continue
                 # After a pause something has nearly always come.
                 taken = self._take()
@@ -234,12 +234,20 @@ class SerialTracker:
                 if not taken:
                     self._port.wait(self._slice_s)
                 elif taken <= self._calm_bytes:
-                    _MACHINE.sleep_ns(self._pause_ns)
+                    self._pause()
         except VANISHED as error:
             self._fail(self._gone(error), error)
         except Exception as error:
             # Whoever reads next learns of it.
             self._fail(error)
+
+    def _pause(self) -> None:
+        if not self._falls:
+            _MACHINE.sleep_ns(self._calm_pause_ns)
+            return
+        if self._falling_pause_ns:
+            _MACHINE.sleep_ns(self._falling_pause_ns)
+        self._port.wait(self._slice_s)
 
     def _take(self) -> int:
         with self._lock:
@@ -287,8 +295,7 @@ class SerialTracker:
             self._falls_until_us = newest_us + LOOKBACK_US
         if fell or newest_mm >= self._reference_mm or newest_us >= self._reference_us + LOOKBACK_US:
             self._reference_us, self._reference_mm = newest_us, newest_mm
-        falls = newest_us < self._falls_until_us
-        self._pause_ns = self._falling_pause_ns if falls else self._calm_pause_ns
+        self._falls = newest_us < self._falls_until_us
 
     def _gone(self, error: Exception) -> TrackerStopped:
         return TrackerStopped(

@@ -16,7 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, Literal
 
 from filelock import FileLock, Timeout
 
@@ -169,15 +169,23 @@ class SoundCard:
                 time.sleep(0.02)
         return None
 
-    def _port(self, kind: str, channel: int) -> Any:
+    def channels(self, kind: Literal["in", "out"]) -> int:
+        """Return how many inputs or outputs the session's stream has."""
+        return len(self._ports(kind))
+
+    def _ports(self, kind: str) -> list[Any]:
         # PortAudio goes on counting from stream to stream.
         ports = self._wiring.get_ports(f"^{STREAM}:{kind}_[0-9]+$")
+        return sorted(ports, key=lambda port: int(port.shortname.rpartition("_")[2]))
+
+    def _port(self, kind: str, channel: int) -> Any:
+        ports = self._ports(kind)
         if not 1 <= channel <= len(ports):
             raise AudioError(
                 f"simulated sound card: got channel {channel} ({kind}); allowed: 1 to {len(ports)}; open the stream "
                 "first, and with as many channels as are wired"
             )
-        return sorted(ports, key=lambda port: int(port.shortname.rpartition("_")[2]))[channel - 1]
+        return ports[channel - 1]
 
     def _wired(self, call: Callable[..., Any], *ports: Any) -> Any:
         try:
@@ -239,10 +247,14 @@ class WiredCard:
             self._opened = opened.pop_all()
 
     def wire(self) -> None:
-        """Lay the rig's cables alone, once a stream is open; JACK connects a new stream to every input by itself."""
-        for entry in range(1, self._channels.inputs + 1):
+        """Lay those of the rig's cables whose ends are open, once a stream is; JACK connects a new stream to every
+        input by itself.
+        """
+        inputs = self.card.channels("in")
+        for entry in range(1, inputs + 1):
             self.card.disconnect(entry)
-        self.connect_loopback()
+        if self._channels.actuator <= self.card.channels("out") and (self._channels.loopback or 0) <= inputs:
+            self.connect_loopback()
 
     def panel(self) -> CardPanel:
         """Return the panel on the actuator's channel, from now on. Raises `AudioError`."""

@@ -1,8 +1,8 @@
 """What a rig makes of a study's recordings: the error budget of each material at the speeds that count, and its table.
 
-`palpate plan` shows it, and a session for a participant is refused on a rig that leaves out more than the protocol
-allows. What is measured is what a session would hand over, but for voltages, which are shaped for each speed instead of
-prepared: `synthesis/voltages.py` says that they are the same.
+`palpate plan` shows it. A session for a participant is refused on a rig that leaves out more than the protocol allows,
+and `palpate check` and `palpate doctor` say so before. What is measured is what a session would hand over, but for
+voltages, which are shaped for each speed instead of prepared: `synthesis/voltages.py` says that they are the same.
 """
 
 from __future__ import annotations
@@ -78,9 +78,8 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
     from experiment.recordings import manifest
     from experiment.synthesis import budget
 
-    materials = tuple(material.id for material in protocol.materials)
-    taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=materials)
-    scene = scenes.Scene(True, True, False, materials)
+    scene = scenes.virtual(protocol)
+    taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2)

@@ -17,12 +17,15 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from experiment.apparatus import opening
+from experiment.apparatus.audio.mixer import Mixer
 from experiment.apparatus.rig import Rig
 from experiment.protocol.models import Protocol
 from experiment.session import scene as scenes
 from experiment.session.footstep.fidelity import ErrorBudget, error_budget, percent
 
 if TYPE_CHECKING:
+    from experiment.apparatus.audio.stream import StreamSettings
     from experiment.synthesis.crinkle import CrinkleSpectra
     from experiment.synthesis.waveforms import Basis
 
@@ -202,17 +205,58 @@ def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, record
     """
     scene = scenes.plan(protocol=protocol, task_id=task_id)
     title = protocol.task(task_id).title
+    heard = sound(scene, protocol, rig)
     if scene.synthesis:
         budget = error_budget(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
-        return TaskPlan(task_id, title, *_virtual(scene, protocol, rig, recordings, budget), budget)
-    needs = (f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
-    return TaskPlan(task_id, title, needs, _real(protocol, rig, rig_folder, recordings))
+        needs, left_out = _virtual(scene, protocol, rig, recordings, budget)
+        return TaskPlan(task_id, title, (*heard, *needs), left_out, budget)
+    needs = (*heard, f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
+    return TaskPlan(task_id, title, needs, _real(scene, protocol, rig, rig_folder, recordings))
 
 
-def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> tuple[Omission, ...]:
+def _stream(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> StreamSettings:
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2 if scene.actuator else None
+    return opening.session_stream(rig, limit_m_s2=limit_m_s2, listens=scene.listens, masker=None)
+
+
+def sound(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> tuple[str, ...]:
+    """Return what a task needs for its masker, and of the audio device."""
+    masker = f"masker    {scene.masker or 'no'} noise"
+    if rig.audio is None or not scene.sounds(rig):
+        return (masker if scene.masker is None else f"{masker}, by other means: the rig has no audio device",)
+    stream = _stream(scene, protocol, rig)
+    counted = f"{_counted(len(stream.ceilings), 'output')} and {_counted(stream.inputs, 'input')}"
+    held_kb = measured(partial(Mixer, stream.layout()))[1]
+    return (
+        masker if scene.masker is None else f"{masker} on the headphones",
+        f"stream    {counted} at {stream.rate_hz} Hz, {held_kb:.0f} kB of sound held",
+    )
+
+
+def _counted(number: int, noun: str) -> str:
+    """Return a number of things in words."""
+    return f"{number or 'no'} {noun}{'' if number == 1 else 's'}"
+
+
+def _channel(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> tuple[str, float | None]:
+    """Return what a task without stimuli leaves out of the audio device, and what that would hold, kB."""
+    if rig.audio is None or rig.actuator.driver != "audio":
+        return "the actuator's channel", None
+    whole, part = (_stream(one, protocol, rig) for one in (scenes.virtual(protocol), scene))
+    outputs, inputs = len(whole.ceilings) - len(part.ceilings), whole.inputs - part.inputs
+    held_kb, kept_kb = (measured(partial(Mixer, one.layout()))[1] for one in (whole, part))
+    told = (
+        f"{_counted(outputs, 'output')} and {_counted(inputs, 'input')} of the audio device, and the places of stimuli"
+    )
+    return told, held_kb - kept_kb
+
+
+def _real(
+    scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
+) -> tuple[Omission, ...]:
     from experiment.apparatus.panel.conditioning import open_drive
 
-    virtual = scenes.Scene(True, True, False, tuple(material.id for material in protocol.materials))
+    virtual = scenes.virtual(protocol)
     load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
     imported, imported_kb = import_cost(STIMULUS_MODULES)
     loaded, loaded_kb = measured(load)
@@ -230,6 +274,7 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
         return stimulus.waveform_m_s2 if shaped is None else shaped(stimulus)
 
     rendered = taken([_step_ms(made) for _ in range(TURNS)])
+    channel, channel_kb = _channel(scene, protocol, rig)
     nothing = "nothing: no stimulus is played, so not a bit of any record differs"
     return (
         Omission("parts", "synthesis: prepared waveforms of every material", prepared, prepared_kb, nothing),
@@ -243,7 +288,7 @@ def _real(protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> t
         Omission("parts", "actuator and its port", None, None, nothing),
         Omission("imports", ", ".join(STIMULUS_MODULES), imported, imported_kb, nothing),
         Omission("materials", f"spectra of {', '.join(virtual.materials)}", loaded, loaded_kb, nothing),
-        Omission("channels", "the actuator's channel", None, None, nothing),
+        Omission("channels", channel, None, channel_kb, nothing),
         Omission("steps", "rendering a stimulus between gate and contact, each trial", rendered, None, nothing),
     )
 

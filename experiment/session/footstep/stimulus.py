@@ -93,8 +93,11 @@ class Sounding:
         """Take the stimulus back, and return whether nothing of it sounds."""
         return self._played is None or self._actuator.withdraw()
 
-    def onset(self, contact: Contact, contact_ns: int) -> Onset:
-        """Return how onset and contact met, once the stimulus has ended. Raises `ActuatorError`."""
+    def onset(self, contact: Landing, contact_ns: int) -> Onset:
+        """Return how onset and contact, as it is known afterwards, met, once the stimulus has ended.
+
+        Raises `ActuatorError`.
+        """
         aimed = self._aimed
         return Onset(
             predicted_us=aimed.us if aimed else None,

@@ -392,6 +392,7 @@ def _foot_step(armed: Armed, step: WatchedStep, trace: Trace) -> FootStep:
         gate_top_us=step.gate.top_us,
         gate_bottom_us=step.gate.bottom_us,
         contact_us=step.contact.us,
+        contact_standard_error_ms=step.contact.standard_error_us / 1e3,
         speed_mm_s=step.gate.speed_mm_s,
         link=_link(step.link),
         trace=trace,

@@ -2,10 +2,11 @@
 
 When the foot crosses the gate's bottom, its stimulus is synthesised and prepared before the gate is given. While the
 foot moves on, contact is predicted from every sample and the stimulus is aimed at it, until it can no longer be moved.
-When the foot lands, a stimulus that could not be scheduled sounds at once. If the foot stops, turns back or hesitates
-between gate and contact, the stimulus is withdrawn and the step ends. What one attempt leaves over of the tracker's
-samples belongs to the next. A step whose tracker contradicts itself, or the session's clock, breaks off once its tail
-is on file: it was felt, and does not count.
+When the foot lands, a stimulus that could not be scheduled sounds at once. Contact goes on record as the whole approach
+has it, with its standard error, and predictions and onsets are held against that. If the foot stops, turns back or
+hesitates between gate and contact, the stimulus is withdrawn and the step ends. What one attempt leaves over of the
+tracker's samples belongs to the next. A step whose tracker contradicts itself, or the session's clock, breaks off once
+its tail is on file: it was felt, and does not count.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.tracker.clock_map import ClockMap, Pace
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
-from experiment.apparatus.tracker.landing import Landing, LandingPredictor
+from experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
 from experiment.clock import Clock
 from experiment.desk.port import INTERRUPTED
 from experiment.errors import TrackerStopped
@@ -183,7 +184,7 @@ class Watch:
 
 @dataclass(frozen=True)
 class WatchedStep:
-    """A step that ended in a contact.
+    """A step that ended in a contact, as it is known afterwards.
 
     `first_us` is the device time of the first sample after arming, and `clock` the tracker's as it was known at the end
     of the tail, by which `contact_ns` is the session time of the contact. `raw` is every byte of the tracker from
@@ -194,7 +195,7 @@ class WatchedStep:
     first_us: int
     clock: ClockMap
     gate: Gate
-    contact: Contact
+    contact: Landing
     contact_ns: int
     raw: bytes
     link: LinkCounts
@@ -261,6 +262,7 @@ class _Step:
         self._taken = Taken(parts.feed)
         self._gate: Gate | None = None
         self._contact: Contact | None = None
+        self._falling: Falling | None = None
         self._sifted = Sifted()
         self._path: deque[Samples] = deque(maxlen=PATH)
         self._still: tuple[float, int] | None = None
@@ -288,7 +290,7 @@ class _Step:
                 if state.landing is not None and us == state.landing.given_us:
                     # The next sample tells whether this is contact.
                     break
-                falling = predictor.step(falling, us, mm)
+                self._falling, falling = falling, predictor.step(falling, us, mm)
                 while upcoming and upcoming[0].given_us <= us and self._contact is None:
                     self._passed(upcoming.popleft(), samples.arrived_ns)
                 if self._gate is None:
@@ -348,26 +350,41 @@ class _Step:
             raise RuntimeError("no step lands before it has fallen")
         if self._sounding is not None:
             self._sounding.landed(contact)
-        # Contact may lie ahead of the newest sample.
-        while (taken.newest_us or 0) < contact.us:
-            taken.next()
-        link = taken.link(contact.us)
-        taken.until(contact.us + TAIL_US)
+        met = self._met(contact)
+        # Contact may lie ahead of the newest sample that is believed.
+        while (taken.newest_us or 0) < met.us:
+            self._next()
+        link = taken.link(met.us)
+        taken.until(met.us + TAIL_US)
         if fault := self._fault(gate, contact.given_us, link) or self._parted(gate, contact):
             return self.broken(fault)
         clock = taken.clock()
-        contact_ns = clock.session_ns(contact.us)
+        contact_ns = clock.session_ns(met.us)
         return WatchedStep(
             first_us=taken.first_us,
             clock=clock,
             gate=gate,
-            contact=contact,
+            contact=met,
             contact_ns=contact_ns,
             raw=taken.raw(),
             link=link,
             stimulus=self._sounding.stimulus if self._sounding is not None else None,
-            onset=self._sounding.onset(contact, contact_ns) if self._sounding is not None else None,
+            onset=self._sounding.onset(met, contact_ns) if self._sounding is not None else None,
         )
+
+    def _met(self, contact: Contact) -> Landing:
+        """Return when the foot met the panel, as the samples until then have it. Raises `TrackerError`."""
+        predictor = self._parts.predictor
+        touch = predictor.touching(self._falling, contact)
+        reads = [read for read in self._path if read.device_us.size and read.device_us[-1] >= contact.given_us]
+        while True:
+            for read in reads:
+                for us, mm in zip(read.device_us.tolist(), read.height_mm.tolist(), strict=True):
+                    if us >= contact.given_us:
+                        touch = predictor.touch(touch, us, mm, contact)
+            if touch.done:
+                return touch.landing
+            reads = [self._next()]
 
     def _parted(self, gate: Gate, contact: Contact) -> str:
         """Return why the tracker's clock cannot be believed; empty if it kept pace with the session's."""

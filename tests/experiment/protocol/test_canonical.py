@@ -47,10 +47,10 @@ def test_form_is_that_of_rfc_8785() -> None:
             for name in tables:
                 table = table[name]
             del table[key]
-        document["analysis"] = [
-            {key: held for key, held in planned.items() if key not in ("correction", "margin") or held}
-            for planned in document["analysis"]
-        ]
+        for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker",))):
+            document[listed] = [
+                {key: held for key, held in one.items() if key not in younger or held} for one in document[listed]
+            ]
         expected = json.dumps(plain(document), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
         assert canonical(study) == expected.encode()
         assert sha256(study) == hashlib.sha256(expected.encode()).hexdigest()
@@ -152,3 +152,5 @@ def test_a_seal_that_was_given_before_a_key_was_there_holds_on(repository_root: 
         update={"synthesis": study.footsteps.synthesis.model_copy(update={"left_out_max": 0.5})}
     )
     assert sha256(study.model_copy(update={"footstep": footstep})) != sha256(study)
+    quiet = study.tasks[0].model_copy(update={"masker": "none"})
+    assert sha256(study.model_copy(update={"tasks": (quiet, *study.tasks[1:])})) != sha256(study)

@@ -87,6 +87,16 @@ def test_it_says_how_strong_a_stimulus_was_and_whether_that_was_measured(
     assert ("delivery was not measured" in text) == ("delivery was not measured" in said)
 
 
+def test_it_says_how_well_a_contact_is_known_where_the_journal_does(tmp_path: Path) -> None:
+    one = step(1, 1)
+    for name, written, said in (
+        ("now", one.model_copy(update={"contact_standard_error_ms": 0.284}), True),
+        ("before", one, False),
+    ):
+        (folder := tmp_path / name).mkdir()
+        assert ("its contact has a standard error of 0.28 ms" in " ".join(told(folder, written).split())) == said
+
+
 def test_it_says_what_the_participant_saw(tmp_path: Path) -> None:
     first = Shown(show="instructions", text="Crinkle all four.", pace=None, since_ns=7)
     second = Shown(show="ready", text="", pace="fast", since_ns=8)

@@ -165,5 +165,7 @@ def felt_and_on_file(broken: object, reason: str, dataset: Path) -> None:
     assert isinstance(broken, BrokenOff)
     assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, reason)
     assert broken.speed_mm_s == pytest.approx(100.0, rel=1e-9)
-    assert broken.trace.length == broken.link.received == 401
-    assert storage.foot_path(storage.journal_path(dataset, "01", "virtual")).stat().st_size == 401
+    # The foot lands on a sample; rounding decides on which side of it.
+    length = broken.trace.length
+    assert length == broken.link.received in (401, 402)
+    assert storage.foot_path(storage.journal_path(dataset, "01", "virtual")).stat().st_size == length

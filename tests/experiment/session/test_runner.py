@@ -6,6 +6,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from pydantic import ValidationError
 
@@ -124,10 +125,14 @@ def test_the_raw_frames_of_every_step_are_kept_up_to_the_end_of_the_tail(protoco
     path = storage.foot_path(storage.journal_path(tmp_path, "01", "real"))
     steps = [e for e in entries(tmp_path, "real") if isinstance(e, FootStep)]
     # One byte a sample at 1 kHz: 30 mm at 100, 200, 300 mm/s, then 100 ms of tail; the scripted foot rests for 200.
-    assert [step.trace.length for step in steps] == [401, 251, 201]
-    assert [step.link.received for step in steps] == [301, 151, 101]
-    assert [step.trace.offset for step in steps] == [0, 401, 652]
-    assert path.stat().st_size == 853
+    landed_us = np.array([step.contact_us - 2_000_000 * n for n, step in enumerate(steps, start=1)])
+    assert landed_us == pytest.approx([300_000, 150_000, 100_000], abs=0.1)
+    # Each lands on a sample; rounding decides on which side of it.
+    lengths = [step.trace.length for step in steps]
+    assert lengths == (np.ceil((landed_us + 100_000) / 1000) + 1).tolist()
+    assert [step.link.received for step in steps] == (np.floor(landed_us / 1000) + 1).tolist()
+    assert [step.trace.offset for step in steps] == [0, lengths[0], sum(lengths[:2])]
+    assert path.stat().st_size == sum(lengths)
 
 
 class Going(ManualClock):

@@ -95,6 +95,10 @@ def test_the_onset_is_aimed_at_the_predicted_contact_until_it_cannot_be_moved(
         # The steady foot of 150 mm/s; the filter supposes noise of 0.1 mm, so it believes its prior a little.
         assert abs(onset.prediction_error_ms) < 0.5
         assert lead_ms <= (onset.predicted_us - onset.predicted_from_us) / 1e3 < lead_ms + 1.1
+        assert onset.prediction_error_ms == (onset.predicted_us - step.contact_us) / 1e3
+        assert step.contact_standard_error_ms is not None
+        assert onset.standard_error_ms is not None
+        assert 0 < step.contact_standard_error_ms < onset.standard_error_ms
         assert onset.scheduled_ns == aimed[-1]
         assert onset.scheduled_ns - onset.contact_ns == pytest.approx(onset.prediction_error_ms * 1e6, abs=2)
         assert len(aimed) > 10

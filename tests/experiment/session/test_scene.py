@@ -6,13 +6,18 @@ import re
 import subprocess
 import sys
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.audio.stream import StreamSettings
+from experiment.apparatus.rig import Rig
+from experiment.clock import ManualClock
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
@@ -81,6 +86,82 @@ except TrackerError:
         [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False
     )
     assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+def opens(monkeypatch: pytest.MonkeyPatch, protocol: Protocol, rig: Rig, task_id: str) -> StreamSettings:
+    """What a task opens of the audio device."""
+    asked: list[StreamSettings] = []
+    monkeypatch.setattr("experiment.apparatus.audio.stream.AudioStream", lambda settings, _: asked.append(settings))
+    planned, actuator = scene.plan(protocol=protocol, task_id=task_id), protocol.exposure.vibration_peak_m_s2
+    noise = None
+    if planned.masker is not None:
+        samples = scene.masker_samples(colour=planned.masker, rate_hz=48_000, seconds=1.0)
+        noise = opening.masker_noise(rig, samples=samples, limit_db_a=70.0)
+    opening.open_audio(
+        rig,
+        limit_m_s2=actuator if planned.actuator else None,
+        listens=planned.listens,
+        masker=noise,
+        clock=ManualClock(0),
+        today=date(2026, 1, 1),
+        device="a card",
+    )
+    return asked[0]
+
+
+def listening(protocol: Protocol) -> Protocol:
+    return protocol.model_copy(update={"answers": protocol.answers.model_copy(update={"microphone": True})})
+
+
+def test_the_scene_decides_which_channels_of_the_audio_device_are_opened(
+    protocol: Protocol, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Headphones on outputs 1 and 2, the actuator on 3; a microphone on input 1, the actuator's loopback on 2.
+    rig = rigs.load(shipped("rigs/headless.toml"))
+    virtual = opens(monkeypatch, protocol, rig, "virtual")
+    assert (len(virtual.ceilings), virtual.inputs, virtual.sent, virtual.stimuli) == (3, 2, None, True)
+    real = opens(monkeypatch, protocol, rig, "real")
+    assert (real.ceilings, real.inputs, real.sent, real.stimuli) == (virtual.ceilings[:2], 0, None, False)
+    heard = opens(monkeypatch, listening(protocol), rig, "real")
+    assert (len(heard.ceilings), heard.inputs, heard.sent, heard.stimuli) == (2, 1, 0, False)
+
+
+def with_masker(protocol: Protocol, task_id: str, masker: str) -> Protocol:
+    tasks = tuple(t.model_copy(update={"masker": masker}) if t.id == task_id else t for t in protocol.tasks)
+    return protocol.model_copy(update={"tasks": tasks})
+
+
+def test_the_masker_is_a_property_of_a_task(protocol: Protocol, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert scene.plan(protocol=with_masker(protocol, "real", "white"), task_id="real").masker == "white"
+    quiet = with_masker(protocol, "virtual", "none")
+    assert scene.plan(protocol=quiet, task_id="real").masker == "pink"
+    assert scene.plan(protocol=quiet, task_id="virtual").masker is None
+    # The actuator sounds on its output, and the headphones stay silent.
+    rig = rigs.load(shipped("rigs/headless.toml"))
+    virtual = opens(monkeypatch, quiet, rig, "virtual")
+    assert (virtual.ceilings[:2], virtual.ceilings[2] > 0) == ((0.0, 0.0), True)
+
+
+def test_a_task_without_masker_opens_no_audio_device_unless_something_else_of_it_is_needed(protocol: Protocol) -> None:
+    audio, panel = (rigs.load(shipped(f"rigs/{name}.toml")) for name in ("headless", "rehearsal"))
+    quiet = with_masker(with_masker(protocol, "real", "none"), "virtual", "none")
+    real, virtual = (scene.plan(protocol=quiet, task_id=task) for task in ("real", "virtual"))
+    assert (real.sounds(audio), virtual.sounds(audio), virtual.sounds(panel)) == (False, True, False)
+    assert scene.plan(protocol=listening(quiet), task_id="real").sounds(audio)
+    assert scene_cost.sound(real, quiet, audio) == ("masker    no noise",)
+
+
+def test_an_actuator_below_the_headphones_is_opened_with_them_and_stays_silent(
+    protocol: Protocol, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = rigs.load(shipped("rigs/headless.toml"))
+    assert rig.audio is not None
+    channels = rig.audio.channels.model_copy(update={"actuator": 1, "headphones": (2, 3)})
+    rig = rig.model_copy(update={"audio": rig.audio.model_copy(update={"channels": channels})})
+    silent, *played = opens(monkeypatch, protocol, rig, "real").ceilings
+    assert silent == 0.0
+    assert len(played) == 2
+    assert min(played) > 0
 
 
 @pytest.fixture(scope="module")
@@ -187,6 +268,7 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(protocol: Protoco
     assert not any("synthesis" in need or "actuator" in need or "spectra" in need for need in real.needs)
     assert len([omission for omission in real.left_out if omission.saves is not None]) == 5
     assert all(omission.saves.ms > 0 for omission in real.left_out if omission.saves is not None)
+    assert real.needs[0] == "masker    pink noise, by other means: the rig has no audio device"
     virtual = scene_cost.plan(protocol=protocol, task_id="virtual", **here)
     assert [omission.kind for omission in virtual.left_out] == ["steps"]
     felt = "all of every material: what lies outside 0 to 500 Hz reaches 3 m/s^2 rms at up to 600 mm/s"
@@ -208,6 +290,23 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(protocol: Protoco
     assert all(re.match(r"[\d.]+ to [\d.]+ % \(rms\) of the vibration", omission.costs) for omission in bins)
     for planned in (real, virtual, slow):
         assert "never left out: tracker, gate and contact, limiter, exposure account, journal" in planned.text()
+
+
+def test_the_plan_names_masker_and_stream_and_what_of_the_device_is_left_out(
+    protocol: Protocol, recordings: Path
+) -> None:
+    # Held are 30 s of every input and of what the headphones were sent where a microphone listens, and eight places for
+    # stimuli of 4 s, all float32 at 48 kHz: 11.5 MB for two inputs, and 6.1 MB.
+    rig_file = shipped("rigs/headless.toml")
+    here: dict[str, Any] = {"rig": rigs.load(rig_file), "rig_folder": rig_file.parent, "recordings": recordings}
+    real = scene_cost.plan(protocol=protocol, task_id="real", **here)
+    assert real.needs[0] == "masker    pink noise on the headphones"
+    assert real.needs[1].startswith("stream    2 outputs and no inputs at 48000 Hz, ")
+    (channels,) = (omission for omission in real.left_out if omission.kind == "channels")
+    assert channels.what == "1 output and 2 inputs of the audio device, and the places of stimuli"
+    assert channels.saves_kb == pytest.approx(48 * 4 * (30 * 2 + 8 * 4), rel=0.01)
+    (sound,) = (need for need in scene_cost.sound(scene.virtual(protocol), protocol, here["rig"])[1:])
+    assert sound.startswith("stream    3 outputs and 2 inputs at 48000 Hz, 17")
 
 
 def test_no_part_is_measured_with_the_spectra_of_the_materials(

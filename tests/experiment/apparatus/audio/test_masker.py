@@ -16,10 +16,8 @@ from experiment.apparatus.audio.mixer import Block, Layout, Loop, Mixer
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.clock import ManualClock
 from experiment.errors import AudioError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
 from experiment.session import scene
+from experiment.synthesis.noise import Colour
 
 RATE_HZ = 48_000
 FULL_SCALE_DB_A = 100.0
@@ -46,13 +44,8 @@ class LoopOnly:
         return np.concatenate(blocks)
 
 
-def protocol(noise: str = "pink") -> Protocol:
-    read = files.load(shipped("okamoto2012.toml"))
-    return read.model_copy(update={"masker": read.masker.model_copy(update={"noise": noise})})
-
-
-def made(noise: str = "pink", *, limit_db_a: float = 80.0, full_scale_db_a: float = FULL_SCALE_DB_A) -> MaskerNoise:
-    samples = scene.masker_samples(protocol=protocol(noise), rate_hz=RATE_HZ, seconds=ROUND_S)
+def made(noise: Colour = "pink", *, limit_db_a: float = 80.0, full_scale_db_a: float = FULL_SCALE_DB_A) -> MaskerNoise:
+    samples = scene.masker_samples(colour=noise, rate_hz=RATE_HZ, seconds=ROUND_S)
     return masker_noise(samples, rate_hz=RATE_HZ, pink_full_scale_db_a=full_scale_db_a, limit_db_a=limit_db_a)
 
 
@@ -75,7 +68,7 @@ def level_db_a(samples: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(("colour", "slope_db"), [("pink", 0.0), ("white", 10 * np.log10(2))])
-def test_what_the_headphones_carry_has_its_slope_in_every_octave(colour: str, slope_db: float) -> None:
+def test_what_the_headphones_carry_has_its_slope_in_every_octave(colour: Colour, slope_db: float) -> None:
     masker, stream, _ = started(made(colour))
     masker.start(70.0)
     # From the middle of one round to that of the next, so that the seam is in it.
@@ -109,7 +102,7 @@ def test_the_seam_is_like_any_other_place(pink: MaskerNoise) -> None:
 
 
 @pytest.mark.parametrize("colour", ["pink", "white"])
-def test_a_level_is_what_the_headphones_bring_to_the_ear(colour: str) -> None:
+def test_a_level_is_what_the_headphones_bring_to_the_ear(colour: Colour) -> None:
     masker, stream, _ = started(made(colour))
     assert masker.start(65.0) == 65.0
     stream.heard(RATE_HZ)

@@ -5,7 +5,9 @@ from __future__ import annotations
 import atexit
 import sys
 import threading
+import tracemalloc
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -36,6 +38,9 @@ class Library:
         self.open = 0
         self.active = False
 
+    def player(self, *, callback: Callable[..., None], **_others: Any) -> Library:
+        return self.stream(callback=lambda _inputs, *rest: callback(*rest))
+
     def stream(self, *, callback: Callable[..., None], **_others: Any) -> Library:
         if self.refused is not None:
             raise self.refused
@@ -63,7 +68,9 @@ class Library:
 @pytest.fixture
 def library(monkeypatch: pytest.MonkeyPatch) -> Iterator[Library]:
     made = Library()
-    offered = SimpleNamespace(Stream=made.stream, PortAudioError=PortAudioError, CallbackAbort=RuntimeError)
+    offered = SimpleNamespace(
+        Stream=made.stream, OutputStream=made.player, PortAudioError=PortAudioError, CallbackAbort=RuntimeError
+    )
     monkeypatch.setattr(streams, "library", lambda: offered)
     monkeypatch.setattr(streams, "find", lambda **_: 0)
     monkeypatch.setattr(MonotonicClock, "sleep_ns", lambda _, ns: made.slept(ns))
@@ -137,4 +144,22 @@ def test_a_device_that_has_stopped_and_fails_to_close_is_told_of(library: Librar
     library.active, library.unclosed = False, PortAudioError("cannot close")
     with pytest.raises(AudioError, match="cannot close"):
         stream.close()
+    assert let_go(library)
+
+
+def test_a_stream_without_inputs_and_stimuli_plays_and_holds_nothing(library: Library) -> None:
+    tracemalloc.start()
+    stream = AudioStream(replace(SETTINGS, inputs=0, stimuli=False), MonotonicClock())
+    held = tracemalloc.get_traced_memory()[0]
+    tracemalloc.stop()
+    # With one input, 30 s at 48 kHz and eight stimuli of 4 s would be 12 MB.
+    assert held < 500_000
+    loop = stream.play_loop(np.ones(8, np.float32), (0,))
+    loop.wanted = 1.0
+    before = stream.next_frame
+    stream.wait(before + BLOCK)
+    assert stream.next_frame > before
+    with pytest.raises(AudioError, match="allowed: one channel of 1 to 0 samples"):
+        stream.schedule(np.ones(1), channel=0, frame=0)
+    stream.close()
     assert let_go(library)

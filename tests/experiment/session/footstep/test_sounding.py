@@ -7,7 +7,6 @@ import hashlib
 import pytest
 
 from experiment.apparatus.panel.conditioning import Conditioner, Played
-from experiment.apparatus.tracker.gate import Contact
 from experiment.apparatus.tracker.landing import Landing
 from experiment.clock import ManualClock
 from experiment.records.stimulus import Delivered
@@ -95,7 +94,7 @@ def test_an_onset_is_put_off_only_where_that_brings_it_nearer_to_the_contact() -
     assert actuator.aims == [13_000_000, 12_500_000]
     sounding.aim(landing(14.5))
     assert actuator.aims[-1] == 14_500_000
-    onset = sounding.onset(Contact(us=14_400.0, given_us=14_400), 14_400_000)
+    onset = sounding.onset(landing(14.4), 14_400_000)
     assert (onset.scheduled_ns, onset.predicted_us) == (14_500_000, 14_500.0)
 
 
@@ -107,12 +106,12 @@ def test_what_replaces_a_stimulus_is_not_on_record_as_scheduled_before_it_is() -
     sounding.aim(landing(13.0))
     clock.sleep_ns(4_000_000)
     sounding.prepare(120.0)
-    never = sounding.onset(Contact(us=13_000.0, given_us=13_000), 13_000_000)
+    never = sounding.onset(landing(13), 13_000_000)
     assert (never.scheduled_ns, never.predicted_us, never.prediction_error_ms) == (None, None, None)
     # The soonest is 14 ms now, farther from contact than what the first was aimed at: the second is aimed all the same.
     sounding.aim(landing(13.0))
     assert actuator.aims == [13_000_000, 14_000_000]
-    assert sounding.onset(Contact(us=13_000.0, given_us=13_000), 13_000_000).scheduled_ns == 14_000_000
+    assert sounding.onset(landing(13), 13_000_000).scheduled_ns == 14_000_000
 
 
 @pytest.mark.parametrize(("clock", "waited_ms"), [(Going(0), 3.5), (ManualClock(0), None)])
@@ -128,7 +127,7 @@ def test_how_long_it_took_from_the_gates_frame_to_the_first_schedule(
     sounding.aim(landing(40.0))
     clock.sleep_ns(5_000_000)
     sounding.aim(landing(41.0))
-    onset = sounding.onset(Contact(us=41_000.0, given_us=41_000), 41_000_000)
+    onset = sounding.onset(landing(41), 41_000_000)
     assert onset.gate_to_scheduled_ms == waited_ms
 
 
@@ -139,5 +138,5 @@ def test_what_is_never_scheduled_has_no_time_of_it() -> None:
     sounding = silent(actuator, clock)
     sounding.given(100.0, 0)
     sounding.aim(landing(40.0))
-    onset = sounding.onset(Contact(us=40_000.0, given_us=40_000), 40_000_000)
+    onset = sounding.onset(landing(40), 40_000_000)
     assert (onset.scheduled_ns, onset.gate_to_scheduled_ms) == (None, None)

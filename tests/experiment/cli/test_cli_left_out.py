@@ -1,0 +1,88 @@
+"""`palpate check` and `palpate doctor` on a rig that leaves out more of the recordings than the protocol allows.
+
+The shipped response table ends at 600 Hz, and the simulated materials reach up to 2,500: `tests/README.md` has the
+shares, 11 to 35 % at the speeds that count.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from experiment.apparatus.doctor.checks import Check
+from experiment.cli.app import app
+from experiment.cli.rig import left_out
+from experiment.errors import RecordingError, RigError
+from experiment.protocol import files
+from experiment.protocol.files import shipped
+from experiment.rehearsal.footstep import recorded_takes
+
+RIG = shipped("rigs/rehearsal.toml")
+TOLD = r"got 34\.\d% \(rms\) of copy paper at \d+ mm/s that no output carries; allowed: 0\.3 of it"
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    protocol = files.load(shipped("okamoto2012.toml"))
+    return recorded_takes.make_recordings(tmp_path_factory.mktemp("made") / "r", protocol=protocol, seed=1).parent
+
+
+def allowing(folder: Path, most: float | None) -> Path:
+    text = shipped("okamoto2012.toml").read_text("utf-8")
+    stated = "[footstep.synthesis]" + ("" if most is None else f"\nleft_out_max = {most}")
+    path = folder / "study.toml"
+    path.write_text(text.replace("[footstep.synthesis]", stated), "utf-8")
+    return path
+
+
+def call(*arguments: object) -> Result:
+    return CliRunner().invoke(app, [*map(str, arguments)])
+
+
+def test_check_refuses_it_below_the_boards_page(tmp_path: Path, recordings: Path) -> None:
+    asked = ("check", allowing(tmp_path, 0.3), "--rig", RIG, "--recordings", recordings)
+    result = call(*asked)
+    assert isinstance(result.exception, RigError)
+    assert re.search(TOLD, str(result.exception))
+    assert "No session is run on a rig that leaves out more than 30 %" in " ".join(result.stdout.split())
+    told = call(*asked, "--json")
+    assert told.exit_code == 2
+    assert re.search(TOLD, json.loads(told.stdout)["rig"]["refused"])
+
+
+def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> None:
+    result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", recordings)
+    assert result.exit_code == 0
+    assert result.stdout.endswith(f"Rig 'rehearsal': it leaves out no more than 0.5 (rms) of any in {recordings}.\n")
+    result = call("check", allowing(tmp_path, None), "--rig", RIG)
+    assert (result.exit_code, "the protocol sets no limit" in result.stdout) == (0, True)
+
+
+def test_check_of_a_rig_without_recordings_says_that_there_are_none(tmp_path: Path) -> None:
+    result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", tmp_path / "none")
+    assert isinstance(result.exception, RecordingError)
+
+
+def looked(protocol: Path | None, recordings: Path | None, dataset: Path | None = None) -> list[Check]:
+    return list(left_out(RIG, protocol, dataset, recordings))
+
+
+def test_the_doctor_is_red_for_it(tmp_path: Path, recordings: Path) -> None:
+    (red,) = looked(allowing(tmp_path, 0.3), recordings)
+    assert (red.name, red.verdict) == ("left out", "red")
+    assert re.search(TOLD.partition("; allowed")[0], red.measured)
+    assert red.allowed == "0.3 of it, by footstep.synthesis.left_out_max"
+    assert red.remedy.startswith("measure the response of the panel over more frequencies")
+    (green,) = looked(allowing(tmp_path, 0.5), recordings)
+    assert (green.verdict, green.measured) == ("green", f"no more than 0.5 (rms) of any vibration in {recordings}")
+
+
+def test_the_doctor_looks_where_a_protocol_has_a_limit_and_recordings_are(tmp_path: Path) -> None:
+    assert looked(None, None) == []
+    assert looked(allowing(tmp_path, None), None) == []
+    (unknown,) = looked(allowing(tmp_path, 0.3), None, tmp_path)
+    assert (unknown.verdict, unknown.remedy) == ("not checked", "give their folder, with --recordings")
