@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import sys
-from typing import Any
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from sys import UnraisableHookArgs
 
 
-def _unraisable(told: Any) -> None:
+def _unraisable(told: UnraisableHookArgs) -> None:
     """Bring back an interrupt from a callback that cannot raise it, as in the middle of an import."""
     if told.exc_type is not KeyboardInterrupt:
         sys.__unraisablehook__(told)

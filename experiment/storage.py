@@ -72,7 +72,7 @@ def json_of(text: str | bytes) -> Any:
     # Left to itself, `json` takes half a character for one where it stands in bytes.
     text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
     try:
-        document = json.loads(text, parse_float=_finite, parse_constant=_finite)
+        document = json.loads(text, parse_int=_whole, parse_float=_finite, parse_constant=_finite)
     except RecursionError:
         raise ValueError(TOO_DEEP) from None
     if found := extreme(document):
@@ -87,6 +87,13 @@ def _finite(number: str) -> float:
     if not isfinite(value := float(number)):
         raise ValueError(f"the number {number[:20]}")
     return value
+
+
+def _whole(number: str) -> int:
+    try:
+        return int(number)
+    except ValueError:
+        raise ValueError(f"a number of {len(number)} digits") from None
 
 
 TOO_DEEP = f"tables or arrays in one another more than {DEEPEST} times"

@@ -7,13 +7,12 @@ gives every value that rounding or truncation, and counting in whole answers, le
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from typing import Literal
 
-from analysis.audit.granularity import Moments, moments, neighbours, on_scale, totals
+from analysis.audit.granularity import Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
 from analysis.audit.mistakes import Verdict
 from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
 from analysis.identification.results import Results
@@ -177,8 +176,14 @@ MISREADINGS: Mapping[Misreading, Callable[[int], Fraction]] = {
 """The factor by which the square of each is multiplied to give the variance of n values."""
 
 
-MOST_S = 10.0
-"""Processor time for all printed numbers of a file but its rows, s."""
+MOST_WORK = 1_000_000
+"""Means and variances that are tried for all printed numbers of a file but its rows, about 10 s of processor time.
+
+Counted and not timed, so that every machine finds the same.
+"""
+
+STEPS = 20
+"""Steps to the sums of squares that occur that take as long as trying one mean and variance."""
 
 
 class FromPrint:
@@ -193,7 +198,7 @@ class FromPrint:
         self._misread = dict(misread or {})
         self._tables = {cell.key: cell for cell in published.tables()}
         self._found: dict[tuple[str, str, str], Sample] = {}
-        self._until_s = time.process_time() + MOST_S
+        self._work = Work(MOST_WORK)
 
     def misreading(self, cell: PrintedCell) -> Misreading | None:
         """Return what the cell's printed SD is read as, or None where it is read as an SD."""
@@ -210,7 +215,7 @@ class FromPrint:
         """Return this evidence with the SDs of `cells` read as `misreading`; None where no values have such moments."""
         changed = {cell.key: misreading for cell in cells}
         found = FromPrint(self._published, self._misread | changed)
-        found._until_s = self._until_s
+        found._work = self._work
         found._found = {key: sample for key, sample in self._found.items() if key not in changed}
         return found if all(found.sample(cell).every for cell in cells) else None
 
@@ -231,7 +236,6 @@ class FromPrint:
         """Return what fits the printed mean and SD; where nothing fits or values have no steps, both as they stand."""
         source = self._tables.get(cell.key, cell)
         if source.key not in self._found:
-            self._in_time()
             self._found[source.key] = self._fitting(source)
         return self._found[source.key]
 
@@ -243,8 +247,8 @@ class FromPrint:
 
     def variances(self, printed: PrintedF) -> Variances:
         """Return F from the means and SDs of its cells."""
-        self._in_time()
         groups = self._groups(printed)
+        self._spend(sum(map(len, groups)))
         samples = [[self.sample(cell) if cell else None for cell in group] for group in groups]
         held = [[together(one.moments) for one in group if one and one.moments] for group in samples]
         if not groups or any(len(group) != len(cells) for group, cells in zip(held, groups, strict=True)):
@@ -325,13 +329,16 @@ class FromPrint:
         sums = on_scale(totals(cell.mean.either, n, scale.items), n, scale)
         if len(sums) * (high - variance.low) * n * scale.items**2 > MANY:
             return None
-        return tuple(one for total in sums for one in moments(total, n, scale, variance))
+        self._spend(1 + sum(steps_to_find(total, n, scale) for total in sums) // STEPS)
+        found = tuple(one for total in sums for one in moments(total, n, scale, variance))
+        self._spend(len(found))
+        return found
 
-    def _in_time(self) -> None:
-        if time.process_time() > self._until_s:
+    def _spend(self, amount: int) -> None:
+        if not self._work.spend(amount):
             raise PublishedError(
-                f"{self._published.study}: got printed numbers that take more than {MOST_S:g} s to check; "
-                "divide the file into one for each table and its tests"
+                f"{self._published.study}: got printed numbers that {MOST_WORK} means and variances are too few to "
+                "check; divide the file into one for each table and its tests"
             )
 
     def _n(self, task: str) -> int | None:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import functools
 import math
-import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
@@ -40,17 +39,32 @@ MANY = 20_000
 MOST_SUMS = 200
 """Ways in which the printed means can add up beyond which a row is left undecided."""
 
-MOST_S = 10.0
-"""Time limit of one integer programme, s."""
+MOST_COLUMNS = 60_000
+"""Columns of all linear programmes for the rows of a file together, beyond which a row is left undecided.
 
-MOST_ROWS_S = 6.0
-"""Processor time for all rows of a file together, s, beyond which a row is left undecided."""
+A programme has a column for each way. Counted and not timed, so that every machine finds the same: 5 to 30 s.
+"""
+
+EACH_COLUMNS = 500
+"""Columns that an integer programme counts as besides its own, because a small one takes its time too."""
 
 MOST_MISSING = 20
 """The most trials without an answer that are tried in one row."""
 
 ROUNDED, SD_EITHER, EITHER = (False, False), (False, True), (True, True)
 """Whether the mean, and whether the SD of a cell may be truncated as well as rounded."""
+
+
+@dataclass
+class Work:
+    """How much work of one kind is left for a file; `left` is below 0 once it was not enough."""
+
+    left: int
+
+    def spend(self, amount: int) -> bool:
+        """Return whether there was enough left."""
+        self.left -= amount
+        return self.left >= 0
 
 
 @dataclass(frozen=True)
@@ -117,7 +131,7 @@ def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator
     # A sum of squares is odd where the sum is: every x² - x is even.
     low += (low - total) % 2
     every = range(low, high + 1, 2)
-    if most is None or n * (min(total, n * most - total) + 1) * (most + 1) > EXACT_STEPS:
+    if most is None or _steps(total, n, most) > EXACT_STEPS:
         yield from every
         return
     # Counts from the other end have the same spread: with many of n * most, few are left.
@@ -125,6 +139,19 @@ def _squares(total: int, n: int, most: int | None, wanted: Interval) -> Iterator
     bits = _attained(n * most - total if flipped else total, n, most)
     moved = (n * most - 2 * total) * most if flipped else 0
     yield from (squares for squares in every if bits >> (squares + moved) & 1)
+
+
+def steps_to_find(total: int, n: int, scale: Scale) -> int:
+    """Return the steps in which the sums of squares of n values with sum of counts `total` are found; 0 if not so."""
+    if scale.low is None or scale.high is None:
+        return 0
+    most = (scale.high - scale.low) * scale.items
+    found = _steps(total - n * scale.low * scale.items, n, most)
+    return found if 0 <= found <= EXACT_STEPS else 0
+
+
+def _steps(total: int, n: int, most: int) -> int:
+    return n * (min(total, n * most - total) + 1) * (most + 1)
 
 
 def _bounds(total: int, n: int, most: int | None) -> tuple[int, float] | None:
@@ -181,16 +208,14 @@ class Row:
     misprinted: tuple[int, ...] = ()
 
 
-def examine(
-    cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval], *, until_s: float = math.inf
-) -> Row:
+def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval], work: Work) -> Row:
     """Return what whole counts say about a complete row of `n` participants with `trials` each, one cell per answer.
 
-    `pinned` holds the variances of a cell, by its index, where a test says more than the SD does. `until_s` is the
-    processor time at which the search ends.
+    `pinned` holds the variances of a cell, by its index, where a test says more than the SD does. `work` is what is
+    left of `MOST_COLUMNS`.
 
     Raises:
-        Undecided: when there are too many ways, HiGHS gives no answer, or the time has run out.
+        Undecided: when there are too many ways, HiGHS gives no answer, or no work is left.
     """
     answers = range(len(cells))
     columns = {
@@ -202,7 +227,7 @@ def examine(
 
     def stands(cut: Collection[int]) -> bool:
         chosen = [columns[EITHER if i in cut else ROUNDED][i] for i in answers]
-        return solve(chosen, n, trials, missing=0, until_s=until_s) is not None
+        return solve(chosen, n, trials, missing=0, work=work) is not None
 
     if stands(()):
         return Row(n * trials, fewest, most, True)
@@ -214,37 +239,28 @@ def examine(
         return Row(n * trials, fewest, most, True, tuple(cut))
     tried = range(1, min(MOST_MISSING, n * trials) + 1)
     missing = [
-        next((gaps for gaps in tried if _stands(columns[reading], n, trials, gaps, until_s)), None)
+        next((gaps for gaps in tried if _stands(columns[reading], n, trials, gaps, work)), None)
         for reading in (SD_EITHER, EITHER)
     ]
-    misprinted = tuple(_misprinted(columns[EITHER], n, trials, until_s))
+    misprinted = tuple(_misprinted(columns[EITHER], n, trials, work))
     return Row(n * trials, fewest, most, False, (), missing[0], missing[1], misprinted)
 
 
-def solve(
-    columns: Sequence[Column], n: int, trials: int, *, missing: int, until_s: float = math.inf
-) -> NDArray[np.int64] | None:
+def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int, work: Work) -> NDArray[np.int64] | None:
     """Return counts, shape (n, answers), that give every column, or None where no counts do.
 
     Each of `n` participants has `trials`; `missing` of all these are without an answer.
 
     Raises:
-        Undecided: when there are too many ways, HiGHS gives no answer, or the processor time `until_s` has come.
+        Undecided: when there are too many ways, HiGHS gives no answer, or no `work` is left.
     """
-    _in_time(until_s)
     ways = _ways(trials, len(columns), some_missing=missing > 0)
     for sums in _sums(columns, n * trials - missing):
         squares = [column[total] for column, total in zip(columns, sums, strict=True)]
-        _in_time(until_s)
-        found = _programme(ways, n, sums, squares)
+        found = _programme(ways, n, sums, squares, work)
         if found is not None:
             return found
     return None
-
-
-def _in_time(until_s: float) -> None:
-    if time.process_time() >= until_s:
-        raise Undecided(f"not decided within the {MOST_ROWS_S:g} s that all rows of the file have together")
 
 
 def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
@@ -257,20 +273,20 @@ def _sums(columns: Sequence[Column], wanted: int) -> list[tuple[int, ...]]:
     return found
 
 
-def _misprinted(columns: Sequence[Column], n: int, trials: int, until_s: float) -> Iterator[int]:
+def _misprinted(columns: Sequence[Column], n: int, trials: int, work: Work) -> Iterator[int]:
     """Yield the cells without which the row would stand: with any count that fills the row, and any spread."""
     for i in range(len(columns)):
         others = product(*(column for k, column in enumerate(columns) if k != i))
         left = {n * trials - sum(rest) for rest in others}
         free = {total: ANY for total in sorted(left) if 0 <= total <= n * trials}
-        if _stands([free if k == i else column for k, column in enumerate(columns)], n, trials, 0, until_s):
+        if _stands([free if k == i else column for k, column in enumerate(columns)], n, trials, 0, work):
             yield i
 
 
-def _stands(columns: Sequence[Column], n: int, trials: int, missing: int, until_s: float) -> bool:
+def _stands(columns: Sequence[Column], n: int, trials: int, missing: int, work: Work) -> bool:
     """Return whether counts are found; an explanation that cannot be tried is not given."""
     try:
-        return solve(columns, n, trials, missing=missing, until_s=until_s) is not None
+        return solve(columns, n, trials, missing=missing, work=work) is not None
     except Undecided:
         return False
 
@@ -297,17 +313,22 @@ def _ways(trials: int, answers: int, *, some_missing: bool) -> NDArray[np.int64]
 
 
 def _programme(
-    ways: NDArray[np.int64], n: int, sums: Sequence[int], squares: Sequence[Interval]
+    ways: NDArray[np.int64], n: int, sums: Sequence[int], squares: Sequence[Interval], work: Work
 ) -> NDArray[np.int64] | None:
     from scipy.optimize import Bounds, LinearConstraint, milp
 
     low, high = zip(*((float(least), float(most)) for least, most in map(Interval.whole, squares)), strict=True)
     if any(least > most for least, most in zip(low, high, strict=True)):
         return None
+    columns = len(ways) + EACH_COLUMNS
+    nodes = work.left // columns
+    if nodes < 1:
+        raise Undecided(f"not decided within the {MOST_COLUMNS} columns that all rows of the file have together")
     rows = np.vstack([np.ones(len(ways)), ways.T, (ways**2).T])
     constraint = LinearConstraint(rows, [n, *sums, *low], [n, *sums, *high])
-    whole, limit = np.ones(len(ways)), {"time_limit": MOST_S}
+    whole, limit = np.ones(len(ways)), {"node_limit": nodes}
     result = milp(0 * whole, constraints=constraint, integrality=whole, bounds=Bounds(0, n), options=limit)
+    work.spend(columns * max(1, result.mip_node_count or 0))
     if result.status == 2:
         return None
     if result.x is None:

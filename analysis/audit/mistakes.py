@@ -128,13 +128,13 @@ def of_mean(means: Sequence[Interval], n: int, sizes: Iterable[int]) -> Iterator
 
 
 def of_sd(possible: Iterable[Moments]) -> Iterator[Mistake]:
-    """Yield mistakes in a standard deviation."""
+    """Yield mistakes in a standard deviation; none where nothing is possible."""
     moments = tuple(possible)
-    variances, n = tuple(one.variance for one in moments), moments[0].n
-    population = tuple(variance.times(Fraction(n - 1, n)) for variance in variances)
+    population = tuple(one.variance.times(Fraction(one.n - 1, one.n)) for one in moments)
     yield Mistake("it is the population SD, divided by n, not n - 1", population, squares=True)
-    yield Mistake("it is the standard error", tuple(one.times(Fraction(1, n)) for one in variances), squares=True)
-    yield Mistake("it is the variance", variances)
+    errors = tuple(one.variance.times(Fraction(1, one.n)) for one in moments)
+    yield Mistake("it is the standard error", errors, squares=True)
+    yield Mistake("it is the variance", tuple(one.variance for one in moments))
 
 
 def of_t(

@@ -12,7 +12,6 @@ the check finds the numbers that can stand behind them.
 from __future__ import annotations
 
 import math
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -24,7 +23,7 @@ import numpy as np
 
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
-from analysis.audit.granularity import MOST_ROWS_S, Row, Undecided, examine
+from analysis.audit.granularity import MOST_COLUMNS, Row, Undecided, Work, examine
 from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, judge, of_any_f
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.documents.tables import plural
@@ -241,13 +240,13 @@ def print_lines(published: Published) -> tuple[Line, ...]:
     evidence = read_print(published)
     checks = Checks(published, evidence, diagnose=True)
     lines = list(checks.lines())
-    until_s = time.process_time() + MOST_ROWS_S
+    work = Work(MOST_COLUMNS)
     for table in published.table:
         if table.complete:
             rows: dict[str, list[PrintedCell]] = {}
             for cell in published.cells_of(table):
                 rows.setdefault(cell.presented, []).append(cell)
-            lines += [_row(published, checks, evidence, row, until_s) for row in rows.values()]
+            lines += [_row(published, checks, evidence, row, work) for row in rows.values()]
     for sources in published.anova:
         lines += source_lines(sources)
     for icc in published.icc:
@@ -259,9 +258,7 @@ def print_lines(published: Published) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def _row(
-    published: Published, checks: Checks, evidence: FromPrint, cells: Sequence[PrintedCell], until_s: float
-) -> Line:
+def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Sequence[PrintedCell], work: Work) -> Line:
     cited = Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
     added = float(sum(cell.mean.exact for cell in cells))
     printed = f"{' + '.join(cell.mean.text for cell in cells)} = {added:.4g}"
@@ -274,7 +271,7 @@ def _row(
     cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
     pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, checks, evidence, cell))}
     try:
-        row = examine(cells, task.participants, task.trials, pinned, until_s=until_s)
+        row = examine(cells, task.participants, task.trials, pinned, work)
     except Undecided as reason:
         return cited.text("row", printed, "-", UNDECIDED, str(reason))
     return _judged(cited, printed, cells, row, given=", given the printed t" if pinned else "")

@@ -375,6 +375,18 @@ def _cells_once(table: Any) -> Iterator[Broken]:
                 seen.add(named)
 
 
+def _scores_named_apart(table: Any) -> Iterator[Broken]:
+    """A test is `of` a material or of a score, so that no score of a task may have the name of a material."""
+    blocks = [block for key in ("table", "text") for _, block in _dicts(table, key)]
+    cells = ((block, cell) for block in blocks for _, cell in _dicts(block, "cells"))
+    materials = {str((block.get("task"), cell.get("presented"))) for block, cell in cells}
+    for path, block in _dicts(table, "score"):
+        for place, cell in _dicts(block, "cells"):
+            if str((block.get("task"), cell.get("name"))) in materials:
+                allowed = "a name that no material of the task has, such as 'ease of glass'"
+                yield Broken((*path, *place, "name"), allowed)
+
+
 def _something_printed(table: Any) -> Iterator[Broken]:
     keys = ("table", "score", "t", "one_way", "two_way", "anova", "choices", "icc")
     if not any(table.get(key) for key in keys):
@@ -403,7 +415,8 @@ def _nulls_stated(table: Any) -> Iterator[Broken]:
 
 
 def _published_rules(table: Any) -> Iterator[Broken]:
-    for rule in (_not_too_many, _tasks_known, _cells_once, _something_printed, _levels_stated, _nulls_stated):
+    rules = _not_too_many, _tasks_known, _cells_once, _scores_named_apart, _something_printed, _levels_stated
+    for rule in (*rules, _nulls_stated):
         yield from rule(table)
 
 

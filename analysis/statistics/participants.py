@@ -71,23 +71,36 @@ def sign_flip_tests(counts: Integers, trials: int, chance: Fraction) -> Floats:
     # Sums of one parity lie on half a circle, of which both halves are alike.
     angles = np.pi * np.arange(1, (points + 1) // 2) / points
     half = np.pi / 2 if points % 2 == 0 else None
-    often = np.stack([(place[counts] == k).sum(axis=-1) for k in range(len(sizes))], axis=-1).reshape(-1, len(sizes))
+    places = place[counts].reshape(-1, people)
     reached = abs((distances[counts] // common).sum(axis=-1)).ravel()
     every = np.append(angles, half) if half else angles
     weights = np.append(np.full(angles.size, 2.0), np.ones(every.size - angles.size)) / np.sin(every) / points
-    powers = np.cos(np.outer(sizes, every))[:, None, :] ** np.arange(people + 1)[None, :, None]
-    found = np.empty(len(often))
-    for first in range(0, len(often), ROWS):
-        part = slice(first, first + ROWS)
+    cosines = np.cos(np.outer(sizes, every))
+    base, kinds, back = people + 1, np.arange(len(places)), None
+    if few := base ** len(sizes) * (int(reached.max(initial=0)) + 1) < 2**63:
+        # Studies with as many participants at each distance, and one sum, share their P, which is found once.
+        often = np.stack([(places == k).sum(axis=-1) for k in range(len(sizes))], axis=-1)
+        names = often @ base ** np.arange(len(sizes)) + reached * base ** len(sizes)
+        _, kinds, back = np.unique(names, return_index=True, return_inverse=True)
+        powers = cosines[:, None, :] ** np.arange(base)[None, :, None]
+    found = np.empty(len(kinds))
+    rows = max(1, HELD // points)
+    for first in range(0, len(kinds), rows):
+        part = kinds[first : first + rows]
         wave = weights * np.sin(np.outer(reached[part] - 1, every))
-        for k in range(len(sizes)):
-            wave *= powers[k][often[part, k]]
-        found[part] = 1 - (reached[part] - 1) / points - wave.sum(axis=1)
+        if few:
+            factors = (powers[k][often[part, k]] for k in range(len(sizes)))
+        else:
+            factors = (cosines[one] for one in places[part].T)
+        for factor in factors:
+            wave *= factor
+        found[first : first + rows] = 1 - (reached[part] - 1) / points - wave.sum(axis=1)
+    found = found if back is None else found[back]
     return np.clip(np.where(reached > 0, found, 1.0), 0.0, 1.0).reshape(counts.shape[:-1])
 
 
-ROWS = 2000
-"""Studies whose characteristic functions are held at a time."""
+HELD = 30_000
+"""Values of characteristic functions that are held at a time, so that they stay in a processor's cache."""
 
 
 @dataclass(frozen=True)

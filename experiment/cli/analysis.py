@@ -323,7 +323,6 @@ def status(
     code is 1 if anything speaks against the evidence.
     """
     from analysis.documents import drawing
-    from experiment import storage
 
     drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
     if figure is not None and figure.suffix.lower() not in drawn:
@@ -332,7 +331,7 @@ def status(
     if figure is not None:
         aside, stages = found.flow()
         flow = drawing.flow(found.heading, f"Flow of participants on {found.day}: {found.title}", aside, stages)
-        storage.write_bytes(figure, drawn[figure.suffix.lower()](flow))
+        options.put_file(figure, drawn[figure.suffix.lower()](flow))
     if as_json:
         options.put(found.as_dict())
     else:

@@ -28,6 +28,15 @@ def _answers() -> None:
 Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")]
 
 
+def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = False) -> None:
+    """Return when nothing in the dataset contradicts its roster, to which a line is about to be added."""
+    from experiment.dataset import beliefs
+    from experiment.protocol import files
+    from experiment.study import enrolment
+
+    beliefs.check_roster(dataset or enrolment.default_root(files.load(protocol_file), pilot=pilot))
+
+
 @commands.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")
 def enrol(
     protocol_file: ProtocolFile,
@@ -58,6 +67,7 @@ def enrol(
     """
     from experiment.study import enrolment
 
+    _check_roster(protocol_file, dataset, pilot=pilot)
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
 
@@ -92,6 +102,7 @@ def consent(
         raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
     if consent_on is None and voices is None:
         raise RosterError("got no --consent-on; allowed: the day, or --voices or --no-voices; give one of them")
+    _check_roster(protocol_file, dataset)
     if voices is not None:
         path = enrolment.voices(protocol_file, participant, voices, root=dataset)
         agreed = "agrees" if voices else "does not agree"
@@ -165,6 +176,7 @@ def schedule(
     """
     from experiment import storage
     from experiment.clock import day, wall_ns
+    from experiment.dataset import beliefs
     from experiment.protocol import files
     from experiment.records import journal
     from experiment.study import enrolment, roster
@@ -188,6 +200,7 @@ def schedule(
         for task in allocation.tasks
     ]
     if reveal and not all(shown):
+        beliefs.check_roster(root)
         known.reveal(participant, day(wall_ns()))
         shown = [True] * len(shown)
     orders = [
@@ -321,6 +334,7 @@ def withdraw(
 
     if yes and not erase:
         raise RosterError("got --yes without --erase; allowed: both, or neither; nothing is asked without --erase")
+    _check_roster(protocol_file, dataset)
     if erase and not yes:
         _confirm_erasure(participant, *enrolment.held(protocol_file, participant, root=dataset))
     path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)

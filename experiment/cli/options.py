@@ -47,6 +47,18 @@ Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
 
+def put_file(path: Path, content: bytes) -> None:
+    """Write a figure or a page where an option says, over nothing but another that palpate made.
+
+    Raises `PalpateError` for any other file that stands there, and `DatasetError` if the file system refuses.
+    """
+    from experiment import storage
+
+    if path.exists() and not (path.is_file() and b"palpate" in storage.read_bytes(path)):
+        raise PalpateError(f"{path}: stands there already, and palpate did not make it; name another file")
+    storage.write_bytes(path, content)
+
+
 def a_day(text: str) -> date:
     """Return the day that an option gives. Raises `PalpateError` for what is none."""
     with suppress(ValueError):

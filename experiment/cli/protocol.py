@@ -247,12 +247,11 @@ def check(
     today = day(wall_ns())
     state, seal = approval.state(protocol_file, protocol, today)
     if page_file is not None:
-        from experiment import storage
         from experiment.protocol.html import html
 
         if page_file.suffix != ".html":
             raise PalpateError(f"got the file {quoted(str(page_file))}; allowed: a name that ends in .html")
-        storage.write(page_file, html(protocol, str(protocol_file), state, seal, today).encode())
+        options.put_file(page_file, html(protocol, str(protocol_file), state, seal, today).encode())
     if as_json:
         import json
 

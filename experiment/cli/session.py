@@ -86,6 +86,10 @@ def run(
     With --practice a simulated participant steps and says an answer, and the keys are yours. Nothing is sealed or
     enrolled for that, and no file of a PRACTICE counts in a study.
     """
+    at_console = not lines and session_at is None and sys.stdin.isatty() and sys.stdout.isatty()
+    if at_console and not served and serve is None:
+        # What follows loads for seconds.
+        typer.echo("Opening the session ...")
     from experiment.protocol import files
     from experiment.session.visit import told
 
@@ -115,7 +119,7 @@ def run(
         _attend(folder, participant or "01", by)
     elif serve is not None:
         _serve(serve, port)
-    elif lines or not (sys.stdin.isatty() and sys.stdout.isatty()):
+    elif not at_console:
         from experiment.desk.terminal import TerminalConsole, typed_ahead
 
         heading = "PRACTICE" if practice else f"Participant {participant}."
@@ -178,7 +182,7 @@ def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practic
     label = "PRACTICE" if practice else ""
     if not practice and storage.seed_path(folder).exists() and enrolment.purpose_of(folder) == "PILOT":
         label = "PILOT"
-    return View(label=label, study=protocol.study.id, participant=participant)
+    return View(label=label, study=protocol.study.id, pairs=protocol.comparison is not None, participant=participant)
 
 
 def _linked(protocol: "Protocol", view: "View", *, screen: bool) -> "LinkedConsole":
@@ -209,12 +213,16 @@ def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole
 def _attend(folder: Path, participant: str, by: str) -> None:
     """Show the console of a session; begin the session if none is under way, and again if its process was lost."""
     from experiment.desk import link
-    from experiment.desk.console.app import attend
     from experiment.desk.messages import Hello
 
     path = link.place(folder, participant)
     while True:
         begun = None if link.answers(path) else _begin(path)
+        # Loaded while the session's process loads.
+        from experiment.desk.console.app import attend
+
+        if begun is not None:
+            _wait_for(begun, path)
         left = attend(path, Hello(role="console", by=by))
         if left.why == "gone" and left.again:
             continue
@@ -244,21 +252,24 @@ def _end_with(server: int) -> None:
 
 
 def _begin(path: Path) -> "subprocess.Popen[bytes]":
-    """Begin the session's process by the command that this one was given, and wait until it listens."""
-    from experiment.desk import link
-
+    """Begin the session's process by the command that this one was given."""
     command = [sys.executable, "-m", "experiment", *sys.argv[1:], "--session-at", str(path)]
     with path.with_suffix(".log").open("wb") as log:
         # A session of its own: what ends the terminal does not end it.
-        process = subprocess.Popen(  # noqa: S603
+        return subprocess.Popen(  # noqa: S603
             command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
         )
+
+
+def _wait_for(process: "subprocess.Popen[bytes]", path: Path) -> None:
+    """Wait until the session's process listens. Raises `LinkError` with its last words if it does not."""
+    from experiment.desk import link
+
     begun_s = time.monotonic()
     while not link.answers(path):
         if process.poll() is not None or time.monotonic() - begun_s > BEGINS_S:
             raise LinkError(_last_words(path))
         time.sleep(0.02)
-    return process
 
 
 def _last_words(path: Path) -> str:

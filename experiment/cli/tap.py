@@ -89,7 +89,6 @@ def contact(
     none; whether the method is stable at this rate; and the condition number, by which errors of the input grow.
     """
     from analysis.numerics import contact_report
-    from experiment import storage
     from experiment.synthesis.stepping import impact
 
     if law not in ("clamped", "printed"):
@@ -100,7 +99,7 @@ def contact(
     of = impact.Collision(stiffness, damping, mass, speed, force, "printed" if law == "printed" else "clamped")
     made = impact.answer(of, method=method, rate_hz=rate)
     if plot is not None:
-        storage.write_bytes(plot, drawn[plot.suffix.lower()](contact_report.course(of, rate_hz=rate)))
+        options.put_file(plot, drawn[plot.suffix.lower()](contact_report.course(of, rate_hz=rate)))
     if as_json:
         options.put({**made.as_dict(), "plot": str(plot) if plot else None})
     else:

@@ -119,10 +119,38 @@ def believed(root: Path) -> Believed:
     Raises `DatasetError`, `JournalError`, `ProtocolError` or `RosterError`, which names the first file that does not
     fit.
     """
-    dataset, doubts = examined(root)
-    for doubt in (*_unlike_anchors(root, dataset.roster), *doubts):
+    dataset, doubts = doubted(root)
+    for doubt in doubts:
         raise doubt
     return dataset
+
+
+def doubted(root: Path) -> tuple[Believed, list[PalpateError]]:
+    """Return what `examined` returns, with an error too for whatever is not as an anchor in the dataset's log has it.
+
+    Raises what `examined` raises.
+    """
+    dataset, doubts = examined(root)
+    return dataset, [*_unlike_anchors(root, dataset.roster), *doubts]
+
+
+def check_roster(root: Path) -> None:
+    """Return when nothing in a dataset knows of more than its roster, so that a line may be added to it.
+
+    Anchors in the dataset's log know of lines, and journals and files of withdrawals. Raises `RosterError` or
+    `DatasetError`: an older roster was put back, or it was cut.
+    """
+    file = storage.roster_path(root)
+    roster = Roster.load(file)
+    for doubt in _unlike_anchors(root, roster, only=file.relative_to(root).as_posix()):
+        raise doubt
+    marks: dict[str, Path] = {}
+    for path in storage.journals(root):
+        # Somebody withdraws from a dataset with a damaged journal too.
+        with collected([]):
+            if any(isinstance(entry, Withdrawal) for entry in journal.read_if_begun(path).entries):
+                marks[path.parent.name.removeprefix("sub-")] = path
+    _check_withdrawals(roster, root, marks)
 
 
 def anchor(root: Path) -> Anchor:
@@ -246,15 +274,18 @@ def _study(root: Path) -> _Study:
     return _Study(root, protocol, sha256, plan.label, plan.seed, tasks, plan, None, None)
 
 
-def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[DatasetError]:
-    """Give an error for each file that was not erased and does not begin as an anchor in the dataset's log has it."""
+def _unlike_anchors(root: Path, roster: Roster | None, only: str | None = None) -> Iterator[DatasetError]:
+    """Give an error for each file that was not erased and does not begin as an anchor in the dataset's log has it.
+
+    `only` names the one file that is asked about.
+    """
     kept, broken = register.read(root / LOG) if (root / LOG).exists() else ((), ())
     if broken and not kept:
         yield DatasetError(f"{root / LOG}: holds no anchor that can be read; restore it from a backup")
     known: dict[str, tuple[str, ...]] = {}
     for one in kept:
         for prefix in one.anchor.prefixes:
-            if roster is not None and roster.has_erased(prefix.file):
+            if only not in (None, prefix.file) or (roster is not None and roster.has_erased(prefix.file)):
                 continue
             if prefix.file not in known:
                 known[prefix.file] = register.line_hashes(root / prefix.file)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 from pathlib import Path
 
@@ -21,9 +21,20 @@ from experiment.dataset.beliefs import Believed, believed, collected
 from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
 from experiment.records import journal
-from experiment.records.entries import Answer, Correction, MaskerSet, Purpose, Redo, Spoken, TrackerOpened
+from experiment.records.entries import (
+    Answer,
+    Correction,
+    Footer,
+    Header,
+    MaskerSet,
+    Purpose,
+    Redo,
+    Spoken,
+    TrackerOpened,
+)
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from experiment.records.progress import progress
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.storage import foot_path, rig_path
 
@@ -137,21 +148,57 @@ def check_tables(root: Path) -> Believed:
     return dataset
 
 
-def edited(root: Path, dataset: Believed) -> list[PalpateError]:
-    """Return an error for each table on disk that the journals do not give, and for frames that they do not name."""
+def edited(root: Path, dataset: Believed, under_way: Collection[Path] = ()) -> list[PalpateError]:
+    """Return an error for each table on disk that the journals do not give, and for frames that they do not name.
+
+    The journals `under_way` may also have the tables, or none, that they had at their last footer.
+    """
     doubts: list[PalpateError] = []
 
-    def compare(files: bids.Files) -> None:
+    def unlike(files: bids.Files) -> list[PalpateError]:
+        found: list[PalpateError] = []
         for path, content in files.items():
-            with collected(doubts):
+            with collected(found):
                 _check_table(root, path, content)
+        return found
 
-    compare(_study_files(root, dataset))
+    found = unlike(_study_files(root, dataset))
+    if found and under_way:
+        told = [(path, of) for path, of in dataset.sessions if path not in under_way or _has_table(root, of)]
+        found = unlike(_study_files(root, replace(dataset, sessions=tuple(told))))
+    doubts += found
     for session in _sessions(dataset):
-        compare(_events(root, dataset, session))
+        found = unlike(_events(root, dataset, session))
+        if found and session.path in under_way:
+            earlier = _session(session.path, until_footer(session.contents))
+            if earlier.contents.lines:
+                found = unlike(_events(root, dataset, earlier))
+            elif not _has_table(root, session.contents.header):
+                found = []
+        doubts += found
         with collected(doubts):
             raw_frames(session.path, [placed.step for placed in session.steps])
     return doubts
+
+
+def under_way(dataset: Believed) -> frozenset[Path]:
+    """Return the journals that no footer ends: their session is running, or was cut off and not continued yet."""
+    withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}
+    return frozenset(
+        path
+        for path, header in dataset.sessions
+        if header.participant not in withdrawn and progress(journal.read(path).entries).footer is None
+    )
+
+
+def until_footer(contents: journal.Contents) -> journal.Contents:
+    """Return a journal as it was when its session last ended, which is when its tables were made; empty if never."""
+    ends = [number for number, entry in enumerate(contents.entries, start=1) if isinstance(entry, Footer)]
+    return replace(contents, lines=contents.lines[: ends[-1]] if ends else ())
+
+
+def _has_table(root: Path, header: Header) -> bool:
+    return bids.beh_path(root, header.participant, header.task, "events.tsv").exists()
 
 
 def _sessions(dataset: Believed) -> Iterator[_Session]:
@@ -210,7 +257,7 @@ def _check_table(root: Path, path: Path, content: bytes) -> None:
     try:
         found = storage.read_bytes(path)
         if read is not None:
-            on_disk, given = json.loads(found), json.loads(content)
+            on_disk, given = storage.json_of(found), json.loads(content)
             if not isinstance(on_disk, dict):
                 raise ValueError("no JSON object")
             if differing := [key for key in read if on_disk.get(key) != given.get(key)]:

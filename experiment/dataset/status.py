@@ -246,13 +246,13 @@ MOST_ARMS = 4
 def status(given: Path, today: date) -> Status:
     """Return how far the study is in the dataset folder `given`, or in the default folder of that protocol file.
 
-    Raises `DatasetError` if there is no dataset with journals, and what `beliefs.examined` raises.
+    Raises `DatasetError` if there is no dataset with journals, and what `beliefs.doubted` raises.
     """
     protocol_file = given if given.is_file() else None
     root = enrolment.default_root(files.load(given)) if protocol_file else given
     if not beliefs.has_journals(root):
         raise DatasetError(f"{root}: holds no study; allowed: the dataset of one; enrol somebody first (palpate enrol)")
-    dataset, doubts = beliefs.examined(root)
+    dataset, doubts = beliefs.doubted(root)
     known, protocol = dataset.roster, dataset.protocol
     believed = {path for path, _ in dataset.sessions}
     people: list[Person] = []

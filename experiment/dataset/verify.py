@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 import tomllib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import ne
 from pathlib import Path
@@ -32,6 +32,12 @@ from experiment.study.roster import Roster
 MISTYPED = 2
 """A number that differs from an anchor's in so many of its digits was meant to be that one."""
 
+
+FOREIGN = (
+    "agrees with no line of this dataset: it is of another dataset of the same study, or this one was made anew from "
+    "its first line; name the register to which the anchors of this dataset went"
+)
+"""What is said of a register or a number of which no anchor holds."""
 
 Word = Literal["holds", "refused", "note"]
 
@@ -96,14 +102,17 @@ def verify(
     evidence, told = _evidence(root, known, registers, numbers, signer)
     files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
     people = rosters[0] if rosters else Roster(roster)
-    unlike = [one for one in _contradictions(files, evidence) if not people.has_erased(one.item)]
-    unlike += _other_seal(root, evidence)
+    foreign = [place for place in evidence if _is_foreign(place, files)]
+    ours = [place for place in evidence if place not in foreign]
+    unlike = [one for one in _contradictions(files, ours) if not people.has_erased(one.item)]
+    unlike += _other_seal(root, ours)
+    unlike += [Finding("refused", place.place, FOREIGN) for place in foreign]
     sound = not any(finding.word == "refused" for finding in (*findings, *unlike))
     if named := {header.recordings_sha256 for header in headers} - {None}:
         findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
     texts = {finding.text for finding in findings}
     findings += _together(root, texts, evidence, sound=sound) if beliefs.has_journals(root) else _alone(root)
-    findings += [*_leftovers(root), *_erased(people), *told, *unlike]
+    findings += [*_leftovers(root), *_derived(root), *_erased(people), *told, *unlike]
     findings += _without_session(people, {*(name for name, lines in files.items() if lines), *(x.item for x in unlike)})
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(root, findings, files, evidence)))
@@ -111,12 +120,14 @@ def verify(
 
 def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound: bool) -> Iterator[Finding]:
     """Tell what several files show together, but for what is `told` already; `sound` if each file by itself holds."""
+    under_way: Collection[Path] = ()
     try:
         dataset, doubts = beliefs.examined(root)
         if doubts or not sound:
             yield Finding("note", "tables", "were not compared with the journals, because not every journal holds")
         elif dataset.sessions:
-            doubts = [*build.edited(root, dataset), *_lost_traces(root, dataset)]
+            under_way = build.under_way(dataset)
+            doubts = [*build.edited(root, dataset, under_way), *_lost_traces(root, dataset, under_way)]
     except PalpateError as error:
         doubts = [error]
     for doubt in doubts:
@@ -136,6 +147,9 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound
         if dataset.roster and not (root / LOG).exists():
             text = "is missing: each session that ends adds an anchor to it; it was deleted, or no session ended"
             yield Finding("note", LOG.as_posix(), text)
+        for path in sorted(under_way):
+            text = "no footer ends it: its session is running or was cut off; tables of what came since are not missed"
+            yield Finding("note", path.relative_to(root).as_posix(), text)
         yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
 
 
@@ -152,10 +166,12 @@ def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     yield Finding(word, "board", " ".join(seal.board.split()))
 
 
-def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
+def _lost_traces(root: Path, dataset: Believed, under_way: Collection[Path]) -> Iterator[PalpateError]:
     for journal_file, header in dataset.sessions:
         participant, task = header.participant, header.task
-        stepped = any(isinstance(entry, FootStep) for entry in journal.read(journal_file).entries)
+        contents = journal.read(journal_file)
+        ended = build.until_footer(contents) if journal_file in under_way else contents
+        stepped = any(isinstance(entry, FootStep) for entry in ended.entries)
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():
@@ -244,6 +260,13 @@ def _leftovers(root: Path) -> Iterator[Finding]:
     )
     if left:
         yield Finding("note", "temporary files", f"left of commands that were cut off: {', '.join(left)}")
+
+
+def _derived(root: Path) -> Iterator[Finding]:
+    if (root / "derivatives").exists():
+        yield Finding(
+            "note", "derivatives", "was not compared: to trust a result there, make it anew (palpate analyse)"
+        )
 
 
 def _check_place(root: Path, path: Path) -> None:
@@ -379,6 +402,13 @@ def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evide
             where = f"line {first.lines}" if first.lines == kept + 1 else f"a line from {kept + 1} to {first.lines}"
             text = f"{where} is another than by the anchor of {first.day} in {first.place}: the file was made anew"
         yield Finding("refused", name, text)
+
+
+def _is_foreign(place: Evidence, files: Mapping[str, Sequence[str]]) -> bool:
+    """Return whether a place outside agrees with no line of a dataset: it is of another, or all was made anew."""
+    prefixes = [prefix for anchor in place.anchors for prefix in anchor.prefixes if files.get(prefix.file)]
+    same = any(prefix.begins(files[prefix.file]) for prefix in prefixes)
+    return bool(place.guard and prefixes) and not same
 
 
 def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:

@@ -74,11 +74,13 @@ PROMPTS = 20
 STOP = "s"
 """The key that ends the process of a session that paused."""
 
+NEXT = "── Task {step} ──"
+"""The line between what was told of one task and what is told of the next."""
+
 CLOSED = "That question is no longer asked; the key answered nothing."
 
 NO_SESSION = (
-    "No session is under way, and nothing can go on record now. Keep it on paper, and note it here once the session "
-    "goes on."
+    "No session has begun or is open, and nothing can go on record now. Keep it on paper, and note it here once one is."
 )
 
 
@@ -93,6 +95,7 @@ class LinkedConsole:
         self._view = view
         self._alone_s = alone_s
         self._changed = threading.Condition()
+        self._doing = threading.Lock()
         self._session: Attended | None = None
         self._asked = 0
         self._chosen: str | None = None
@@ -117,7 +120,8 @@ class LinkedConsole:
         with self._changed:
             view, session = self._view, self._session
         if session is not None:
-            gauges = self._with_screen(session.gauges())
+            measured = session.gauges()
+            gauges = self._with_screen(measured) if measured is not None else None
             view = view.model_copy(update={"gauges": gauges, **_standing(session)})
         return view if role == "console" else self._prompt(view)
 
@@ -162,6 +166,10 @@ class LinkedConsole:
             self._session.pause(self._failed)
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+        with self._doing:
+            return self._take(hello, deed)
+
+    def _take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
         session, at_console = self._session, hello.role == "console"
         try:
             taken, words = self._do(deed, session) if at_console else self._do_for_participant(deed, session)
@@ -296,7 +304,7 @@ class LinkedConsole:
     # What the session asks, from its own.
 
     def attend(self, session: Attended | None) -> None:
-        with self._changed:
+        with self._doing, self._changed:
             if session is None and self._session is not None:
                 # What was reached stays on the screen of a pause.
                 self._now(state="preparing", **_standing(self._session))
@@ -308,6 +316,8 @@ class LinkedConsole:
         self.wake()
 
     def at(self, *, step: str, steps: Sequence[str]) -> None:
+        if step != self._view.step:
+            self.show(NEXT.format(step=step))
         self._now(step=step, steps=tuple(steps))
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:

@@ -141,7 +141,8 @@ class Ended(Message):
 
 
 class View(Message):
-    """All that a console shows. `label` is PRACTICE or PILOT, and empty in a study.
+    """All that a console shows. `label` is PRACTICE or PILOT, and empty in a study; in one of `pairs` samples are
+    compared, and nothing is armed.
 
     `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out
     in tasks with real objects. `instruction` is what the participant is told while the materials are handled. `heard`
@@ -152,6 +153,7 @@ class View(Message):
     kind: Literal["view"] = "view"
     label: str = ""
     study: str = ""
+    pairs: bool = False
     participant: str = ""
     step: str = ""
     steps: tuple[str, ...] = ()

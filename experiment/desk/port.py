@@ -41,10 +41,10 @@ Remark = Noted | Corrected | Repeated
 
 
 class Attended(Protocol):
-    """A session under way, as a desk may ask of it at any moment, from any thread."""
+    """A session under way, or one that paused, as a desk may ask of it at any moment, from any thread."""
 
-    def gauges(self) -> Gauges:
-        """Return what is measured now."""
+    def gauges(self) -> Gauges | None:
+        """Return what is measured now; None in a pause."""
         ...
 
     def standing(self) -> Standing:
@@ -76,7 +76,10 @@ class Console(Rester, Protocol):
     """
 
     def attend(self, session: Attended | None) -> None:
-        """Take note of the session that is under way from now on; None once it has ended."""
+        """Take note of the session that is under way, or paused, from now on; None for none.
+
+        Nothing that a desk asked of the one before is still being done when this returns.
+        """
         ...
 
     def at(self, *, step: str, steps: Sequence[str]) -> None:

@@ -84,6 +84,7 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
     foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
     return (
         '<!DOCTYPE html>\n<html lang="en" dir="ltr"><head><meta charset="utf-8">'
+        '<meta name="generator" content="palpate">'
         f'<meta http-equiv="Content-Security-Policy" content="{NOTHING_RUNS}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{_own(heading(protocol))}</title><style>{STYLE}</style></head>\n"

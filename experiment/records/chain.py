@@ -129,14 +129,14 @@ def _head(path: Path, error: type[PalpateError]) -> tuple[int, str]:
 
 
 def _verified(where: str, number: int, line: bytes, last: str, error: type[PalpateError]) -> Link:
-    remedy = "keep the file as it is and restore it from a backup"
+    remedy = "keep a copy of it as it is, and restore it from a backup"
     older = "it was changed, or an older palpate wrote it"
     try:
         document = storage.json_of(line)
         n, t_ns, prev, entry = (document[key] for key in ("n", "t_ns", "prev", "entry"))
         fits = set(document) == {"n", "t_ns", "prev", "entry"} and isinstance(t_ns, int) and isinstance(entry, dict)
     except (ValueError, KeyError, TypeError) as problem:
-        raise error(f"{where} is no chained line ({type(problem).__name__}): {older}; {remedy}") from problem
+        raise error(f"{where} is no chained line: {older}; {remedy}") from problem
     if not fits or (n, prev) != (number, last):
         raise error(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
     # JSON lets a line hold more than what it says, another line among it: blanks, or one key twice.
@@ -152,7 +152,7 @@ def _line(number: int, t_ns: int, last: str, entry: dict[str, object]) -> bytes:
 
 def _check_head(path: Path, head: tuple[int, str], links: list[Link], error: type[PalpateError]) -> None:
     (known, last), file = head, head_path(path).name
-    remedy = "keep the file as it is and restore it from a backup"
+    remedy = "keep a copy of it as it is, and restore it from a backup"
     if len(links) < known:
         raise error(f"{path}: the file is truncated: it had {known} lines and has {len(links)}; {remedy}")
     if (links[known - 1].sha256 if known else GENESIS) != last:
@@ -167,8 +167,9 @@ def _check_head(path: Path, head: tuple[int, str], links: list[Link], error: typ
 class Writer:
     """A file of chained lines that is open for appending, and held against other writers.
 
-    `whole` tells whether a line may follow: no write was interrupted halfway. `descriptors` are those of the file and
-    of its head.
+    `whole` tells whether a line may follow: no write was interrupted halfway. `waits` tells whether each line is on
+    disk when `append` returns; otherwise all are when it is closed, and only a power cut can take what came since.
+    `descriptors` are those of the file and of its head.
     """
 
     def __init__(self, path: Path, end: End) -> None:
@@ -177,7 +178,7 @@ class Writer:
         Raises `SessionLocked` if another writer has it open, and `OSError`.
         """
         self._count, self._last, self._size = end.count, end.last, end.size
-        self.whole = True
+        self.whole = self.waits = True
         # Without a buffer, which would be written after all once a full disk has room again.
         self._file = FileIO(path, "ab")
         try:
@@ -199,12 +200,12 @@ class Writer:
         return self._file.fileno(), self._head
 
     def append(self, t_ns: int, entry: dict[str, object]) -> None:
-        """Write one more line; it is on disk when this returns. Raises `OSError`."""
+        """Write one more line, on disk when this returns if the writer `waits`. Raises `OSError`."""
         line = _line(self._count, t_ns, self._last, entry)
         # An interrupt from here on leaves it open whether the line is on disk; only reading the file again tells.
         self.whole = False
         try:
-            write_through(self._file, line + b"\n")
+            write_through(self._file, line + b"\n", wait=self.waits)
         except OSError:
             # This raises too if it cannot be cut off again.
             self._cut()
@@ -217,9 +218,13 @@ class Writer:
         self.whole = True
 
     def close(self) -> None:
-        """Close both files; nothing is pending."""
-        self._file.close()
-        os.close(self._head)
+        """Close both files; nothing is pending. Raises `OSError`."""
+        try:
+            for file in () if self.waits else self.descriptors:
+                os.fsync(file)
+        finally:
+            self._file.close()
+            os.close(self._head)
 
     def _cut(self) -> None:
         self._file.truncate(self._size)
@@ -229,15 +234,17 @@ class Writer:
         """Write in place and always equally long, so that a kill leaves the old head or the new one."""
         os.lseek(self._head, 0, os.SEEK_SET)
         os.write(self._head, f"{self._count:012d} {self._last}\n".encode("ascii"))
-        os.fsync(self._head)
+        if self.waits:
+            os.fsync(self._head)
 
 
-def write_through(file: FileIO, content: bytes) -> None:
-    """Append to a file without a buffer, and wait until it is on disk. Raises `OSError`."""
+def write_through(file: FileIO, content: bytes, *, wait: bool = True) -> None:
+    """Append to a file without a buffer, and `wait` until it is on disk. Raises `OSError`."""
     left = memoryview(content)
     while left:
         left = left[file.write(left) :]
-    os.fsync(file.fileno())
+    if wait:
+        os.fsync(file.fileno())
 
 
 def hold(file: int, got: str) -> None:

@@ -135,12 +135,12 @@ def read_if_begun(path: Path) -> Contents:
 
 
 def _line(where: str, link: chain.Link, first: bool) -> Line:
-    remedy = "keep the file as it is and restore it from a backup"
+    remedy = "keep a copy of it as it is, and restore it from a backup"
     try:
         _check_format(where, link.entry)
         entry = ENTRY.validate_json(json.dumps(link.entry))
     except (KeyError, ValidationError) as error:
-        raise JournalError(f"{where} is no journal entry ({type(error).__name__}); {remedy}") from error
+        raise JournalError(f"{where} is no journal entry that this palpate knows; {remedy}") from error
     if isinstance(entry, Header) != first:
         raise JournalError(f"{where}: a journal holds one header, in its first line; {remedy}")
     return Line(link.t_ns, entry)
@@ -156,7 +156,10 @@ def _check_format(where: str, entry: dict[str, object]) -> None:
 
 
 class Journal:
-    """A journal open for appending; `append` returns when the entry is on disk."""
+    """A journal open for appending; `append` returns when the entry is on disk.
+
+    Of a rehearsal, which can be made again, all entries are on disk when it is closed.
+    """
 
     def __init__(self, path: Path, clock: Clock, contents: Contents) -> None:
         """Continue `path` after what `read` returned, dropping its torn end, or begin it after `EMPTY`.
@@ -168,6 +171,17 @@ class Journal:
         self._begun = bool(contents.lines)
         path.parent.mkdir(parents=True, exist_ok=True)
         self._writer = chain.Writer(path, contents.end)
+        for entry in contents.entries[:1]:
+            self._is_of(entry)
+
+    def _is_of(self, entry: AnyEntry) -> None:
+        if isinstance(entry, Header):
+            self._writer.waits = entry.purpose != "REHEARSAL"
+
+    @property
+    def waits(self) -> bool:
+        """Whether an entry is on disk when `append` returns."""
+        return self._writer.waits
 
     @property
     def accepts(self) -> bool:
@@ -175,13 +189,14 @@ class Journal:
         return self._writer.whole and self._begun
 
     def append(self, entry: AnyEntry) -> int:
-        """Write one entry, wait until it is on disk, and return the session time written with it, ns.
+        """Write one entry, and return the session time written with it, ns.
 
         Raises `JournalError` if the disk does not take it, or if the journal no longer stands where it was begun.
         """
         if not self._writer.whole:
             raise JournalError(f"{self._path}: an earlier entry was interrupted; run the same command again")
         t_ns = self._clock.now_ns()
+        self._is_of(entry)
         try:
             self._writer.append(t_ns, entry.model_dump(mode="json"))
         except OSError as error:
@@ -192,8 +207,11 @@ class Journal:
         return t_ns
 
     def close(self) -> None:
-        """Close the files; nothing is pending."""
-        self._writer.close()
+        """Close the files; nothing is pending. Raises `JournalError` if the disk does not take what is."""
+        try:
+            self._writer.close()
+        except OSError as error:
+            raise unwritable(self._path, error) from error
 
 
 def settle(path: Path, contents: Contents) -> None:

@@ -13,12 +13,15 @@ from functools import reduce
 from experiment.records.entries import (
     Answer,
     Armed,
+    Commanded,
     Correction,
     Footer,
     Header,
     MaskerSet,
+    Note,
     PlannedTrial,
     Redo,
+    Shown,
     Visited,
     Withdrawal,
 )
@@ -36,9 +39,9 @@ class Progress:
     `corrected` are other ones than were given first. `put_off` are the trials that were put off to the end of their
     blocks, in order. `attempts` counts the attempts begun by trial. Trial and attempt are given of what was armed
     without its end on disk (`armed`), and of a step or a pair on disk without its answer (`unanswered`). `footer` is
-    the last one, if the session has ended since it was last resumed. `masker_db_a` is the level chosen last, dB(A).
-    `visited` are the steps of the visit that are on record beside the trials. `stimuli` were played in steps and probes
-    on record, `vibration_s` together, s.
+    the last one, if the session has ended since it was last resumed; what is noted in a pause stands behind it.
+    `masker_db_a` is the level chosen last, dB(A). `visited` are the steps of the visit that are on record beside the
+    trials. `stimuli` were played in steps and probes on record, `vibration_s` together, s.
     """
 
     header: Header
@@ -79,7 +82,7 @@ class Progress:
 
     def after(self, entry: AnyEntry) -> Progress:
         """Return where the session stands after one more entry."""
-        if isinstance(entry, Withdrawal):
+        if isinstance(entry, Withdrawal | Note | Commanded | Shown):
             return self
         done = replace(self, footer=entry if isinstance(entry, Footer) else None)
         if isinstance(entry, Armed):

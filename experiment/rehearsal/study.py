@@ -14,10 +14,11 @@ from experiment import storage
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
+from experiment.clock import MonotonicClock
 from experiment.dataset import build
 from experiment.dataset.beliefs import Plan
 from experiment.dataset.bids import LABELS
-from experiment.desk.port import Console
+from experiment.desk.port import Attended, Console
 from experiment.errors import DatasetError, RosterError
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
@@ -28,6 +29,7 @@ from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.participant import Tick
 from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
 from experiment.rehearsal.tapping import surfaces
+from experiment.session.remarks import paused
 from experiment.session.visit import visit_steps, walk
 from experiment.study.allocation import allocate, find
 
@@ -170,7 +172,8 @@ def practise(
         console.show(WELCOME.format(label=LABELS["PRACTICE"], participant=participant, task=tasks[0], out=out))
         if said := generic(protocol):
             console.show(said)
-        footer = walk(console=console, tasks=tasks, run=_Practice(job, console).session)
+        practice = _Practice(job, console)
+        footer = walk(console=console, tasks=tasks, run=practice.session, noting=practice.noting)
     build.build(job.dataset)
     others = [task for task in job.tasks if left[task] and task not in tasks]
     if footer.reason == "paused":
@@ -194,6 +197,9 @@ class _Practice:
     def session(self, task_id: str) -> Footer:
         self.console.at(step=task_id, steps=visit_steps(self.job.tasks))
         return run_task(self.job, task_id, lambda: None, None, self.console)
+
+    def noting(self) -> Attended | None:
+        return paused(self.job.dataset, self.job.participant, self.job.tasks, MonotonicClock())
 
 
 def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:

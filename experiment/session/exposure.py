@@ -153,10 +153,18 @@ class Exposed:
 
 def spent_ns(contents: Contents) -> int:
     """Return how long the session has lasted so far, without the pauses between its runners, ns."""
-    return sum(
-        lines[-1].t_ns - lines[0].t_ns + (0 if isinstance(lines[-1].entry, Footer) else KILLED_NS)
-        for lines in _runners(contents)
-    )
+    return sum(_footer_ns(lines, lines[-1].t_ns + KILLED_NS) - lines[0].t_ns for lines in _runners(contents))
+
+
+def ended_ns(contents: Contents) -> int:
+    """Return the session time at which a session that has begun ended last, by its footer or its last line, ns."""
+    last = _runners(contents)[-1]
+    return _footer_ns(last, last[-1].t_ns)
+
+
+def _footer_ns(lines: Sequence[Line], otherwise_ns: int) -> int:
+    """Return the session time of a runner's footer, ns; what is noted in a pause stands behind it."""
+    return next((line.t_ns for line in lines if isinstance(line.entry, Footer)), otherwise_ns)
 
 
 def dose_before(journals: Iterable[Contents], clock: Clock) -> float:

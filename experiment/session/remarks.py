@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import shutil
 import threading
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -11,9 +13,12 @@ from experiment.clock import Clock
 from experiment.desk.messages import RECENT, Gauges, Lamp, Prompt, Standing, Told
 from experiment.desk.port import Console, Corrected, Noted, Remark, Repeated
 from experiment.protocol.models import Answers
-from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Shown, Visited
+from experiment.records import journal
+from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Shown, Visited, Withdrawal
+from experiment.records.progress import Progress, progress
 from experiment.session.kind import Kind, Limits, Log
 from experiment.settings import characters
+from experiment.storage import journal_path
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -167,19 +172,7 @@ class Attendance:
         )
 
     def standing(self) -> Standing:
-        done = self._log.done
-        recent = [
-            Told(trial=trial, words=said or "no answer", corrected=trial in done.corrected)
-            for trial, said in done.said[-RECENT:]
-        ]
-        return Standing(
-            task=done.header.task,
-            purpose=done.header.purpose,
-            trials=len(done.header.order),
-            answered=len(done.answered),
-            remaining=len(done.remaining),
-            recent=tuple(recent),
-        )
+        return standing(self._log.done)
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
         return self._remarks.take(remark)
@@ -208,3 +201,76 @@ class Attendance:
         except OSError as error:
             return Lamp(name="disk", good=False, words=error.strerror or str(error))
         return Lamp(name="disk", good=free > LITTLE_BYTES, words=f"{free / 1e9:.1f} GB free")
+
+
+class Paused:
+    """Implements `Attended` for a session that is paused or complete: what is noted goes on record behind its footer.
+
+    No file is held in between, so that the participant can still withdraw, or be run elsewhere.
+    """
+
+    def __init__(self, path: Path, contents: journal.Contents, clock: Clock) -> None:
+        """Tell of the session whose journal at `path` has these contents."""
+        self._path = path
+        self._participant = contents.header.participant
+        self._standing = standing(progress(contents.entries))
+        self._clock = clock
+
+    def gauges(self) -> None:
+        return None
+
+    def standing(self) -> Standing:
+        return self._standing
+
+    def remark(self, remark: Remark) -> tuple[bool, str]:
+        if not isinstance(remark, Noted):
+            return False, "The session is paused; go on with it, then ask again. Nothing was changed."
+        if not self._write(Note(trial=remark.trial, text=remark.text)):
+            return False, "The session can take no note now. Keep it on paper, and see what palpate status says."
+        return True, "The note is on disk."
+
+    def pause(self, why: str) -> None:
+        """Do nothing: it is paused."""
+
+    def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
+        self._write(Commanded(by=by, command=command, taken=taken, reply=words))
+
+    def shown(self, prompt: Prompt, ago_ns: int) -> None:
+        since_ns = self._clock.now_ns() - ago_ns
+        self._write(Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
+
+    def _write(self, entry: Note | Commanded | Shown) -> bool:
+        """Put an entry on record; return False where none may follow: after a withdrawal, or a line cut off."""
+        with journal.locked(self._path.parent, self._participant):
+            contents = journal.read_if_begun(self._path)
+            if not contents.lines or contents.torn or isinstance(contents.entries[-1], Withdrawal):
+                return False
+            with closing(journal.Journal(self._path, self._clock, contents)) as opened:
+                opened.append(entry)
+            return True
+
+
+def paused(dataset: Path, participant: str, tasks: Sequence[str], clock: Clock) -> Paused | None:
+    """Return the session that the participant was in last, of these tasks in order; None before the first."""
+    for task in reversed(tasks):
+        path = journal_path(dataset, participant, task)
+        contents = journal.read_if_begun(path)
+        if contents.lines:
+            return Paused(path, contents, clock)
+    return None
+
+
+def standing(done: Progress) -> Standing:
+    """Return how far a session is, as a console shows it."""
+    recent = [
+        Told(trial=trial, words=said or "no answer", corrected=trial in done.corrected)
+        for trial, said in done.said[-RECENT:]
+    ]
+    return Standing(
+        task=done.header.task,
+        purpose=done.header.purpose,
+        trials=len(done.header.order),
+        answered=len(done.answered),
+        remaining=len(done.remaining),
+        recent=tuple(recent),
+    )

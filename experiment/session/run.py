@@ -16,14 +16,14 @@ from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day, wall_ns
 from experiment.dataset import beliefs, build, register
 from experiment.dataset.bids import LABELS
-from experiment.desk.port import Console
+from experiment.desk.port import Attended, Console
 from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer, Purpose, Visited
 from experiment.records.progress import progress
-from experiment.session import runner, scene, visit
+from experiment.session import exposure, remarks, runner, scene, visit
 from experiment.session.footstep import fidelity
 from experiment.session.laboratory import header, open_laboratory
 from experiment.settings.characters import quoted
@@ -93,6 +93,7 @@ def run(
     )
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or enrolment.default_root(protocol)
+    beliefs.check_roster(root)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
@@ -128,7 +129,7 @@ def run(
         console=console,
         clock=clock,
     )
-    return visit.walk(console=console, tasks=tasks, run=begun.session)
+    return visit.walk(console=console, tasks=tasks, run=begun.session, noting=begun.noting)
 
 
 @dataclass(kw_only=True)
@@ -235,6 +236,10 @@ class _Visit:
         if not _anchor(root, self.anchored_in, console) and footer.reason == "complete":
             console.show("This session was complete already; nothing was added to it.")
         return footer
+
+    def noting(self) -> Attended | None:
+        """Return what takes a note while no session is under way: the one before, once there was one."""
+        return remarks.paused(self.root, self.allocation.participant, self.allocation.tasks, self.clock)
 
     def _identify(self) -> None:
         """Have it confirmed, once, that the participant of the label is at the panel. Raises `SessionError` if not."""
@@ -387,8 +392,14 @@ def _wait_for_break(
     for other in allocation.tasks:
         if other == task_id:
             continue
-        lines = journal.read_if_begun(storage.journal_path(root, allocation.participant, other)).lines
-        left_ns = lines[-1].t_ns + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns() if lines else 0
+        before = journal.read_if_begun(storage.journal_path(root, allocation.participant, other))
+        if not before.lines:
+            continue
+        left_ns = exposure.ended_ns(before) + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns()
         if left_ns > 0:
             why = f"The break after task {other} lasts {protocol.task_order.break_min_s / 60:g} min at least."
-            console.wait(why=why, until_ns=clock.now_ns() + left_ns, clock=clock)
+            console.attend(remarks.paused(root, allocation.participant, (other,), clock))
+            try:
+                console.wait(why=why, until_ns=clock.now_ns() + left_ns, clock=clock)
+            finally:
+                console.attend(None)

@@ -177,7 +177,7 @@ class SessionLog:
     def keep(self, raw: bytes) -> Trace:
         offset = self._frames.tell()
         try:
-            chain.write_through(self._frames, raw)
+            chain.write_through(self._frames, raw, wait=self._journal.waits)
         except OSError as error:
             raise journal.unwritable(self._frames_path, error) from error
         journal.check_place(self._frames.fileno(), self._frames_path)
@@ -185,6 +185,7 @@ class SessionLog:
 
     def close(self) -> None:
         try:
+            chain.write_through(self._frames, b"")
             self._frames.close()
         finally:
             self._journal.close()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from experiment.desk.port import DEBRIEFING, INTERRUPTED, Console
+from experiment.desk.port import DEBRIEFING, INTERRUPTED, Attended, Console
 from experiment.errors import ActuatorError, AudioError, PalpateError, PauseAsked, TrackerError
 from experiment.records.entries import Footer
 
@@ -16,36 +16,47 @@ BETWEEN = "The visit is paused; no session is under way."
 """What is said of a pause at a question before a session, or in the break."""
 
 
-def walk(*, console: Console, tasks: Sequence[str], run: Callable[[str], Footer]) -> Footer:
+def walk(
+    *, console: Console, tasks: Sequence[str], run: Callable[[str], Footer], noting: Callable[[], Attended | None]
+) -> Footer:
     """Run a participant's tasks, one at least, and return the footer of the last one begun.
 
-    A task that paused goes on as soon as the experimenter wants it to, and so does one whose device failed. Raises
-    `PalpateError` if it does not: `PauseAsked` if no session was under way.
+    In a pause the console attends what `noting` gives. A task that paused goes on as soon as the experimenter wants it
+    to, and so does one whose device failed. Raises `PalpateError` if it does not: `PauseAsked` if no session was under
+    way.
     """
     for task in tasks:
-        footer = _task(console, task, run)
+        footer = _task(console, task, run, noting)
         if footer.reason != "complete":
             break
     return footer
 
 
-def _task(console: Console, task: str, run: Callable[[str], Footer]) -> Footer:
+def _task(console: Console, task: str, run: Callable[[str], Footer], noting: Callable[[], Attended | None]) -> Footer:
     while True:
         try:
             footer = run(task)
         except PauseAsked:
-            if not console.goes_on(why=BETWEEN):
+            if not _goes_on(console, BETWEEN, noting):
                 raise
             continue
         except (TrackerError, ActuatorError, AudioError) as error:
-            if not console.goes_on(why=_sentence(error)):
+            if not _goes_on(console, _sentence(error), noting):
                 raise
             continue
         # Who ends the process by a signal waits for no key.
         if footer.reason != "paused" or footer.detail == INTERRUPTED:
             return footer
-        if not console.goes_on(why=told(footer, onward=False)):
+        if not _goes_on(console, told(footer, onward=False), noting):
             return footer
+
+
+def _goes_on(console: Console, why: str, noting: Callable[[], Attended | None]) -> bool:
+    console.attend(noting())
+    try:
+        return console.goes_on(why=why)
+    finally:
+        console.attend(None)
 
 
 def asked(console: Console, ask: Callable[[], None]) -> None:

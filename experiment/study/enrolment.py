@@ -25,12 +25,13 @@ from pydantic import Field, ValidationError
 
 from experiment import storage
 from experiment.clock import MonotonicClock, day, wall_ns
-from experiment.errors import DatasetError, RosterError
+from experiment.errors import DatasetError, PalpateError, RosterError
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.entries import Purpose, Record, Withdrawal
 from experiment.records.progress import progress
+from experiment.study import people, reasons
 from experiment.study.allocation import allocated, labels, stranger
 from experiment.study.roster import Roster, check_consent
 
@@ -162,7 +163,8 @@ def consent(
     """Record the consent of a participant who enrolled without it, and return the roster's file.
 
     With `correction`, which says why, the day takes the place of the one on record. Raises `RosterError` if the
-    participant is not enrolled or has withdrawn, has consented already, or cannot have consented on that day.
+    participant is not enrolled or has withdrawn, has consented already, or cannot have consented on that day; and for a
+    correction that names somebody or tells of health.
     """
     root = _begun(protocol_file, root)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
@@ -171,6 +173,7 @@ def consent(
     if correction is None:
         known.consent(participant, consent_on)
     else:
+        _check_reason(protocol_file, root, correction)
         known.correct(participant, consent_on, correction)
     return path
 
@@ -213,7 +216,7 @@ def withdraw(
     cut short. With `erase` the roster is told that too, and then all else of the participant is deleted, but for a file
     that says that they withdrew; a reason that is on record stays. `rebuild` makes the tables of the dataset in a
     folder anew. Raises `RosterError` if the participant is not enrolled or has withdrawn for another reason, or the
-    reason is no line of text, and `SessionLocked` if a session of theirs is running.
+    reason is no line of text, names somebody or tells of health, and `SessionLocked` if a session of theirs is running.
     """
     root = _begun(protocol_file, root)
     path = storage.roster_path(root)
@@ -221,14 +224,27 @@ def withdraw(
     with journal.locked(storage.participant_folder(root, participant), participant):
         known = Roster.continued(path)
         if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
+            _check_reason(protocol_file, root, reason)
             known.withdraw(participant, reason)
         if erase:
             _erase(root, known, participant)
         else:
             _mark(root, participant, reason)
         if erase or storage.journals(root):
-            rebuild(root)
+            try:
+                rebuild(root)
+            except PalpateError as error:
+                error.add_note(
+                    f"The withdrawal of participant {participant} is on record, and no table was made anew. Mend what "
+                    "is told above, then run the same command again."
+                )
+                raise
     return path
+
+
+def _check_reason(protocol_file: Path, root: Path, reason: str) -> None:
+    protocol = files.load(protocol_file)
+    reasons.check(reason, (person.name for person in people.known(protocol, root).values()))
 
 
 def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:

@@ -149,8 +149,9 @@ def test_what_is_too_large_is_not_read(tmp_path: Path) -> None:
 )
 def test_json_that_no_file_needs_is_refused(text: str) -> None:
     for one in (text, text.encode()):
-        with pytest.raises(ValueError, match=r"\w"):
+        with pytest.raises(ValueError, match=r"\w") as refused:
             storage.json_of(one)
+        assert "sys." not in str(refused.value)
 
 
 def test_json_is_read_as_it_stands() -> None:

@@ -458,6 +458,7 @@ def odd_files(folder: Path, whole: bool) -> tuple[int, list[str]]:
 
 
 CORRECTED = ("--correct", "--reason", "the letter says so")
+TRIALS = ("--presented", "shown", "--answered", "said", "--participant", "who")
 STARTED = (
     ("--help",),
     ("check", "study.toml"),
@@ -486,8 +487,15 @@ STARTED = (
     ("audit", "okamoto2012"),
     ("import-counts", "--task", "t=counts.csv", "--study", "s", "--source", "p", "--out", "out"),
     ("numerics", "takes"),
+    ("new", "new.toml", "--id", "another", "--yes"),
+    ("person", "study.toml", "--participant", "01", "--dataset", "study"),
+    ("desk", "study"),
+    ("answers", "review", "data", "--list"),
+    ("tap", "fit", "take.wav"),
+    ("tap", "contact", "--stiffness", "2500", "--damping", "1", "--mass", "0.1", "--speed", "0.1"),
+    ("import-trials", "trials.csv", *TRIALS, "--study", "s", "--out", "out"),
 )
-"""Every command, with arguments with which it runs or refuses."""
+"""Every command, with arguments with which it runs or refuses; but for `screen`, which waits for its session."""
 
 
 STARTS = """

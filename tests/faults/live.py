@@ -7,6 +7,7 @@ and types; what counts as confirmed is what the screen says.
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 import json
 import os
@@ -219,6 +220,8 @@ def _child(run: Callable[[], object]) -> NoReturn:
         signal.signal(signal.SIGHUP, signal.SIG_DFL)
         signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, 1, closefd=False) for n, mode in enumerate("rww"))
+        # A library that crashes says where, on the screen that is kept.
+        faulthandler.enable()
         run()
         code = 0
     except SystemExit as end:

@@ -6,8 +6,10 @@ from pathlib import Path
 
 import pytest
 
+from experiment.cli import COMMANDS
 from tests.faults import campaign
 from tests.faults.campaign import BEGIN, END, PARTS, Count, Size
+from tests.faults.inputs import STARTED
 
 
 @pytest.mark.parametrize("part", PARTS)
@@ -17,6 +19,11 @@ def test_every_fault_is_survived(part: str) -> None:
     for count in counts:
         assert count.tried > 0, count.fault
         assert (count.survived, count.lost) == (count.tried, 0), (count.fault, *count.failures[:20])
+
+
+def test_ctrl_c_is_tried_at_the_start_of_every_command() -> None:
+    listed = {name for part in COMMANDS.values() for name in part}
+    assert {command[0] for command in STARTED} == {*listed, "--help"} - {"screen"}
 
 
 def test_a_part_that_ran_replaces_its_own_rows_and_no_others(tmp_path: Path) -> None:

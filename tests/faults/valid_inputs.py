@@ -122,6 +122,7 @@ def make_bench(folder: Path) -> Path:
     enrolment.enrol(protocol_file, "01", date(2020, 5, 4), root=folder / "study", seed=5)
     write_dataset(folder / "tables", {"01": {"virtual": balanced(1)}}, tasks=("virtual",))
     (folder / "counts.csv").write_text("participant,presented,answered,count\n1,a,a,3\n1,b,a,2\n2,a,b,1\n", "utf-8")
+    (folder / "trials.csv").write_text("who,shown,said\n1,a,a\n1,b,a\n2,a,b\n2,b,b\n", "utf-8")
     alike = "material_a,material_b,dissimilarity\nglass,sand,0.5\nglass,snow,0.25\nsand,snow,1\n"
     (folder / "alike.csv").write_text(alike, "utf-8")
     (folder / "junk").mkdir()

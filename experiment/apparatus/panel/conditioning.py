@@ -73,7 +73,7 @@ class Played:
             floored_bins=asked.floored_bins,
             extrapolated=asked.extrapolated,
             computed=records.Computed(
-                method=self.method,
+                method=self.method + asked.basis.band,
                 relative_error=error.total,
                 left_out=error.left_out,
                 dissimilarity_m_s2=error.dissimilarity_m_s2,
@@ -127,7 +127,7 @@ class Conditioner:
         samples = np.empty(bounded.shape, "<f4")
         np.divide(bounded, self._full_scale, out=samples, casting="same_kind")
         np.clip(samples, -self._highest, self._highest, out=samples)
-        return Played(stimulus, samples, self._full_scale, limited, method + stimulus.basis.band, self._drive, scale)
+        return Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale)
 
     def _made(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float, str]:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""

@@ -15,7 +15,7 @@ from textual.widgets import Digits, Input, Label, Static
 from experiment.clock import wall_ns
 from experiment.desk.console import picture
 from experiment.desk.console.forms import MOST_CHARACTERS, Form
-from experiment.desk.console.picture import PLACES, Phase
+from experiment.desk.console.picture import STEPS, Phase
 from experiment.desk.messages import Question, View
 
 STYLE = """
@@ -112,19 +112,22 @@ class Places(Horizontal):
 
     def __init__(self) -> None:
         super().__init__()
-        self._cells = [Static(word.lower(), markup=False) for word in PLACES]
-        self._lit: Phase | None = None
+        self._cells = [Static(markup=False) for _ in STEPS]
+        self._lit: tuple[Phase, tuple[str, ...]] | None = None
 
     def compose(self) -> ComposeResult:
         yield from self._cells
 
-    def light(self, now: Phase) -> None:
-        """Light one place."""
-        if now == self._lit:
+    def light(self, now: Phase, places: tuple[str, ...]) -> None:
+        """Light one of these places, or the first."""
+        if (now, places) == self._lit:
             return
-        self._lit = now
-        for place, (cell, word) in enumerate(zip(self._cells, PLACES, strict=True)):
-            lit = place == now.place
+        self._lit = (now, places)
+        at = now.place if now.place in places else ""
+        for number, cell in enumerate(self._cells):
+            cell.display = number < len(places)
+            word = places[number] if cell.display else ""
+            lit = word == at
             cell.set_class(lit, "lit")
             cell.styles.background = now.colour if lit else picture.OFF
             cell.styles.color = now.ink if lit else picture.UNLIT
@@ -154,8 +157,7 @@ class Blanks(Vertical):
                 row.query_one(Label).update(form.blanks[number].name)
                 row.query_one(Input).value = form.blanks[number].text
         self.display = True
-        empty = [field for field in self._shown if not field.value]
-        self._focus(next(iter(empty or self._shown), None))
+        self._focus(next(iter(self._shown), None))
 
     def close(self) -> None:
         """Show no form."""
@@ -187,9 +189,8 @@ class Blanks(Vertical):
         return [row.query_one(Input) for row in self.query(Horizontal) if row.display]
 
     def _focus(self, field: Input | None) -> None:
+        # What stands in a field is selected there: typing replaces it, and Enter keeps it.
         self.screen.set_focus(field)
-        if field is not None:
-            field.cursor_position = len(field.value)
 
 
 class Board(Vertical):
@@ -252,7 +253,7 @@ class Board(Vertical):
         pane["visit"].show(picture.visit, view.step, view.steps)
         pane["visit"].display = bool(view.step)
         self._count(view)
-        self._places.light(now)
+        self._places.light(now, picture.strip(view))
         self._text.display = self._keys.display = not form
         pane["asked"].show(picture.asked, question, now, view.lay_out, view.heard)
         pane["offered"].show(picture.offered, question.choices if question is not None else (), roomy)
@@ -261,8 +262,9 @@ class Board(Vertical):
         pane["recent"].show(picture.recent, standing.recent)
         pane["recent"].set_class(roomy, "roomy")
         self._side.styles.width = side
-        for name in ("left", "trace", "gauges"):
-            pane[name].display = gauges is not None and now is not picture.GONE
+        known = gauges is not None and now is not picture.GONE
+        pane["left"].display = pane["gauges"].display = known
+        pane["trace"].display = known and gauges is not None and bool(gauges.trace_unit)
         if gauges is not None:
             pane["left"].show(picture.left, picture.time_left(gauges.left_s))
             pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)

@@ -45,10 +45,13 @@ OFF, UNLIT = "#1c252c", "#5d6a74"
 
 @dataclass(frozen=True)
 class Phase:
-    """What happens now: one word for it, in which of the strip's places it is lit, its colour, and a sentence."""
+    """What happens now: one word for it, the strip's place where it is lit, its colour, and a sentence.
+
+    A place that the strip does not have stands for its first.
+    """
 
     word: str
-    place: int
+    place: str
     colour: str
     says: str = ""
 
@@ -58,38 +61,39 @@ class Phase:
         return "#000000" if self.colour in (YELLOW, WHITE, ORANGE) else "#ffffff"
 
 
-PLACES = ("", "ARMED", "STEPPING", "ANSWER")
-"""The strip from left to right; the first place is for all that is not a trial's step or answer."""
+STEPS, PAIRS = ("", "ARMED", "STEPPING", "ANSWER"), ("", "LAY OUT", "ANSWER")
+"""The strip from left to right, of footsteps and of comparisons; the first place is for all that is none of the
+others."""
 
 ASKED = {
-    "agree": Phase("AGREE?", 0, ORANGE),
-    "write": Phase("WRITE", 0, ORANGE),
-    "familiarise": Phase("FAMILIARISE", 0, ORANGE),
-    "level": Phase("MASKER", 0, ORANGE),
-    "say": Phase("SAY", 0, ORANGE),
-    "rest": Phase("REST FOOT", 0, ORANGE),
-    "place": Phase("LAY OUT", 0, ORANGE),
-    "answer": Phase("ANSWER", 3, VIOLET),
-    "confirm": Phase("CONFIRM", 3, WHITE),
-    "debrief": Phase("DEBRIEF", 0, ORANGE),
-    "break": Phase("BREAK", 0, GREY),
-    "continue": Phase("PAUSED", 0, GREY),
+    "agree": Phase("AGREE?", "", ORANGE),
+    "write": Phase("WRITE", "", ORANGE),
+    "familiarise": Phase("FAMILIARISE", "", ORANGE),
+    "level": Phase("MASKER", "", ORANGE),
+    "say": Phase("SAY", "", ORANGE),
+    "rest": Phase("REST FOOT", "", ORANGE),
+    "place": Phase("LAY OUT", "LAY OUT", ORANGE),
+    "answer": Phase("ANSWER", "ANSWER", VIOLET),
+    "confirm": Phase("CONFIRM", "ANSWER", WHITE),
+    "debrief": Phase("DEBRIEF", "", ORANGE),
+    "break": Phase("BREAK", "", GREY),
+    "continue": Phase("PAUSED", "", GREY),
 }
 """By the kind of the question that is asked."""
 
 STATES = {
-    "preparing": Phase("PREPARING", 0, GREY, "The session prepares what comes next. Nothing is asked."),
-    "familiarising": Phase("FAMILIARISE", 0, GREY, "The participant handles the materials."),
-    "armed": Phase("ARMED", 1, BLUE, "The participant may step. Nothing is asked until then."),
-    "answering": Phase("ANSWER", 3, GREY, "The answer is being written. Nothing is asked."),
-    "waiting": Phase("WAITING", 0, RED, "A device is silent, and the session waits for it. Nothing is lost."),
-    "paused": Phase("PAUSED", 0, GREY, "The session is paused."),
-    "ended": Phase("ENDED", 0, GREY, "The session has ended."),
+    "preparing": Phase("PREPARING", "", GREY, "The session prepares what comes next. Nothing is asked."),
+    "familiarising": Phase("FAMILIARISE", "", GREY, "The participant handles the materials."),
+    "armed": Phase("ARMED", "ARMED", BLUE, "The participant may step. Nothing is asked until then."),
+    "answering": Phase("ANSWER", "ANSWER", GREY, "The answer is being written. Nothing is asked."),
+    "waiting": Phase("WAITING", "", RED, "A device is silent, and the session waits for it. Nothing is lost."),
+    "paused": Phase("PAUSED", "", GREY, "The session is paused."),
+    "ended": Phase("ENDED", "", GREY, "The session has ended."),
 }
 """Where nothing is asked, by the session's state."""
 
-STEPPING = Phase("STEPPING", 2, YELLOW, "The foot is moving. Nothing is asked until it has landed.")
-GONE = Phase("GONE", 0, RED)
+STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
+GONE = Phase("GONE", "", RED)
 
 
 def phase(view: View) -> Phase:
@@ -99,6 +103,11 @@ def phase(view: View) -> Phase:
     if view.state == "armed" and view.gauges is not None and view.gauges.moving:
         return STEPPING
     return STATES[view.state]
+
+
+def strip(view: View) -> tuple[str, ...]:
+    """Return the places of the strip, from left to right."""
+    return PAIRS if view.pairs else STEPS
 
 
 def heading(label: str, study: str, participant: str, task: str) -> Text:
@@ -218,18 +227,23 @@ def trace(values: tuple[float, ...], unit: str, width: int, rows: int) -> Text:
 
 
 def gauges(told: Gauges, roomy: bool) -> Text:
-    """Return what is measured, in words; the lamps of parts that are not well come with theirs."""
+    """Return what is measured, in words; the lamps of parts that are not well come with theirs.
+
+    Where no movement is measured, nothing is set off by one, and nothing of either is told.
+    """
     text = Text()
-    moved = f"Last: {told.last}" if told.last else "No movement yet"
-    text.append(f"{moved}\n")
+    if told.trace_unit:
+        moved = f"Last: {told.last}" if told.last else "No movement yet"
+        text.append(f"{moved}\n")
     if told.masker_limit_db_a is not None:
         level = "silent" if told.masker_db_a is None else f"{told.masker_db_a:.0f} dB(A)"
         most = f", at most {told.masker_limit_db_a:.0f}" if roomy else ""
         dose = f", dose {told.dose:.0%}" if told.dose is not None else ""
         text.append("Masker: ", style=DIM).append(f"{level}{most}{dose}\n")
-    stimuli = "stimulus" if told.stimuli == 1 else "stimuli"
-    text.append("Felt: ", style=DIM).append(f"{told.stimuli} {stimuli}, {told.vibration_s:.1f} s\n")
-    text.append_text(delivered(told.delivered)).append("\n")
+    if told.trace_unit:
+        stimuli = "stimulus" if told.stimuli == 1 else "stimuli"
+        text.append("Felt: ", style=DIM).append(f"{told.stimuli} {stimuli}, {told.vibration_s:.1f} s\n")
+        text.append_text(delivered(told.delivered)).append("\n")
     return text.append_text(lamps(told.lamps, roomy=roomy))
 
 

@@ -174,6 +174,15 @@ def test_a_test_of_a_score_needs_its_null(scores: Path) -> None:
         audit(str(scores))
 
 
+def test_a_score_may_not_have_the_name_of_a_material(scores: Path) -> None:
+    """A test of "ease" would be of both, and hypothesis found a file in which the one was checked as the other."""
+    cell = '{ presented = "ease", answered = "ease", mean = "0.5" }'
+    table = f'[[table]]\nwhere = "T"\ntask = "all"\ncomplete = false\ncells = [{cell}]\n'
+    scores.write_text(scores.read_text(encoding="utf-8") + table, encoding="utf-8")
+    with pytest.raises(PublishedError, match=r"name: got 'ease'; allowed: a name that no material of the task has"):
+        audit(str(scores))
+
+
 def test_against_is_for_datasets(scores: Path) -> None:
     with pytest.raises(PublishedError, match="is no dataset"):
         audit("okamoto2012", scores)
@@ -195,14 +204,16 @@ def test_an_anova_table_of_more_lines_than_can_be_tried_is_refused(scores: Path)
         audit(str(scores))
 
 
-def test_numbers_that_take_too_long_are_refused(scores: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(evidence, "MOST_S", -1.0)
-    with pytest.raises(PublishedError, match=r"scores: got printed numbers that take more than .* divide the file"):
+def test_numbers_that_take_too_much_work_are_refused(scores: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(evidence, "MOST_WORK", 3)
+    with pytest.raises(PublishedError, match=r"scores: got printed numbers that 3 means .* are too few .* divide the"):
         audit(str(scores))
 
 
-def test_rows_beyond_their_time_are_left_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(print_lines, "MOST_ROWS_S", 0.0)
+def test_rows_beyond_their_work_are_left_undecided(monkeypatch: pytest.MonkeyPatch) -> None:
+    """But for one, whose means cannot add up, for which no work is needed."""
+    monkeypatch.setattr(print_lines, "MOST_COLUMNS", 0)
     rows = [line for line in audit("okamoto2012").comparison.lines if line.quantity == "row"]
-    assert {line.verdict for line in rows} == {UNDECIDED}
-    assert all(line.reason.startswith("not decided within the") for line in rows)
+    (impossible,) = [line for line in rows if line.verdict != UNDECIDED]
+    assert impossible.subject == "row of polypropylene"
+    assert all(line.reason.startswith("not decided within the") for line in rows if line is not impossible)

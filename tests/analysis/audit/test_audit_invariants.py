@@ -9,7 +9,7 @@ from fractions import Fraction
 from typing import Any
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -129,9 +129,15 @@ CELL = st.fixed_dictionaries(
     {"presented": NAMES, "answered": NAMES, "mean": SIGNED}, optional={"sd": NUMBERS, "stars": st.just("*")}
 )
 
-SCORE = st.fixed_dictionaries({"name": NAMES, "mean": SIGNED}, optional={"sd": NUMBERS})
+SCORE = st.fixed_dictionaries({"name": st.sampled_from(["ease", "joy"]), "mean": SIGNED}, optional={"sd": NUMBERS})
 
-TEST = {"task": st.just("one"), "of": NAMES, "df": DFS, "t": SIGNED, "null": st.sampled_from(["1/3", "4"])}
+TEST = {
+    "task": st.just("one"),
+    "of": st.sampled_from(["a", "b", "c", "ease"]),
+    "df": DFS,
+    "t": SIGNED,
+    "null": st.sampled_from(["1/3", "4"]),
+}
 
 SOURCE = {"name": NAMES, "df": DFS}
 
@@ -170,8 +176,22 @@ DOCUMENTS = st.fixed_dictionaries(
 )
 
 
+_A = {"presented": "a", "answered": "a"}
+
+NO_COUNTS_BUT_A_T = {
+    "study": "any",
+    "source": "Nobody",
+    "task": ({"id": "one", "participants": 2, "trials": 1},),
+    "table": ({"where": "T", "task": "one", "complete": False, "cells": ({**_A, "mean": "0.3", "sd": "1"},)},),
+    "text": ({"where": "Here", "task": "one", "cells": ({**_A, "mean": "0", "sd": "0"},)},),
+    "t": ({"where": "Here", "tests": ({"task": "one", "of": "a", "df": 1, "t": "0", "null": "1/3"},)},),
+}
+"""One trial each: no counts give the mean of the table, whose t still fits it, and the text repeats another SD."""
+
+
 @settings(deadline=None, max_examples=25)
 @given(DOCUMENTS)
+@example(NO_COUNTS_BUT_A_T)
 def test_any_file_that_can_be_read_can_be_audited(document: dict[str, Any]) -> None:
     """However odd the numbers: a line for each, with text, and ends that JSON can hold or none."""
     found = Audit("any", "PRINT", "", Comparison("Nobody", print_lines(printed_study.published(document)), ()))

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.granularity import Undecided, examine, solve
+from analysis.audit.granularity import MOST_COLUMNS, Undecided, Work, examine, solve
 from analysis.published.numbers import PrintedCell, Scale
 from analysis.published.printed import Interval, Printed
 
@@ -50,7 +50,7 @@ def test_solve_finds_counts_where_trying_all_of_them_does(
         {total: Interval(Fraction(low), Fraction(low + width)) for total in {first, first + extra}}
         for (first, extra), (low, width) in zip(sums, squares, strict=True)
     ]
-    found = solve(columns, 3, 3, missing=0)
+    found = solve(columns, 3, 3, missing=0, work=Work(MOST_COLUMNS))
 
     def fits(table: tuple[tuple[int, ...], ...]) -> bool:
         for column, values in zip(columns, zip(*table, strict=True), strict=True):
@@ -71,7 +71,7 @@ def test_a_row_of_true_counts_always_stands(answers: int, n: int, trials: int, d
     """The invariant: no row of true counts is accused."""
     rng = np.random.default_rng(seed)
     counts = [tuple(map(int, rng.multinomial(trials, rng.dirichlet(np.ones(answers))))) for _ in range(n)]
-    row = examine(_cells(_printed(counts, trials, digits), trials), n, trials, {})
+    row = examine(_cells(_printed(counts, trials, digits), trials), n, trials, {}, Work(MOST_COLUMNS))
     assert row.stands
     assert row.truncated == ()
     assert row.fewest <= row.trials <= row.most
@@ -80,7 +80,7 @@ def test_a_row_of_true_counts_always_stands(answers: int, n: int, trials: int, d
 def test_a_row_with_trials_left_out_says_how_many() -> None:
     """Four participants, ten trials; two of the forty are dropped from the first answer's counts."""
     counts: list[tuple[int, ...]] = [(6, 4), (5, 5), (3, 5), (7, 3)]
-    row = examine(_cells(_printed(counts, 10, 3), 10), 4, 10, {})
+    row = examine(_cells(_printed(counts, 10, 3), 10), 4, 10, {}, Work(MOST_COLUMNS))
     assert not row.stands
     assert (row.trials, row.fewest, row.most, row.missing) == (40, 38, 38, 2)
     # Any other value of one of the two cells would fill the row.
@@ -90,7 +90,7 @@ def test_a_row_with_trials_left_out_says_how_many() -> None:
 def test_a_row_can_sum_and_still_have_no_counts() -> None:
     """Two answers to two trials: what one gains the other loses, so their SDs are the same."""
     printed: list[tuple[str, str | None]] = [("0.50", "0.41"), ("0.50", "0.00")]
-    row = examine(_cells(printed, 2), 4, 2, {})
+    row = examine(_cells(printed, 2), 4, 2, {}, Work(MOST_COLUMNS))
     assert (row.stands, row.trials, row.fewest, row.most) == (False, 8, 8, 8)
 
 
@@ -98,7 +98,7 @@ def test_a_truncated_cell_is_named_and_no_other() -> None:
     """Three participants, 1, 1 and 2 of 3: mean 0.4444, SD 0.1925, cut to 0.192 where rounding gives 0.192 or 0.193."""
     printed = _printed([(1, 2), (1, 2), (2, 1)], 3, 4)
     cut: list[tuple[str, str | None]] = [("0.4444", "0.1924"), printed[1]]
-    row = examine(_cells(cut, 3), 3, 3, {})
+    row = examine(_cells(cut, 3), 3, 3, {}, Work(MOST_COLUMNS))
     assert printed[0] == ("0.4444", "0.1925")
     assert (row.stands, row.truncated) == (True, (0,))
 
@@ -107,12 +107,12 @@ def test_what_a_test_pins_is_used() -> None:
     counts: list[tuple[int, ...]] = [(1, 2), (1, 2), (2, 1), (0, 3)]
     cells = _cells(_printed(counts, 3, 1), 3)
     variance = statistics.variance([Fraction(row[0], 3) for row in counts])
-    assert examine(cells, 4, 3, {0: Interval(variance, variance)}).stands
+    assert examine(cells, 4, 3, {0: Interval(variance, variance)}, Work(MOST_COLUMNS)).stands
     other = Interval(variance + Fraction(1, 1000), variance + Fraction(2, 1000))
-    assert not examine(cells, 4, 3, {0: other}).stands
+    assert not examine(cells, 4, 3, {0: other}, Work(MOST_COLUMNS)).stands
 
 
 def test_a_row_with_too_many_ways_is_not_decided() -> None:
     printed: list[tuple[str, str | None]] = [("0.25", "0.10")] * 4
     with pytest.raises(Undecided, match="more than 20000 ways"):
-        examine(_cells(printed, 100), 10, 100, {})
+        examine(_cells(printed, 100), 10, 100, {}, Work(MOST_COLUMNS))

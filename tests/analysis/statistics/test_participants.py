@@ -34,7 +34,7 @@ def test_every_way_to_give_signs_is_counted(counts: list[int], chance: Fraction)
     assert sign_flip_tests(np.array([counts]), 10, chance)[0] == pytest.approx(share, abs=1e-12)
 
 
-@pytest.mark.parametrize(("people", "trials"), [(25, 10), (40, 12), (60, 7)])
+@pytest.mark.parametrize(("people", "trials"), [(25, 10), (40, 12), (60, 7), (5, 200)])
 def test_many_studies_are_tested_as_one(people: int, trials: int) -> None:
     counts = np.random.default_rng(3).binomial(trials, 0.3, size=(4, 5, people))
     found = sign_flip_tests(counts, trials, Fraction(1, 4))

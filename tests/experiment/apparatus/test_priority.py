@@ -18,6 +18,10 @@ from experiment.apparatus import host
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
 
 
+ORDINARY_NICE = 0
+"""Of a process that nobody changed; whoever runs the tests may stand above or below it."""
+
+
 def refuse(*_: object) -> None:
     raise PermissionError(1, "Operation not permitted")
 
@@ -48,6 +52,7 @@ def test_what_it_says_is_what_the_kernel_holds_and_it_is_given_back() -> None:
 
 def test_without_the_right_to_real_time_it_is_made_less_nice(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
+    monkeypatch.setattr(os, "getpriority", lambda *_: ORDINARY_NICE)
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", lambda _which, _who, nice: asked.append(nice))
     with host.raised() as got:
@@ -215,6 +220,7 @@ def test_beside_an_ordinary_session_a_thread_stays_ordinary() -> None:
 
 def test_what_a_person_waits_for_is_less_nice_where_that_is_allowed(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
+    monkeypatch.setattr(os, "getpriority", lambda *_: ORDINARY_NICE)
     monkeypatch.setattr(os, "setpriority", lambda _which, _who, nice: asked.append(nice))
     host.favour()
     assert asked == [host.FAVOURED_NICE]

@@ -120,6 +120,10 @@ def test_check_writes_the_page_as_html_where_it_is_told_and_nowhere_else(palpate
     code, _, err = palpate("check", protocol, "--html", protocol)
     assert (code, "allowed: a name that ends in .html" in err, protocol.read_bytes() == before) == (2, True, True)
     assert json.loads(palpate("check", protocol, "--html", page, "--json")[1])["valid"]
+    kept = protocol.with_name("own.html")
+    kept.write_text("<p>a page of the lab", "utf-8")
+    assert palpate("check", protocol, "--html", kept)[0] == 2
+    assert kept.read_text("utf-8") == "<p>a page of the lab"
     protocol.write_text("format = 2", "utf-8")
     page.unlink()
     assert (palpate("check", protocol, "--html", page)[0], page.exists()) == (2, False)

@@ -17,12 +17,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment import storage
-from experiment.dataset import build
+from experiment.dataset import beliefs, build
 from experiment.dataset.beliefs import Plan
 from experiment.dataset.status import Status, months_after, status
 from experiment.errors import DatasetError
 from experiment.protocol import approval, files
 from experiment.protocol.files import shipped
+from experiment.records import chain
 from experiment.study import enrolment
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -290,3 +291,27 @@ def test_it_is_told_when_data_are_due_to_be_deleted(kept: MadeStudy, today: date
 def test_where_the_protocol_states_no_time_none_is_told(made: MadeStudy) -> None:
     found = status(made.root, date(2099, 1, 1))
     assert (found.keep_until, [one for one in found.reminders if "kept" in one]) == ({}, [])
+
+
+def test_an_older_roster_speaks_against_the_evidence(study: MadeStudy, palpate: Palpate) -> None:
+    beliefs.keep_anchor(study.root)
+    path = storage.roster_path(study.root)
+    lines = path.read_bytes().splitlines(keepends=True)[:-1]
+    path.write_bytes(b"".join(lines))
+    last = hashlib.sha256(lines[-1].removesuffix(b"\n")).hexdigest()
+    chain.head_path(path).write_text(f"{len(lines):012d} {last}\n", "utf-8")
+    code, out, err = palpate("status", study.root)
+    assert (code, err) == (1, "")
+    assert "AGAINST THE EVIDENCE" in out
+    assert "by the anchor of" in " ".join(out.split())
+
+
+def test_a_figure_replaces_a_figure_of_palpate_and_nothing_else(
+    made: MadeStudy, tmp_path: Path, palpate: Palpate
+) -> None:
+    figure, other = tmp_path / "flow.svg", tmp_path / "thesis.svg"
+    for _ in range(2):
+        assert palpate("status", made.root, "--figure", figure)[0] == 0
+    other.write_text("<svg/>", "utf-8")
+    code, _, err = palpate("status", made.root, "--figure", other)
+    assert (code, "palpate did not make it" in err, other.read_text("utf-8")) == (2, True, "<svg/>")

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from experiment import storage
-from experiment.dataset import beliefs, build, register
+from experiment.dataset import beliefs, bids, build, register
 from experiment.dataset.verify import MISTYPED, Report, verify
 from experiment.errors import DatasetError
 from experiment.protocol import approval
@@ -247,6 +247,78 @@ def test_a_register_of_another_dataset_proves_nothing(study: MadeStudy, tmp_path
     register.enter(beliefs.anchor(other.root), other.root, tmp_path / "register", None)
     report = verify(study.root, [tmp_path / "register"])
     assert refused(report) == {str(tmp_path / "register"): "has no anchor of this dataset"}
+
+
+def test_a_register_of_a_dataset_of_the_same_study_is_told_once_and_accuses_no_file(
+    study: MadeStudy, tmp_path: Path
+) -> None:
+    other = make_study(tmp_path / "other", seed=2)
+    register.enter(beliefs.anchor(other.root), other.root, tmp_path / "register", None)
+    found = refused(verify(study.root, [tmp_path / "register"]))
+    assert list(found) == [str(tmp_path / "register")]
+    assert "agrees with no line of this dataset: it is of another dataset of the same study" in found.popitem()[1]
+
+
+def test_what_was_derived_is_told_not_to_be_compared(study: MadeStudy) -> None:
+    (study.root / "derivatives" / "palpate").mkdir(parents=True)
+    told = {finding.item: finding for finding in verify(study.root).findings}
+    assert (told["derivatives"].word, "make it anew" in told["derivatives"].text) == ("note", True)
+
+
+@pytest.fixture
+def visited(study: MadeStudy) -> Path:
+    """The journal of a session that was paused, whose tables were made, and that goes on; no footer ends it yet."""
+    one = study.tasks[0]
+    asked = study.header(one.participant, one.tasks[1])
+    study.run(asked, "cq")
+    build.build(study.root)
+    path = study.journal(0, 1)
+    paused = len(path.read_bytes().splitlines())
+    study.run(asked, "aptc")
+    lines = path.read_bytes().splitlines(keepends=True)
+    assert b'"kind":"footer"' in lines[-1]
+    rechained(path, lines[:-1])
+    assert len(lines) > paused + 1
+    return path
+
+
+def rechained(path: Path, lines: list[bytes]) -> None:
+    """Leave these lines, with the head that says so."""
+    path.write_bytes(b"".join(lines))
+    last = sha256(lines[-1].removesuffix(b"\n")).hexdigest()
+    chain.head_path(path).write_text(f"{len(lines):012d} {last}\n", "utf-8")
+
+
+def test_in_the_middle_of_a_visit_no_table_is_accused(study: MadeStudy, visited: Path) -> None:
+    report = verify(study.root)
+    assert report.refused == 0
+    told = {finding.item: finding.text for finding in report.findings}
+    assert told[inside(study, visited)].startswith("no footer ends it")
+    build.build(study.root)
+    assert verify(study.root).refused == 0
+
+
+def test_in_the_first_session_of_a_participant_no_table_is_missed(study: MadeStudy) -> None:
+    one = study.tasks[0]
+    study.run(study.header(one.participant, one.tasks[1]))
+    path = study.journal(0, 1)
+    rechained(path, path.read_bytes().splitlines(keepends=True)[:-2])
+    assert verify(study.root).refused == 0
+    assert "is missing" in " ".join(map(str, build.edited(study.root, beliefs.believed(study.root))))
+
+
+@pytest.mark.parametrize("left", [5, 9, 13])
+def test_a_tail_and_its_head_that_were_cut_are_no_session_under_way(study: MadeStudy, left: int) -> None:
+    path = study.journal()
+    rechained(path, path.read_bytes().splitlines(keepends=True)[:left])
+    assert any("is not what the journal" in text for text in refused(verify(study.root)).values())
+
+
+def test_a_table_of_a_session_under_way_is_compared_as_far_as_it_was_made(study: MadeStudy, visited: Path) -> None:
+    one = study.tasks[0]
+    table = bids.beh_path(study.root, one.participant, one.tasks[1], "events.tsv")
+    table.write_bytes(table.read_bytes().replace(b"PARTICIPANT", b"PARTICIPANt", 1))
+    assert list(refused(verify(study.root))) == [inside(study, table)]
 
 
 def test_every_finding_is_told(study: MadeStudy) -> None:

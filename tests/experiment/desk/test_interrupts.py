@@ -194,11 +194,11 @@ def test_an_entry_that_is_being_written_is_on_file_before_the_session_pauses(
     written = chain.write_through
     pressed: list[bytes] = []
 
-    def writing(file: FileIO, content: bytes) -> None:
+    def writing(file: FileIO, content: bytes, *, wait: bool = True) -> None:
         if kind.encode() in content and not pressed:
             pressed.append(content)
             press()
-        written(file, content)
+        written(file, content, wait=wait)
 
     monkeypatch.setattr(chain, "write_through", writing)
     footer = bench("cpt").run(protocol, header("virtual"), tmp_path)

@@ -208,7 +208,7 @@ def test_without_a_session_nothing_is_noted(bench: Bench) -> None:
     bench.linked.attend(None)
     taken, words = bench.do(TakeNote(text="Coughs."))
     assert not taken
-    assert words.startswith("No session is under way, and nothing can go on record now. Keep it on paper")
+    assert words.startswith("No session has begun or is open, and nothing can go on record now. Keep it on paper")
 
 
 def test_what_was_reached_stays_on_the_screen_of_a_pause(bench: Bench) -> None:

@@ -22,7 +22,7 @@ from hypothesis import strategies as st
 from experiment.clock import ManualClock
 from experiment.errors import JournalError, SessionLocked
 from experiment.records import chain, journal, transcript
-from experiment.records.entries import Answer, Footer, Phase
+from experiment.records.entries import Answer, Footer, Phase, Purpose
 from experiment.records.journal import AnyEntry
 from experiment.settings.characters import hidden
 from tests.experiment.session.bench import HEADER
@@ -62,6 +62,30 @@ def test_what_was_written_is_read_back(tmp_path: Path) -> None:
     assert contents.entries == ENTRIES
     assert [line.t_ns for line in contents.lines] == [10, 15, 20, 25]
     assert contents.torn == b""
+
+
+@pytest.mark.parametrize("purpose", ["STUDY", "PILOT", "PRACTICE", "REHEARSAL"])
+def test_an_entry_is_waited_for_unless_it_can_be_rehearsed_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, purpose: Purpose
+) -> None:
+    synced: list[str] = []
+    fsync = os.fsync
+
+    def told(descriptor: int) -> None:
+        fsync(descriptor)
+        synced.append(Path(f"/proc/self/fd/{descriptor}").readlink().name)
+
+    header = HEADER.model_copy(update={"purpose": purpose})
+    opened = journal.Journal(tmp_path / "j.jsonl", ManualClock(0), journal.EMPTY)
+    monkeypatch.setattr(os, "fsync", told)
+    for entry in (header, *ENTRIES[1:]):
+        synced.clear()
+        opened.append(entry)
+        assert synced == ([] if purpose == "REHEARSAL" else ["j.jsonl", "j.head"])
+    assert journal.read(tmp_path / "j.jsonl").entries == (header, *ENTRIES[1:])
+    synced.clear()
+    opened.close()
+    assert synced == (["j.jsonl", "j.head"] if purpose == "REHEARSAL" else [])
 
 
 def test_what_was_read_holds_nothing_but_its_entries(tmp_path: Path, without_fsync: None) -> None:
@@ -215,9 +239,9 @@ def test_what_was_written_since_a_journal_was_read_is_never_cut_off(tmp_path: Pa
 def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str, after: bool
 ) -> None:
-    path = tmp_path / "j"
+    path, header = tmp_path / "j", HEADER.model_copy(update={"purpose": "STUDY"})
     opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
-    opened.append(HEADER)
+    opened.append(header)
     writer = opened._writer
     owner = {"fsync": os, "_write_head": writer}.get(operation, writer._file)
     real = getattr(owner, operation)
@@ -237,7 +261,7 @@ def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
     assert not opened.accepts
     opened.close()
     contents = journal.read(path)
-    assert contents.entries in ((HEADER,), (HEADER, ANSWER))
+    assert contents.entries in ((header,), (header, ANSWER))
     again = journal.Journal(path, ManualClock(0), contents)
     again.append(ENTRIES[3])
     again.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,8 +17,10 @@ from experiment.desk.port import Attended, Corrected, Noted, Remark, Repeated
 from experiment.errors import ScreenGone
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
-from experiment.records.entries import Answer, Correction, Footer, Ignored, Note, Redo
+from experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Withdrawal
 from experiment.records.footstep import FootStep
+from experiment.records.progress import progress
+from experiment.session import exposure, remarks
 from experiment.session.remarks import Attendance, Remarks
 from tests.experiment.session.bench import Bench, bench, entries, header
 from tests.experiment.session.scripted import ScriptedConsole
@@ -318,3 +321,57 @@ def test_a_desk_is_told_how_far_the_session_is_and_never_what_was_presented(prot
     assert [gauges.stimuli for gauges, _ in told] == [0, 1, 2]
     assert all(gauges.left_s > 0 and gauges.masker_db_a is None for gauges, _ in told)
     assert {lamp.name for lamp in told[-1][0].lamps} >= {"tracker", "disk"}
+
+
+@pytest.mark.parametrize(("keys", "reason"), [("cq", "paused"), ("cpt", "complete")])
+def test_a_note_in_a_pause_goes_on_record_and_changes_nothing_else(
+    protocol: Protocol, tmp_path: Path, keys: str, reason: str
+) -> None:
+    one = bench(keys)
+    assert remarks.paused(tmp_path, "01", ("virtual", "real"), one.clock) is None
+    one.run(protocol, header("real"), tmp_path)
+    path = storage.journal_path(tmp_path, "01", "real")
+    before = journal.read(path)
+    one.clock.sleep_ns(60 * 10**9)
+    session = remarks.paused(tmp_path, "01", ("virtual", "real"), one.clock)
+    assert session is not None
+    assert session.remark(Noted("They look tired.")) == (True, "The note is on disk.")
+    session.commanded(by="lab", command="note", taken=True, words="The note is on disk.")
+    assert not session.remark(Corrected(1, "t", "misheard"))[0]
+    after = journal.read(path)
+    assert after.entries[len(before.entries) :] == (
+        Note(trial=None, text="They look tired."),
+        Commanded(by="lab", command="note", taken=True, reply="The note is on disk."),
+    )
+    done = progress(after.entries)
+    assert done == progress(before.entries)
+    assert done.footer is not None
+    assert done.footer.reason == reason
+    assert exposure.spent_ns(after) == exposure.spent_ns(before)
+    assert exposure.ended_ns(after) == before.lines[-1].t_ns
+    assert session.standing().answered == len(done.answered)
+
+
+def test_a_session_whose_participant_withdrew_in_the_pause_takes_no_note(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cq")
+    one.run(protocol, header("real"), tmp_path)
+    path = storage.journal_path(tmp_path, "01", "real")
+    session = remarks.paused(tmp_path, "01", ("real",), one.clock)
+    assert session is not None
+    with closing(journal.Journal(path, one.clock, journal.read(path))) as opened:
+        opened.append(Withdrawal(reason="asked to stop", torn=""))
+    before = path.read_bytes()
+    taken, words = session.remark(Noted("They look tired."))
+    assert not taken
+    assert words.startswith("The session can take no note now.")
+    session.commanded(by="lab", command="note", taken=False, words=words)
+    assert path.read_bytes() == before
+
+
+def test_a_session_goes_on_after_a_note_in_its_pause(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cq")
+    one.run(protocol, header("real"), tmp_path)
+    session = remarks.paused(tmp_path, "01", ("real",), one.clock)
+    assert session is not None
+    session.remark(Noted("They look tired."))
+    assert bench("pt").run(protocol, header("real"), tmp_path).reason == "complete"

@@ -305,7 +305,9 @@ class Watched(ScriptedConsole):
         session = self.attended[-1]
         assert session is not None
         with ThreadPoolExecutor(1) as desk:
-            self.lamps = desk.submit(session.gauges).result(10).lamps
+            gauges = desk.submit(session.gauges).result(10)
+        assert gauges is not None
+        self.lamps = gauges.lamps
         return super().arm(trial=trial, attempt=attempt, trials=trials)
 
 

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import nullcontext
+from typing import cast
 
 import pytest
 
 from experiment.clock import ManualClock
+from experiment.desk.port import Attended
 from experiment.errors import PalpateError, PauseAsked, RosterError, TrackerError
 from experiment.records.entries import Footer
 from experiment.session.visit import asked, told, visit_steps, walk
@@ -62,7 +64,7 @@ def test_tasks_follow_one_another_and_what_stopped_goes_on_if_wanted(
     says: list[bool], ends: list[Footer | PalpateError], ran: list[str], last: Footer
 ) -> None:
     console, sessions = Asked(*says), Sessions(*ends)
-    assert walk(console=console, tasks=("a", "b"), run=sessions.run) == last
+    assert walk(console=console, tasks=("a", "b"), run=sessions.run, noting=lambda: None) == last
     assert sessions.ran == ran
     assert not console.says
 
@@ -70,7 +72,7 @@ def test_tasks_follow_one_another_and_what_stopped_goes_on_if_wanted(
 def test_a_device_that_failed_is_told_and_raised_if_nobody_wants_to_go_on() -> None:
     console = Asked(False)
     with pytest.raises(TrackerError):
-        walk(console=console, tasks=("a",), run=Sessions(TrackerError("tracker: gone")).run)
+        walk(console=console, tasks=("a",), run=Sessions(TrackerError("tracker: gone")).run, noting=lambda: None)
     assert console.whys == ["Tracker: gone."]
 
 
@@ -91,7 +93,7 @@ def test_a_pause_before_the_first_session_comes_back_to_its_question(says: list[
 
 def test_what_no_second_try_mends_is_raised_at_once() -> None:
     with pytest.raises(RosterError):
-        walk(console=Asked(), tasks=("a",), run=Sessions(RosterError("withdrew")).run)
+        walk(console=Asked(), tasks=("a",), run=Sessions(RosterError("withdrew")).run, noting=lambda: None)
 
 
 def test_how_a_session_ended_is_said_in_sentences() -> None:
@@ -104,3 +106,15 @@ def test_how_a_session_ended_is_said_in_sentences() -> None:
 
 def test_a_visit_ends_with_its_debriefing() -> None:
     assert visit_steps(("a", "b")) == ("a", "b", "debriefing")
+
+
+def test_a_console_attends_the_session_that_paused_until_it_goes_on() -> None:
+    class Attending(Asked):
+        def goes_on(self, *, why: str) -> bool:
+            assert self.attended[-1] is rests
+            return super().goes_on(why=why)
+
+    rests = cast("Attended", object())
+    console, sessions = Attending(True), Sessions(PAUSED, COMPLETE)
+    walk(console=console, tasks=("a",), run=sessions.run, noting=lambda: rests)
+    assert console.attended == [rests, None]

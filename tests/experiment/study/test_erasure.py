@@ -19,7 +19,7 @@ from experiment.records import chain
 from experiment.study import enrolment
 from experiment.study.roster import Roster
 from tests.conftest import Palpate
-from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied
 
 
@@ -218,3 +218,36 @@ def test_the_same_withdrawal_brings_up_a_head_that_a_kill_left_behind(study: Mad
         assert head == f"{len(lines):012d} {hashlib.sha256(lines[-1]).hexdigest()}\n".encode()
         assert head != before
         chain.head_path(path).write_bytes(before)
+
+
+@pytest.mark.parametrize("log", [True, False])
+def test_nothing_is_added_to_a_roster_that_forgot_a_line(study: MadeStudy, palpate: Palpate, *, log: bool) -> None:
+    """An older roster with its head: the anchors' log knows of more, and so does the mark of a withdrawal."""
+    path = storage.roster_path(study.root)
+    before = path.read_bytes(), chain.head_path(path).read_bytes()
+    palpate("withdraw", study.file, "-p", "02", "--reason", "asked to stop", "--dataset", study.root)
+    path.write_bytes(before[0])
+    chain.head_path(path).write_bytes(before[1])
+    if not log:
+        (study.root / register.LOG).unlink()
+    for command in (
+        ("enrol", study.file, "-p", "03", "--consent-on", DAY),
+        ("consent", study.file, "-p", "02", "--consent-on", DAY, "--correct", "--reason", "a wrong digit"),
+        ("withdraw", study.file, "-p", "01", "--reason", "asked to stop"),
+        ("schedule", study.file, "-p", "02", "--reveal"),
+    ):
+        code, _, err = palpate(*command, "--dataset", study.root)
+        assert (code, "restore" in err, err.count("\n")) == (2, True, 1), command
+        assert path.read_bytes() == before[0]
+
+
+def test_a_withdrawal_says_that_it_is_on_record_where_tables_cannot_be_made(study: MadeStudy, palpate: Palpate) -> None:
+    (path,) = (one for one in storage.journals(study.root) if one.parent.name == "sub-02")
+    kept = path.read_bytes()
+    path.write_bytes(kept.replace(b'"answered"', b'"answereD"', 1))
+    asked = ("withdraw", study.file, "-p", "01", "--reason", "asked to stop", "--dataset", study.root)
+    code, _, err = palpate(*asked)
+    assert (code, "The withdrawal of participant 01 is on record" in err) == (2, True)
+    path.write_bytes(kept)
+    assert palpate(*asked)[0] == 0
+    assert verify(study.root).refused == 0

@@ -224,7 +224,7 @@ def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, entry
 def test_a_line_without_a_chain_is_refused_and_kept(roster: Roster, line: bytes) -> None:
     roster.enrol("01", TODAY)
     roster.path.write_bytes(roster.path.read_bytes() + line + b"\n")
-    refused_and_kept(roster, "roster.jsonl: line 2 is no chained line .*restore it from a backup")
+    refused_and_kept(roster, "roster.jsonl: line 2 is no chained line.*restore it from a backup")
 
 
 def refused_and_kept(roster: Roster, why: str) -> None:

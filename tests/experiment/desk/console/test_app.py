@@ -202,9 +202,10 @@ def test_capital_letters_stand_for_small_ones(tmp_path: Path) -> None:
         (("ctrl+c",), Pause()),
         (("f7",), Pause()),
         (("f2", *"q c", "enter"), TakeNote(text="q c", trial=3)),
-        (("f3", "a", "enter", *"slip", "enter"), Correct(trial=2, key="a", reason="slip")),
-        (("f4", *"cough", "enter"), Repeat(trial=3, reason="cough")),
-        (("f6", "backspace", *"2,5", "enter"), Pause(minutes=2.5)),
+        (("f3", "enter", "a", "enter", *"slip", "enter"), Correct(trial=2, key="a", reason="slip")),
+        (("f3", "1", "enter", "a", "enter", *"slip", "enter"), Correct(trial=1, key="a", reason="slip")),
+        (("f4", "enter", *"cough", "enter"), Repeat(trial=3, reason="cough")),
+        (("f6", *"2,5", "enter"), Pause(minutes=2.5)),
         (("f8", "enter"), Stop()),
     ],
     ids=lambda value: getattr(value, "do", None),
@@ -260,7 +261,7 @@ def test_enter_that_ends_a_form_and_is_held_confirms_nothing(tmp_path: Path) -> 
 def test_what_a_refused_form_held_is_kept(tmp_path: Path) -> None:
     async def then(there: Desk) -> None:
         there.end.refusals = {"x": "'x' does not stand for an answer."}
-        await there.press("f3", "x", "enter", *"slip", "enter")
+        await there.press("f3", "enter", "x", "enter", *"slip", "enter")
         await there.until(lambda: "does not stand for an answer" in there.text)
         assert [field.value for field in there.app.query(Input)] == ["2", "x", "slip"]
 
@@ -270,9 +271,9 @@ def test_what_a_refused_form_held_is_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        (("f3", "a", "enter", "enter"), "Reason is empty."),
-        (("f4", "enter"), "Reason is empty."),
-        (("f6", *"0000", "enter"), "is no length of a break."),
+        (("f3", "enter", "a", "enter", "enter"), "Reason is empty."),
+        (("f4", "enter", "enter"), "Reason is empty."),
+        (("f6", "0", "enter"), "is no length of a break."),
         (("f2", "enter"), "Note is empty."),
     ],
 )

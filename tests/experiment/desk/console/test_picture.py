@@ -25,6 +25,19 @@ def test_armed_stepping_and_answer_differ_by_word_place_and_colour() -> None:
         assert len({getattr(one, told) for one in three}) == 3
 
 
+def test_every_place_where_something_is_lit_is_one_of_the_strip() -> None:
+    lit = {one.place for one in (*picture.ASKED.values(), *picture.STATES.values(), picture.STEPPING, picture.GONE)}
+    assert lit == {*picture.STEPS, *picture.PAIRS}
+
+
+def test_where_samples_are_compared_nothing_is_armed_and_no_foot_is_measured() -> None:
+    view = View(pairs=True)
+    assert not {"ARMED", "STEPPING"} & set(picture.strip(view))
+    assert {"ARMED", "STEPPING"} <= set(picture.strip(View()))
+    told = picture.gauges(Gauges(left_s=60, lamps=(Lamp(name="disk", good=True, words="9 GB free"),)), True).plain
+    assert told == "● disk: 9 GB free"
+
+
 def test_a_foot_that_moves_is_told_only_where_a_trial_is_armed() -> None:
     view = View(state="armed", gauges=Gauges(left_s=1, moving=True))
     assert picture.phase(view) is picture.STEPPING
