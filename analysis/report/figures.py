@@ -403,8 +403,8 @@ def _participants(task: TaskResult, head: _Head) -> Iterator[Sheet]:
         participants(axes, task, first, last)
         said = (
             f"Answer ratios of each participant in {task.task.title}, {first + 1} to {last} (n = {people}), the "
-            f"darker the more often. Rows are the {count} materials presented and columns the answers, both in the order of "
-            "the tables; the share right is above."
+            f"darker the more often. Rows are the {count} materials presented and columns the answers, both in the "
+            "order of the tables; the share right is above."
         )
         if shown < people:
             said += f" The first {shown} of {people} participants are drawn; counts.csv has all of them."
