@@ -32,6 +32,8 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[Sheet]:
         figure, panels = sheet([height] * len(tasks), "Right choices, percent" * titles, label)
         for axes, task in zip(panels, tasks, strict=True):
             choices(axes, task, results.materials)
+            if len(results.tasks) == 1 and not titles:
+                axes.set_title("")
         said = (
             f"Percent of right choices of each pair in {_people(tasks)}, from 0 (white) to 100 (dark): how often the "
             f"row was named as having more {results.quality} than the column. On the diagonal, where both samples were "
@@ -44,6 +46,8 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[Sheet]:
         figure, panels = sheet([height] * len(scaled), f"Scale of {results.quality}" * titles, label)
         for place, (axes, (task, one)) in enumerate(zip(panels, scaled, strict=True)):
             scale(axes, task, one, results.materials, place)
+            if len(results.tasks) == 1 and not titles:
+                axes.set_title("")
         said = (
             f"Scales of {results.quality} in {_people([task for task, _ in scaled])}. Whiskers are intervals of 95 % "
             "with participants as the units, where there are several; 0 is the mean of the materials."

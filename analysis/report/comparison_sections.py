@@ -98,10 +98,9 @@ def _overview(study: Study, results: Compared) -> Section:
 
 def _pairs(results: Compared) -> Section:
     about = (
-        f"A cell is the percentage of trials in which the material with more {results.quality}, that of the row, was "
-        "named, whichever of the two was presented first, with its exact interval of 95 % (Clopper and Pearson), for "
-        "which all trials count as independent. Where a material was compared with itself, the cell is the percentage "
-        "of trials in which the one presented first was named: 50 by guessing."
+        "It does not matter which of two materials was presented first. Intervals are exact, of 95 % (Clopper and "
+        "Pearson), and take all trials as independent. Where a material was compared with itself, the first is named "
+        "in 50 % by guessing."
     )
     records: list[Mapping[str, object]] = [
         {"task": task.task.id, "low": results.materials[pair.low], "high": results.materials[pair.high],
@@ -189,7 +188,7 @@ def _bias(results: Compared) -> Section:
         header = ("participant", "right, of two materials", "first, of one material")
         tables.append(Table(f"{task.task.title}: each participant, percent (95 % CI)", header, tuple(rows)))
         records += [
-            {"task": task.task.id, "participant": one.participant, "right": one.right.count,
+            {"task": task.task.id, "participant": f"sub-{one.participant}", "right": one.right.count,
              "trials_of_two": one.right.trials, "first": one.first_of_same.count,
              "trials_of_one": one.first_of_same.trials}
             for one in task.people

@@ -353,6 +353,8 @@ def _answers(results: Results, head: _Head) -> Iterator[Sheet]:
         figure, panels = head.sheet([height] * len(of), "Answer ratios: means among participants", width)
         for axes, task in zip(panels, of, strict=True):
             confusion(axes, task, unanswered=unanswered)
+            if len(tasks) == 1 and not head.titles:
+                axes.set_title("")
         said = (
             f"Mean answer ratios in {_people(of)}, from 0 (white) to 1 (dark), ± the standard deviation among "
             "participants where there is room."

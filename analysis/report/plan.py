@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING
 
 from analysis.documents.tables import Section, Table, number, p_is, plural
 from analysis.published.numbers import Published
-from analysis.reading.study import Study, sentences
+from analysis.reading.study import Exclusion, Study, sentences
 
 if TYPE_CHECKING:
     from analysis.comparison.results import Compared
@@ -299,7 +299,7 @@ def done_of_comparisons(results: Compared) -> Callable[[PlannedTest], str]:
 
 def exclusions_section(study: Study) -> Section:
     """Return everything that was left out: by rule with counts, those of the protocol that left out nothing too."""
-    records = tuple(asdict(one) for one in study.exclusions)
+    records = tuple({**asdict(one), "participant": f"sub-{one.participant}"} for one in study.exclusions)
     count = len(study.attempts) - int(study.attempts["included"].sum())
     about = (
         f"{count} of {len(study.attempts)} attempts are not analysed."
@@ -310,8 +310,10 @@ def exclusions_section(study: Study) -> Section:
     brief = Table("Rules", ("rule", "left out", "what it leaves out", "when"), by_rule, left=frozenset({0, 2, 3}))
     if not records:
         shown = (replace(brief, standing=_rules_standing(study)),) if by_rule else ()
-        return Section("exclusions", "Left out", (about, *_unasked(study)), shown, records=({},))
-    rows = tuple(tuple("-" if cell is None else str(cell) for cell in record.values()) for record in records)
+        # A table without a row could not say what the dataset is.
+        none = {**dict.fromkeys(field.name for field in fields(Exclusion)), "reason": "nothing was left out"}
+        return Section("exclusions", "Left out", (about, *_unasked(study)), shown, records=(none,))
+    rows = tuple(tuple("-" if cell is None else str(cell) for cell in asdict(one).values()) for one in study.exclusions)
     each = Table("", ("participant", "task", "trial", "attempt", "rule", "reason"), rows, left=frozenset({0, 1, 4, 5}))
     brief = replace(brief, notes=("The report and exclusions.csv list each one.",))
     said = (about, *_unasked(study))

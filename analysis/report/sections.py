@@ -143,7 +143,9 @@ def sections(
     remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
     stands = standing(study, printed)
     against = [stands.of(T, task.task.id) for task in results.tasks]
-    checks = (*played_sections(study), *((comparison_section(study.origin, comparison),) if comparison else ()))
+    compared = (comparison_section(study.origin, comparison),) if comparison else ()
+    new = study.origin != "RECONSTRUCTION"
+    checks = (*played_sections(study), *(replace(section, folded=new) for section in compared))
     parts = {
         stands.results: (
             marked(confusion_section(results), *against),
