@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from analysis.comparison.results import Compared, Scaled, TaskComparisons
 from analysis.documents.drawing import COLUMN_STYLE, PAGE_INCHES, SHADES, Sheet, colour, marker, pages, sheet, short
 from analysis.report.comparison_sections import LAWS, percent
+from analysis.report.found import more
 
 DARK = 0.6
 """The text of a cell above this share is white."""
@@ -36,7 +37,7 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[Sheet]:
                 axes.set_title("")
         said = (
             f"Percent of right choices of each pair in {_people(tasks)}, from 0 (white) to 100 (dark): how often the "
-            f"row was named as having more {results.quality} than the column. On the diagonal, where both samples were "
+            f"row was named as having {more(results)} than the column. On the diagonal, where both samples were "
             "of one material, how often the first was named: 50 by guessing. Intervals stand in the table."
         )
         yield Sheet(f"right-choices{page}", "found", said, figure)

@@ -9,7 +9,7 @@ from analysis.comparison.results import Beside, Compared, Estimate, Scaled, Shar
 from analysis.documents.tables import Section, Table, interval, number, p_is, plural
 from analysis.published.numbers import Published
 from analysis.reading.study import Study
-from analysis.report.found import compared_section
+from analysis.report.found import UNNAMED, compared_section, more
 from analysis.report.plan import (
     DESCRIPTIVE,
     EXPLORATORY,
@@ -88,8 +88,9 @@ def _overview(study: Study, results: Compared) -> Section:
         for task in results.tasks
     )  # fmt: skip
     found = overview(study, rows, done_of_comparisons(results))
+    by = "" if results.quality == UNNAMED else f" by their {results.quality}"
     about = (
-        f"Pairs of materials were compared by their {results.quality}. From the least to the most the protocol has "
+        f"Pairs of materials were compared{by}. From the least to the most the protocol has "
         f"{', '.join(results.materials)}."
     )
     first, *rest = found.paragraphs
@@ -122,7 +123,7 @@ def _matrix(results: Compared, task: TaskComparisons) -> Table:
     each = sorted({pair.right.trials for pair in task.pairs})
     between = f"{each[0]} to {each[-1]}" if len(each) > 1 else f"{each[0]}"
     notes = [
-        f"A cell says how often the row was named as having more {results.quality} than the column, and on the "
+        f"A cell says how often the row was named as having {more(results)} than the column, and on the "
         "diagonal how often the first was named."
     ]
     notes += [f"A cell is of {between} trials, by {plural(len(task.participants), 'participant')} together."]

@@ -90,7 +90,7 @@ def _right(one: Identification) -> list[Cell]:
 def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
     cells = {cell.presented: cell for cell in _right(one)}
     people = plural(len(task.confusion.participants), "participant")
-    tested = [test for test in task.tests if test.result.mean is not None]
+    tested = [test for test in task.tests if test.result.p is not None]
     above = [test for test in tested if _above(test, test.p_holm if task.correction else test.result.p, task, level)]
     rest = [test for test in tested if test not in above]
     chance = f"by chance ({task.chance:.4g})"
@@ -99,14 +99,30 @@ def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
         yield f"Answers were right more often than {chance} for {_listed(above, cells)}."
         if rest:
             yield f"This was not shown for {_listed(rest, cells)}."
-    else:
+    elif rest:
         yield f"Answers were not shown to be right more often than {chance}: {_listed(rest, cells)}."
+    yield from _untested(task, cells, level)
     yield from _flips(task, above, level)
     if pair := task.confusion.most_confused():
         yield f"Most often taken for one another were {pair[0]} and {pair[1]}."
     if one.jackknife and one.information:
         bits, limits = one.jackknife, interval(one.jackknife, 2)
         yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits a trial ({limits}; ours)."
+
+
+def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[str]:
+    """Yield of which materials t has no P, as where every answer was right, and what sign flips say of them."""
+    found = [test for test in task.tests if test.result.p is None and test.result.mean is not None]
+    if not found:
+        return
+    alone = all(test.result.n == 1 for test in found)
+    why = "of one participant alone" if alone else "because the ratios of all participants are the same"
+    yield f"Correct were {_listed(found, cells)}, by a chance of {task.chance:.4g}; t has no P, {why}."
+    shown = [test for test in found if _above(test, _flip(test, task), task, level)]
+    if shown:
+        most = max(p for test in shown if (p := _flip(test, task)) is not None)
+        names = "all of them" if len(shown) == len(found) > 1 else joined([test.material for test in shown])
+        yield f"Sign flips, which are ours, show more right answers than by chance for {names} ({p_is(most)} or less)."
 
 
 def _above(test: MaterialTest, p: float | None, task: TaskResult, level: float) -> bool:
@@ -128,7 +144,7 @@ def _flips(task: TaskResult, above: Sequence[MaterialTest], level: float) -> Ite
     other = [
         test.material
         for test in task.tests
-        if test.flip and _above(test, _flip(test, task), task, level) != (test in above)
+        if test.flip and test.result.p is not None and _above(test, _flip(test, task), task, level) != (test in above)
     ]
     if other:
         yield f"Sign flips, which are ours, say otherwise of {joined(other)}."
@@ -200,7 +216,15 @@ def compared_section(study: Study, results: Compared, mark: str) -> Section:
     return Section("found", FOUND, tuple(paragraphs), (table,), tuple(records))
 
 
+UNNAMED = "what was compared"
+"""The quality where no protocol names one."""
+
 LAWS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
+
+
+def more(results: Compared) -> str:
+    """Return `more hardness`, or what to say where no protocol names what was compared."""
+    return f"more{' of' * (results.quality == UNNAMED)} {results.quality}"
 
 
 def _first_scale(task: TaskComparisons) -> Scaled | None:
@@ -216,7 +240,7 @@ def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
     if trials:
         among = f", from {100 * min(shares):.0f} to {100 * max(shares):.0f} % among them" * (len(shares) > 1)
         yield (
-            f"The sample with more {results.quality} was named in {right} of {trials} trials with two materials "
+            f"The sample with {more(results)} was named in {right} of {trials} trials with two materials "
             f"({100 * right / trials:.0f} %{among})."
         )
     scaled = _first_scale(task)

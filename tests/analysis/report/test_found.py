@@ -51,9 +51,11 @@ def test_the_questions_of_the_protocol_stand_above_the_answers(repository_root: 
 
 def test_where_nothing_is_found_nothing_is_said_to_be(tmp_path: Path) -> None:
     wrong = trials([(shown, said) for shown in MATERIALS for said in MATERIALS])
-    study = read(write_dataset(tmp_path, {str(k): {"virtual": wrong} for k in range(6)}, tasks=("virtual",)))
-    (said,) = _found(study, compute(study, {})).paragraphs
-    assert "Answers were not shown to be right more often than by chance (0.3333): glass (0.33), " in said
+    same = [trials([(shown, said) for shown in MATERIALS for _ in range(3)]) for said in MATERIALS]
+    sessions = {str(k): {"virtual": rows} for k, rows in enumerate([wrong, wrong, wrong, *same])}
+    study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
+    said, *_ = _found(study, compute(study, {})).paragraphs
+    assert "Answers were not shown to be right more often than by chance (0.3333): glass (0.33, 95 % CI " in said
     assert "This was not shown" not in said
 
 
@@ -71,6 +73,23 @@ def test_sign_flips_of_three_participants_are_not_said_to_disagree(tmp_path: Pat
     said, *_ = _found(study, compute(study, {})).paragraphs
     assert "Sign flips, which are ours, cannot show it with 3 participants: their P is 0.25 or more." in said
     assert "say otherwise" not in said
+
+
+def test_at_the_ceiling_t_has_no_p_and_sign_flips_have_one(tmp_path: Path) -> None:
+    """Seven participants, all answers right: P = 2 / 2^7 = 0.0156."""
+    right = trials([(material, material) for material in MATERIALS for _ in range(4)])
+    study = read(write_dataset(tmp_path, {str(k): {"virtual": right} for k in range(7)}, tasks=("virtual",)))
+    (said,) = _found(study, compute(study, {})).paragraphs
+    assert "not shown" not in said
+    assert "Correct were glass (1.00), sand (1.00) and snow (1.00), by a chance of 0.3333; t has no P, because" in said
+    assert "Sign flips, which are ours, show more right answers than by chance for all of them (P = 0.016 or" in said
+
+
+def test_one_participant_is_no_test(tmp_path: Path) -> None:
+    study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}}, tasks=("virtual",)))
+    said, *_ = _found(study, compute(study, {})).paragraphs
+    assert "by a chance of 0.3333; t has no P, of one participant alone." in said
+    assert "Sign flips" not in said
 
 
 def test_every_number_of_the_sentences_has_a_row(repository_root: Path) -> None:
