@@ -116,8 +116,9 @@ def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterato
     if not found:
         return
     alone = all(test.result.n == 1 for test in found)
-    why = "of one participant alone" if alone else "because the ratios of all participants are the same"
-    yield f"Correct were {_listed(found, cells)}, by a chance of {task.chance:.4g}; t has no P, {why}."
+    why = "one participant has no spread" if alone else "the ratios of all participants are the same"
+    chance = f"where chance is {task.chance:.4g}"
+    yield f"Answers were right for {_listed(found, cells)}, {chance}; t has no P, because {why}."
     shown = [test for test in found if _above(test, _flip(test, task), task, level)]
     if shown:
         most = max(p for test in shown if (p := _flip(test, task)) is not None)

@@ -81,14 +81,14 @@ def test_at_the_ceiling_t_has_no_p_and_sign_flips_have_one(tmp_path: Path) -> No
     study = read(write_dataset(tmp_path, {str(k): {"virtual": right} for k in range(7)}, tasks=("virtual",)))
     (said,) = _found(study, compute(study, {})).paragraphs
     assert "not shown" not in said
-    assert "Correct were glass (1.00), sand (1.00) and snow (1.00), by a chance of 0.3333; t has no P, because" in said
+    assert "glass (1.00), sand (1.00) and snow (1.00), where chance is 0.3333; t has no P, because the ratios" in said
     assert "Sign flips, which are ours, show more right answers than by chance for all of them (P = 0.016 or" in said
 
 
 def test_one_participant_is_no_test(tmp_path: Path) -> None:
     study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}}, tasks=("virtual",)))
     said, *_ = _found(study, compute(study, {})).paragraphs
-    assert "by a chance of 0.3333; t has no P, of one participant alone." in said
+    assert "where chance is 0.3333; t has no P, because one participant has no spread." in said
     assert "Sign flips" not in said
 
 
