@@ -9,7 +9,7 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, ProtocolFile
-from experiment.errors import Interrupted, PalpateError, PowerError
+from experiment.errors import Interrupted, PalpateError, PowerError, PublishedError
 
 if TYPE_CHECKING:
     from experiment.dataset.status import Status
@@ -76,7 +76,9 @@ def audit(
     target: Annotated[
         str,
         typer.Argument(
-            metavar="STUDY|FILE|DATASET", help="Id of a shipped study, TOML file of printed numbers, or dataset folder."
+            metavar="STUDY|FILE|DATASET",
+            help="Id of a shipped study, a paper's tables (.html, .csv), TOML file of printed numbers, or dataset "
+            "folder.",
         ),
     ],
     against: Annotated[
@@ -85,22 +87,42 @@ def audit(
             "--against", help="TOML file of the paper to compare a dataset with [default: that of its study's id]."
         ),
     ] = None,
+    participants: Annotated[
+        str | None,
+        typer.Option(
+            "--participants",
+            help="Beside .html or .csv: participants of the confusion tables, one number, or one for each as 15,10.",
+        ),
+    ] = None,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            "--trials", min=1, max=10_000, help="The same: trials of a participant with a material, if known and equal."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Check whether printed numbers agree with one another or a dataset.
 
     The audit recomputes every statistic as the interval that rounding or truncation of the other numbers allows, asks
     whether whole counts can stand behind means, SDs and rows, and names the simplest mistake that explains a number
-    that disagrees. A disagreement is a finding and not an error, so the exit code is 0.
+    that disagrees. Where one wrong number explains several that disagree, it alone is accused.
+
+    Of an HTML page or a CSV file the confusion tables, the ANOVA tables and the tables of t-tests are read, and what
+    was not read is told. A TOML file holds more: analysis/published/README.md says how to write one. A disagreement is
+    a finding and not an error, so the exit code is 0.
     """
     from analysis.audit import audit as audits
+    from analysis.published.paper import Stated
 
     _believe(Path(target))
-    result = audits.audit(target, against)
+    people = tuple(_sizes(participants, PublishedError)) if participants else ()
+    stated = Stated(people, trials) if people or trials else None
+    result = audits.audit(target, against, stated)
     if as_json:
         options.put(result.as_dict())
     else:
-        typer.echo(result.text())
+        typer.echo(result.text(options.columns(audits.WIDTH)))
 
 
 @commands.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")
@@ -188,14 +210,15 @@ def power(
 def numerics(
     quick: Annotated[bool, typer.Option("--quick", help="Try fewer sizes and repeats.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for the tables (CSV, Markdown) and the plot.")
+        Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown), plots, and what was played (.npz).")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Measure error against run time of every way to compute a stimulus.
 
-    Every way to compute a stimulus is measured, and the extreme cases are tried, each with the invariant that must
-    hold. The exit code is 1 if an invariant does not hold.
+    Every way to compute a stimulus or voltages is measured, extreme cases are tried, each with the invariant that must
+    hold, and the error budget of what a rig plays is held against the truth. The exit code is 1 if an invariant, a
+    claimed bound or a budget does not hold.
     """
     from analysis.numerics import numerics as measured
     from analysis.numerics import report
@@ -400,13 +423,13 @@ def _believe(*datasets: Path) -> None:
             tell(f"palpate: {dataset}: no journal stands behind these tables, so a changed cell would not show")
 
 
-def _sizes(text: str) -> list[int]:
+def _sizes(text: str, error: type[PalpateError] = PowerError) -> list[int]:
     """Return the sizes that `5,10,15`, `5-30` or both together name."""
     found: list[int] = []
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,6})(?:\s*-\s*([0-9]{1,6}))?\s*", part)
         if match is None or (match[2] and int(match[2]) < int(match[1])):
-            raise PowerError(
+            raise error(
                 f"--participants: got {text!r}; allowed: whole numbers and rising ranges between commas, such as "
                 "5,10,20-30"
             )
