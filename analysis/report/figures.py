@@ -60,6 +60,7 @@ def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
         _bars(axes, task, index, width, (index - (len(tasks) - 1) / 2) * width)
     _names(axes, materials)
     _ratios(axes, {task.task.id: task.chance for task in tasks}, 1.18)
+    axes.set_xlim(-0.6, len(materials) - 0.4)
 
 
 def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
