@@ -22,6 +22,7 @@ from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WIND
 from analysis.published.numbers import Published
 from analysis.reading.study import Study
 from analysis.report.beside_tables import beside_section
+from analysis.report.contrast_tables import MARGINAL, contrasts_section, equivalence_section, lapses_section
 from analysis.report.found import found_section
 from analysis.report.identification_sections import (
     ARBITRARY,
@@ -33,6 +34,7 @@ from analysis.report.identification_sections import (
 from analysis.report.plan import (
     DESCRIPTIVE,
     EXPLORATORY,
+    OURS,
     TWO_WAY,
     Standing,
     T,
@@ -142,7 +144,8 @@ def sections(
     """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
     remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
     stands = standing(study, printed)
-    against = [stands.of(T, task.task.id) for task in results.tasks]
+    tasks = [task.task.id for task in results.tasks]
+    against = [stands.of(T, task) for task in tasks]
     compared = (comparison_section(study.origin, comparison),) if comparison else ()
     new = study.origin != "RECONSTRUCTION"
     checks = (*played_sections(study), *(replace(section, folded=new) for section in compared))
@@ -155,10 +158,13 @@ def sections(
         ),
         "Ours": (
             beside_section(results.beside, stands),
-            marked(intervals_section(results), *(stands.ours(T, task.task.id) for task in results.tasks)),
+            marked(contrasts_section(results), stands.ours(TWO_WAY, *tasks)),
+            marked(equivalence_section(results), f"{OURS}, {EXPLORATORY}"),
+            marked(intervals_section(results), *(stands.ours(T, task) for task in tasks)),
         ),
         "Exploratory": (
             marked(confusions_section(results, study.materials, remark), EXPLORATORY),
+            marked(lapses_section(results, study.materials, remark), EXPLORATORY),
             marked(trials_section(results), EXPLORATORY),
             marked(course_section(results.course), EXPLORATORY),
         ),
@@ -415,6 +421,7 @@ Logit with participants by material and task (ours)
     logit P(right) = intercept + task + material + u_participant + u_participant,material + u_participant,task, with
     normal u, is fitted by maximum likelihood with Laplace's approximation (Bates et al. 2015). Wald's statistic / q is
     taken as F on q and q (n - 1) df.
+{MARGINAL.strip()}
 Interval of d
     The limits are the noncentralities at which the observed t stands at the tails of noncentral t, divided by √n
     (Steiger and Fouladi 1997).

@@ -12,7 +12,11 @@ from experiment.cli.options import Json, ProtocolFile
 from experiment.errors import Interrupted, PalpateError, PowerError, PublishedError
 
 if TYPE_CHECKING:
+    from analysis.power.choice_models import ChoiceModel
+    from analysis.power.comparisons import PairModel
+    from analysis.power.planned_tests import Design
     from experiment.dataset.status import Status
+    from experiment.protocol.models import Protocol
 
 commands = options.room()
 
@@ -148,6 +152,17 @@ def power(
     jobs: Annotated[
         int, typer.Option("--jobs", min=0, help="How many processes simulate at a time; 0 means one for each core.")
     ] = 0,
+    looks: Annotated[
+        str | None,
+        typer.Option("--looks", help="Look at the answers of so many participants, such as 10,15,20, and stop early."),
+    ] = None,
+    rule: Annotated[
+        str, typer.Option("--rule", help="What stops a design with looks: obrien-fleming, pocock or bayes.")
+    ] = "obrien-fleming",
+    alike: Annotated[
+        float,
+        typer.Option("--alike", help="With looks: the share of participants' spread common to tasks and materials."),
+    ] = 0.5,
     scheduler: Annotated[
         str | None,
         typer.Option("--scheduler", metavar="ADDRESS", help="Simulate on the cluster of this Dask scheduler instead."),
@@ -161,11 +176,12 @@ def power(
 
     Whole studies are simulated from a choice model, and each is tested as the protocol plans. The result is the power
     by number of participants, with its Monte Carlo error, and the type I error when everybody guesses. The same seed
-    gives the same result on any number of cores or machines.
+    gives the same result on any number of cores or machines. With --looks the answers are looked at more than once, and
+    power, type I error and the participants on average are those of stopping early.
     """
     from analysis import published
     from analysis.documents import output
-    from analysis.power import choice_models, planned_tests, report, simulate
+    from analysis.power import choice_models, comparisons, planned_tests, report, simulate
     from experiment.protocol import files
 
     for name, share in (("--alpha", alpha), ("--target", target)):
@@ -176,9 +192,12 @@ def power(
         output.check(out, (), "power")
     protocol = files.load(protocol_file)
     _believe(Path(model))
-    chosen = choice_models.find(model, protocol)
+    chosen = (choice_models if protocol.comparison is None else comparisons).find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
     planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
+    if looks is not None:
+        _look(protocol, planned, chosen, looks, rule, alike, studies, seed, out, as_json)
+        return
     runner = (
         partial(simulate.on_cores, jobs=jobs) if scheduler is None else partial(simulate.on_cluster, address=scheduler)
     )
@@ -204,6 +223,63 @@ def power(
         options.put(report.as_dict(result))
     else:
         typer.echo(report.text(result))
+
+
+def _look(
+    protocol: "Protocol",
+    planned: "Design",
+    model: "ChoiceModel | PairModel",
+    looks: str,
+    rule: str,
+    alike: float,
+    studies: int,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Simulate a design with looks, and show or write it."""
+    from typing import cast, get_args
+
+    from analysis.documents import output, page
+    from analysis.documents.tables import text
+    from analysis.power import sequential, simulate
+    from analysis.power.choice_models import ChoiceModel
+
+    if not isinstance(model, ChoiceModel):
+        raise PowerError(
+            f"--looks: got comparisons of study {protocol.study.id}; allowed: trials in which a material is named; "
+            "leave --looks out"
+        )
+    if rule not in get_args(sequential.Rule):
+        raise PowerError(f"--rule: got {rule}; allowed: {', '.join(get_args(sequential.Rule))}; give one")
+    if not 0 <= alike <= 1:
+        raise PowerError(f"--alike: got {alike}; allowed: a number from 0 to 1; give one")
+    if not 1 <= studies <= simulate.MOST_STUDIES:
+        raise PowerError(f"--studies: got {studies}; allowed: 1 to {simulate.MOST_STUDIES}; give a number between them")
+    try:
+        with options.progress(simulate.LABEL, quiet=as_json) as (total, tick):
+            total(2 * -(-studies // sequential.CHUNK))
+            found = sequential.run(
+                planned,
+                model,
+                study=protocol.study.id,
+                rule=cast("sequential.Rule", rule),
+                looks=_sizes(looks, option="--looks"),
+                alike=alike,
+                studies=studies,
+                seed=seed,
+                tick=tick,
+            )
+    except KeyboardInterrupt:
+        raise Interrupted("the simulation was interrupted; nothing was written") from None
+    label = f"{simulate.LABEL}, after: {model.label}" if model.label else simulate.LABEL
+    section = sequential.section(found)
+    if out is not None:
+        output.publish(out, page.tables([section], label), label, "power")
+    if as_json:
+        options.put({"label": label, "levels": list(found.levels), "looks_rows": [dict(r) for r in section.records]})
+    else:
+        typer.echo("\n\n\n".join([label, text(section), label]))
 
 
 @commands.command(epilog="Example: palpate numerics --quick --out numerics")
@@ -423,15 +499,14 @@ def _believe(*datasets: Path) -> None:
             tell(f"palpate: {dataset}: no journal stands behind these tables, so a changed cell would not show")
 
 
-def _sizes(text: str, error: type[PalpateError] = PowerError) -> list[int]:
+def _sizes(text: str, error: type[PalpateError] = PowerError, option: str = "--participants") -> list[int]:
     """Return the sizes that `5,10,15`, `5-30` or both together name."""
     found: list[int] = []
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,6})(?:\s*-\s*([0-9]{1,6}))?\s*", part)
         if match is None or (match[2] and int(match[2]) < int(match[1])):
             raise error(
-                f"--participants: got {text!r}; allowed: whole numbers and rising ranges between commas, such as "
-                "5,10,20-30"
+                f"{option}: got {text!r}; allowed: whole numbers and rising ranges between commas, such as 5,10,20-30"
             )
         found += range(int(match[1]), int(match[2] or match[1]) + 1)
     return found

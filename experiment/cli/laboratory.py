@@ -270,14 +270,15 @@ def rehearse(
     from experiment.rehearsal import study
 
     file = protocol_file or files.shipped("okamoto2012.toml")
-    generic = study.generic(files.load(file))
+    protocol = files.load(file)
+    generic = study.generic(protocol)
     if generic and not as_json:
         typer.echo(generic, err=True)
     screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if real_time and not as_json else None
     with options.progress("REHEARSAL", quiet=as_json or screen is not None) as (total, tick):
         dataset = study.rehearse(
             protocol_file=file,
-            rig_file=rig or files.shipped("rigs/rehearsal.toml"),
+            rig_file=rig or study.simulated_rig(protocol),
             out=out,
             participants=participants,
             seed=seed,
