@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from analysis.documents.drawing import Sheet
 
 FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
-"""Sections that a terminal shows first, so that the matrices and tests stay on the screen."""
+"""Sections that a terminal shows first, so that matrices and tests stay on the screen; what was found comes last."""
 
-IN_SHORT = ("overview", "confusion", "tests", "pairs", "scales")
+IN_SHORT = ("overview", "confusion", "tests", "pairs", "scales", "found")
 """Sections that a terminal shows unless it is asked for all; what is left out of the analysis is never passed over."""
 
 
@@ -76,12 +76,15 @@ class Analysis:
         band = [textwrap.fill(self.study.label, width)] if self.study.label else []
         wanted = IN_SHORT + ("exclusions",) * bool(self.study.exclusions or self.study.unasked)
         parts = [self._in_terminal(section) for section in self.sections if full or section.slug in wanted]
-        parts.sort(key=lambda section: section.slug not in FIRST_IN_TERMINAL)
+        parts.sort(key=lambda section: (section.slug not in FIRST_IN_TERMINAL, section.slug == "found"))
         more = [] if full else [textwrap.fill("There is more: in the report, and here with --full.", width)]
         last = "\n".join([*more, f"Report: {self.report}"])
-        return "\n\n\n".join([*band, *(text(part, width) for part in parts), *band, last])
+        return "\n\n\n".join([*band, *(text(part, width, full=full) for part in parts), *band, last])
 
     def _in_terminal(self, section: Section) -> Section:
+        # The tables that the sentences sum up stand above them in a terminal.
+        if section.slug == "found":
+            return replace(section, tables=())
         # The numbers of a study that nobody expects to match the paper's stay in the report.
         if section.slug != "comparison" or self.study.origin == "RECONSTRUCTION":
             return section
@@ -126,34 +129,39 @@ def analyse(
     if study.answers is not None:
         if dissimilarities is not None:
             raise DatasetError(f"{study.id}: got --dissimilarities and comparisons; allowed: one of them; leave it out")
-        return _comparisons(study, printed, place, figures=figures)
+        return _comparisons(study, printed, place, figures=figures, titles=titles)
     if dissimilarities is not None:
         alike = from_file(dissimilarities, study.materials)
     else:
         alike = printed_dissimilarities() if printed else NO_DISSIMILARITIES
     results = compute(study, printed.pairs() if printed else {}, alike)
     comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
-    parts = sections(study, results, comparison)
+    parts = sections(study, results, comparison, printed)
     content = _content(study, results, comparison, parts, figures=figures, titles=titles)
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
 
 
-def _comparisons(study: Study, printed: Published | None, place: Path, *, figures: bool) -> Analysis:
+def _comparisons(study: Study, printed: Published | None, place: Path, *, figures: bool, titles: bool) -> Analysis:
     """Write the analysis of a study of comparisons."""
     # Its scales need statsmodels, which no other analysis does.
     from analysis.comparison.results import compute
     from analysis.report import comparison_sections
 
     found = compute(study, printed)
-    parts = comparison_sections.sections(study, found)
+    parts = comparison_sections.sections(study, found, printed)
     drawn: tuple[Sheet, ...] = ()
     if figures:
         from analysis.report import comparison_figures
 
-        drawn = comparison_figures.sheets(found, study.label)
+        drawn = _named(study, comparison_figures.sheets(found, study.label, titles=titles))
     title, numbers = study.name.removeprefix(f"{study.label}: "), _compared(study, found)
     content = page.folder(title, study.label, parts, drawn, comparison_sections.METHODS, numbers) | _bids(study)
     return Analysis(study, found, None, parts, place, publish(place, content, study.label, "analyse"))
+
+
+def _named(study: Study, sheets: tuple[Sheet, ...]) -> tuple[Sheet, ...]:
+    """Return the figures with the study in their captions, so that each can stand alone."""
+    return tuple(replace(one, caption=f"{one.caption} Study {study.id}.") for one in sheets)
 
 
 def _compared(study: Study, found: Compared) -> dict[str, Any]:
@@ -174,7 +182,7 @@ def _content(
     if figures:
         from analysis.report.figures import sheets
 
-        drawn = sheets(results, study.label, titles=titles)
+        drawn = _named(study, sheets(results, study.label, titles=titles))
     numbers, counts = _numbers(study, results, comparison), _counts(results)
     return page.folder(title, study.label, parts, drawn, METHODS, numbers, further=(counts,)) | _bids(study)
 

@@ -12,7 +12,7 @@ import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, TypeVar
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
@@ -58,6 +58,9 @@ COLUMN_STYLE: Any = {
 }
 """No letter is below 7 points at the width at which a journal prints."""
 
+PAGE_INCHES = 9.0
+"""The most height of the panels of a figure, which leaves room for a caption on a page of A4 or letter."""
+
 LETTER_INCHES = 0.058
 """A generous average width of a letter of 7 points."""
 
@@ -86,6 +89,16 @@ def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUM
     if head:
         figure.suptitle("\n".join(head), fontsize=7, fontweight="bold" if label else "normal")
     return figure, panels
+
+
+Panel = TypeVar("Panel")
+
+
+def pages(panels: Sequence[Panel], height: float) -> list[tuple[str, Sequence[Panel]]]:
+    """Return the panels, of so many inches each, in runs that a page holds, each with an end of its figure's name."""
+    most = max(int(PAGE_INCHES / height), 1)
+    starts = range(0, len(panels), most)
+    return [("" if start == 0 else f"-{start // most + 1}", panels[start : start + most]) for start in starts]
 
 
 def key(axes: Axes, columns: int = 2, title: str | None = None) -> None:

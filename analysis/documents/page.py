@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
 from importlib import metadata
+from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
 from analysis.documents.tables import Section, Table, comma_separated, latex, markdown
@@ -25,8 +26,12 @@ main { max-width: 68rem; margin: 0 auto; padding: 0 1rem 3rem; }
 .band { background: var(--band); color: #fff; font-weight: 700; text-align: center; padding: .6rem 1rem; }
 h1 { font-size: 1.6rem; line-height: 1.25; margin: 1.5rem 0 .5rem; }
 h2 { font-size: 1.25rem; margin: 2.5rem 0 .5rem; border-bottom: 2px solid var(--line); padding-bottom: .25rem; }
+h2.part { font-size: 1.4rem; margin-top: 3.5rem; border-bottom-color: var(--ink); }
+h3 { font-size: 1.1rem; margin: 2rem 0 .5rem; }
 p { max-width: 46rem; overflow-wrap: break-word; }
-nav ul { list-style: none; padding: 0; margin: 0; display: flex; flex-wrap: wrap; gap: .25rem 1.25rem; }
+nav { margin-top: 2rem; border-top: 2px solid var(--line); padding-top: .75rem; }
+nav ul { list-style: none; padding: 0; margin: 0; }
+nav li { margin: .25rem 0; }
 a { color: #0550ae; }
 .scroll { overflow-x: auto; margin: 1.25rem 0 .25rem; background: linear-gradient(90deg, #fff 30%, #fff0) local,
   linear-gradient(270deg, #fff 30%, #fff0) right / 40% 100% no-repeat local,
@@ -42,10 +47,20 @@ tbody th { font-weight: 400; }
 .wrap { white-space: normal; min-width: 20rem; max-width: 32rem; }
 .marked { background: var(--mark); }
 .marked:not(.left) { font-weight: 600; }
+.standing { font-weight: 400; font-size: .8rem; white-space: nowrap; border: 1px solid var(--line);
+  border-radius: .7rem; padding: 0 .5rem; color: var(--quiet); background: #fff; }
+summary { cursor: pointer; color: #0550ae; margin: 1rem 0 0; }
 .note { color: var(--quiet); font-size: .875rem; margin: .25rem 0; }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
 figure { margin: 1.25rem 0; min-width: 0; }
 .wide { grid-column: 1 / -1; }
+@media (min-width: 62rem) {
+  .first { display: grid; grid-template-columns: minmax(0, 1fr) 25rem; column-gap: 2.5rem; align-items: start; }
+  .first > * { grid-column: 1 / -1; }
+  .first > .said { grid-column: 1; }
+  .first > .figures { grid-column: 2; grid-template-columns: 1fr; }
+  .first > .said > p:first-child, .first > .figures > figure { margin-top: .5rem; }
+}
 figure .scroll { margin-top: 0; }
 figure svg { display: block; height: auto; }
 figcaption { color: var(--quiet); font-size: .875rem; max-width: 46rem; }
@@ -87,16 +102,20 @@ def folder(
     files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
     headed = f"{label}: {title}" if label else title
-    links = "".join(f'<li><a href="#{section.slug}">{escape(section.title)}</a></li>' for section in sections)
-    first, *rest = (_section(section, label, sheets, files) for section in sections)
-    body = "".join(rest)
+    numbered = _numbered(sections, sheets)
+    first = _section(sections[0], label, numbered, files, ' class="first"')
+    rest = [_section(section, label, numbered, files) for section in sections[1:]]
+    body = "".join(
+        f'<h2 class="part">{escape(section.part)}</h2>' * (section.part not in ("", before.part)) + shown
+        for before, section, shown in zip(sections, sections[1:], rest, strict=False)
+    )
     formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
     page = (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
         f"<title>{escape(headed)}</title><style>{STYLE}</style></head>\n<body>{band}<main>"
         f"<h1>{escape(title)}</h1>{first}"
-        f'<nav aria-label="Contents"><ul>{links}<li><a href="#methods">Formulas</a></li></ul></nav>'
+        f'<nav aria-label="Contents"><ul>{_contents(sections)}<li><a href="#methods">Formulas</a></li></ul></nav>'
         f'{body}<section id="methods"><h2>Formulas</h2><dl>{formulas}</dl></section>'
         f"<footer><p>{escape(label)}</p><p>{escape(software())}</p></footer></main>{band}</body></html>\n"
     )
@@ -108,20 +127,49 @@ def software() -> str:
     return f"palpate {metadata.version('palpate')}"
 
 
-def _section(section: Section, label: str, sheets: Sequence[Sheet], files: Mapping[str, bytes]) -> str:
-    parts = [f'<section id="{section.slug}"><h2>{escape(section.title)}</h2>']
-    parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs]
-    here = [_figure(one, label, files[f"figures/{one.name}.svg"]) for one in sheets if one.section == section.slug]
+def _contents(sections: Sequence[Section]) -> str:
+    """Return the links to the sections, those of one part in a line below its name."""
+    lines = []
+    for part, of in groupby(sections, key=lambda section: section.part):
+        links = ", ".join(f'<a href="#{section.slug}">{escape(section.title)}</a>' for section in of)
+        lines.append(f"<li>{escape(part)}{': ' * bool(part)}{links}</li>")
+    return "".join(lines)
+
+
+def _numbered(sections: Sequence[Section], sheets: Sequence[Sheet]) -> list[tuple[int, Sheet]]:
+    """Return the figures of the sections, numbered in the order in which the report shows them."""
+    shown = [one for section in sections for one in sheets if one.section == section.slug]
+    return list(enumerate(shown, start=1))
+
+
+def _section(
+    section: Section,
+    label: str,
+    sheets: Sequence[tuple[int, Sheet]],
+    files: Mapping[str, bytes],
+    first: str = "",
+) -> str:
+    rank = "h3" if section.part else "h2"
+    parts = [f'<section id="{section.slug}"{first}><{rank}>{escape(section.title)}</{rank}>']
+    if section.paragraphs:
+        said = "".join(f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs)
+        parts.append(f'<div class="said">{said}</div>')
+    here = [
+        _figure(number, one, label, files[f"figures/{one.name}.svg"])
+        for number, one in sheets
+        if one.section == section.slug
+    ]
     parts += [f'<div class="figures">{"".join(here)}</div>'] if here else []
     shown = [_table(table) for table in section.tables]
     if section.folded:
         parts += [*map(_table, section.brief), f"<details><summary>Each one</summary>{''.join(shown)}</details>"]
     else:
         parts += shown
+    parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.aside]
     return "".join([*parts, "</section>\n"])
 
 
-def _figure(one: Sheet, label: str, svg: bytes) -> str:
+def _figure(number: int, one: Sheet, label: str, svg: bytes) -> str:
     text = svg.decode("utf-8")
     drawing = text[text.index("<svg") :]
     width = re.search(r'width="([0-9.]+)pt"', drawing)
@@ -129,7 +177,7 @@ def _figure(one: Sheet, label: str, svg: bytes) -> str:
     drawing = re.sub(r"<metadata>.*?</metadata>", "", drawing, count=1, flags=re.DOTALL)
     drawing = re.sub(r'(\bid="|xlink:href="#|url\(#)', rf"\g<1>{one.name}-", drawing)
     style = f"width:100%;max-width:{2 * points:.0f}px;min-width:{1.3 * points:.0f}px"
-    described = escape(f"{label}. {one.caption}" if label else one.caption)
+    described = escape(". ".join(part for part in (f"Figure {number}", label, one.caption) if part))
     drawing = drawing.replace("<svg ", f'<svg role="img" aria-label="{described}" style="{style}" ', 1)
     kind = ' class="wide"' if points > COLUMN_POINTS else ""
     box = f'<div class="scroll" tabindex="0" role="region" aria-label="Figure {one.name}">{drawing}</div>'
@@ -148,7 +196,8 @@ def _table(table: Table) -> str:
             for column, cell in enumerate(row[1:], start=1)
         ]
         rows.append(f"<tr>{''.join(cells)}</tr>")
-    title = f'<p class="caption">{escape(table.title)}</p>' if table.title else ""
+    standing = f'<span class="standing">{escape(table.standing)}</span>' if table.standing else ""
+    title = f'<p class="caption">{escape(table.title)} {standing}</p>' if table.heading else ""
     name = escape(table.title or "table")
     notes = "".join(f'<p class="note">{escape(note)}</p>' for note in table.notes)
     body = (

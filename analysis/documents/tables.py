@@ -31,7 +31,8 @@ GAP = "  "
 class Table:
     """Cells as text; columns in `left` are flush left, and the (row, column) cells in `marked` stand out.
 
-    A terminal breaks the cells of a `matrix` before ±, where that keeps its columns beside one another.
+    A terminal breaks the cells of a `matrix` before ± or a bracket, where that keeps its columns beside one another.
+    `standing` says in a word or two how far to trust it, such as "planned", and stands beside the title.
     """
 
     title: str
@@ -41,14 +42,21 @@ class Table:
     marked: frozenset[tuple[int, int]] = frozenset()
     notes: tuple[str, ...] = ()
     matrix: bool = False
+    standing: str = ""
+
+    @property
+    def heading(self) -> str:
+        """The title with the standing in brackets; either may be empty."""
+        return " ".join(part for part in (self.title, f"[{self.standing}]" if self.standing else "") if part)
 
 
 @dataclass(frozen=True)
 class Section:
     """Part of the report: paragraphs, tables, and the records behind them, one for each row of the CSV file.
 
-    `slug` names its files. In a terminal, `brief` tables replace the tables, if there are any; in the report they stand
-    before the tables of a section that is `folded`, which a reader opens.
+    `slug` names its files. In a terminal, `brief` tables replace the tables, if there are any, unless it shows all; in
+    the report they stand before the tables of a section that is `folded`, which a reader opens. What is said in `aside`
+    stands below the tables, and in a terminal only where it shows all. Sections of one `part` stand under its name.
     """
 
     slug: str
@@ -58,6 +66,8 @@ class Section:
     records: tuple[Mapping[str, object], ...] = ()
     brief: tuple[Table, ...] = ()
     folded: bool = False
+    aside: tuple[str, ...] = ()
+    part: str = ""
 
 
 def number(value: float | None, decimals: int = 3) -> str:
@@ -112,11 +122,13 @@ def bayes_factor(log: float | None) -> str:
     return f"{digits}e{exponent + int(carried):.0f}"
 
 
-def text(section: Section, width: int = WIDTH) -> str:
-    """Return the section for a terminal, with no line longer than `width`."""
+def text(section: Section, width: int = WIDTH, *, full: bool = False) -> str:
+    """Return the section for a terminal, with no line longer than `width`; brief tables and no aside unless `full`."""
     parts = [f"{section.title}\n{'=' * min(len(section.title), width)}"]
     parts += [textwrap.fill(paragraph, width) for paragraph in section.paragraphs]
-    parts += [table_text(table, width) for table in section.brief or section.tables]
+    whole = full and not section.folded
+    parts += [table_text(table, width) for table in (section.tables if whole else section.brief or section.tables)]
+    parts += [textwrap.fill(paragraph, width) for paragraph in section.aside * full]
     return "\n\n".join(parts)
 
 
@@ -126,7 +138,7 @@ def table_text(table: Table, width: int = WIDTH) -> str:
     sizes = [max(1, *(len(row[column]) for row in rows)) for column in range(len(table.header))]
     sizes[:-1] = [min(size, WIDEST) for size in sizes[:-1]]
     if table.matrix and len(_blocks(sizes, width)) > 1:
-        broken = [tuple(cell.replace(" ± ", "\n± ") for cell in row) for row in rows]
+        broken = [tuple(re.sub(r" (?=± |\()", "\n", cell) for cell in row) for row in rows]
         parts = [[*table.header[place].split(), *(part for row in broken for part in row[place].split("\n"))]
                  for place in range(1, len(sizes))]  # fmt: skip
         narrow = [max(1, *map(len, column)) for column in parts]
@@ -140,7 +152,7 @@ def table_text(table: Table, width: int = WIDTH) -> str:
         lines = [header, GAP.join("-" * size for size in widths), *below]
         blocks.append("\n".join(lines))
     notes = "\n".join(textwrap.fill(note, width) for note in table.notes)
-    title = textwrap.fill(table.title, width)
+    title = textwrap.fill(table.heading, width)
     return "\n".join(part for part in (title, "\n\n".join(blocks), notes) if part)
 
 
@@ -149,11 +161,12 @@ def markdown(section: Section, label: str) -> str:
     parts = [f"**{_markdown(label)}**"] if label else []
     parts += [f"## {_markdown(section.title)}", *map(_markdown, section.paragraphs)]
     for table in section.tables:
-        if table.title:
-            parts.append(f"### {_markdown(table.title)}")
+        if table.heading:
+            parts.append(f"### {_markdown(table.heading)}")
         rule = "|".join(":--" if column in table.left else "--:" for column in range(len(table.header)))
         rows = [_markdown_row(table.header), f"|{rule}|", *map(_markdown_row, table.rows)]
         parts += ["\n".join(rows), *map(_markdown, table.notes)]
+    parts += map(_markdown, section.aside)
     return "\n\n".join(parts) + "\n"
 
 
@@ -259,7 +272,9 @@ def escaped(text: str) -> str:
 
 def _table(table: Table, title: str, label: str) -> str:
     columns = "".join("l" if column in table.left else "r" for column in range(len(table.header)))
-    caption = ". ".join(part for part in (label, table.title or title) if part)
+    caption = ". ".join(part for part in (label, table.title or title) if part) + f" ({table.standing})" * bool(
+        table.standing
+    )
     head = r"\begin{table}", rf"\caption{{{escaped(caption)}}}", rf"\begin{{tabular}}{{{columns}}}"
     rows = (r"\toprule", _row(table.header), r"\midrule", *map(_row, table.rows), r"\bottomrule", r"\end{tabular}")
     notes = (rf"\par\small {escaped(note)}" for note in table.notes)

@@ -100,11 +100,12 @@ def read(root: Path) -> Study:
             rows += _events(path, participant, task, _Levels(materials, answers, facts["Origin"]), sidecar["Rows"])
     if not rows:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
-    protocol: Protocol | None = None
+    protocol, sealed = None, ""
     if (plan := root / "sourcedata" / "protocol.toml").exists():
         from experiment.protocol import files
 
         protocol = files.load_kept(plan)
+        sealed = _sealed(plan, protocol)
     attempts = pd.DataFrame(rows)
     rules = protocol.exclusion if protocol else ()
     with_objects = [task.id for task in protocol.tasks if task.stimulus == "real"] if protocol else []
@@ -124,9 +125,21 @@ def read(root: Path) -> Study:
         exclusions=exclusions,
         unasked=unasked,
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
-        parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol),),
+        parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol, sealed),),
         answers=answers,
     )
+
+
+def _sealed(plan: Path, protocol: Protocol) -> str:
+    """Return what the seal beside the copy of a protocol says of it."""
+    from experiment.protocol import approval
+
+    if not approval.seal_path(plan).exists():
+        return "no seal stands beside it"
+    seal = approval.read(plan)
+    if seal.protocol_sha256 != approval.sha256(protocol):
+        return "the seal beside it is of another version"
+    return f"sealed, approval {seal.approval_number} of {seal.board}, from {seal.approved_on} on"
 
 
 @dataclass(frozen=True)

@@ -170,12 +170,16 @@ class Task:
 
 @dataclass(frozen=True)
 class Part:
-    """One dataset of a study: its folder's name, participants and tasks, and the protocol's copy that it may hold."""
+    """One dataset of a study: its folder's name, participants and tasks, and the protocol's copy that it may hold.
+
+    `sealed` says whether that protocol was approved, by the seal that may stand beside it.
+    """
 
     name: str
     participants: tuple[str, ...]
     tasks: tuple[str, ...]
     protocol: Protocol | None
+    sealed: str = "no seal stands beside it"
 
 
 @dataclass(frozen=True)
@@ -241,8 +245,8 @@ def check_chances(parts: Sequence[Part], materials: int) -> None:
 
 
 def sentences(study: Study) -> tuple[str, ...]:
-    """Return sentences on how the parts differ, the planned tests, and who did fewer trials than planned."""
-    return (*_differences(study), *_planned(study), *_incomplete(study))
+    """Return sentences on how the parts differ, and on who did fewer trials than planned."""
+    return (*_differences(study), *_incomplete(study))
 
 
 def _chance(part: Part, task: str, materials: int) -> Fraction:
@@ -269,16 +273,6 @@ def _differences(study: Study) -> list[str]:
     if said:
         said.append("The exclusions of each dataset follow its own protocol.")
     return said
-
-
-def _planned(study: Study) -> list[str]:
-    found: dict[str, list[str]] = {}
-    for part in study.parts:
-        for plan in part.protocol.analysis if part.protocol else ():
-            form = f" ({plan.form})" if plan.form else ""
-            found.setdefault(f"{plan.test}{form}, {' and '.join(plan.tasks)}. {plan.question}", []).append(part.name)
-    where = {text: f" in {', '.join(names)}" if len(names) < len(study.parts) else "" for text, names in found.items()}
-    return [f"Planned{place}: {text}" for text, place in where.items()]
 
 
 def _incomplete(study: Study) -> list[str]:

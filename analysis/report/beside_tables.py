@@ -1,16 +1,29 @@
-"""The tests of `identification.beside`, which are ours -> tables and records, each named as ours."""
+"""The tests of `identification.beside`, which are ours -> a section of tables and records, each named as ours."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 
-from analysis.documents.tables import Table, interval, number, p_is, probability
+from analysis.documents.tables import Section, Table, interval, number, p_is, probability
 from analysis.identification.beside import Beside, Paired, SlopesLogit
+from analysis.report.plan import TWO_WAY, Standing, marked
 from analysis.statistics.participants import Repeated
 
 
-def beside_tables(found: Beside) -> tuple[Table, ...]:
+def beside_section(found: Beside, stands: Standing) -> Section:
+    """Return tests that hold of what the analyses of variance ask, or why there is none."""
+    about = (
+        "Ours take participants as the unit, where the analyses of variance take each ratio as independent. Tests "
+        "against chance by sign flips, which are ours too, stand beside t."
+    )
+    missing = (f"There is no {name}: {reason}." for name, reason in found.statements.items())
+    mark = stands.ours(TWO_WAY, *found.materials)
+    section = Section("beside", "Materials and tasks", (about, *missing), _tables(found), tuple(_records(found)))
+    return marked(section, mark)
+
+
+def _tables(found: Beside) -> tuple[Table, ...]:
     """Return a table of repeated measures, of paired tasks and of the logit; one without rows is left out."""
     lines = [(task, line) for task, of in found.materials.items() for line in of]
     lines += [("every task", line) for line in found.both]
@@ -24,7 +37,7 @@ def beside_tables(found: Beside) -> tuple[Table, ...]:
         "Participants with every material, and every task, count. P has the correction of Greenhouse and Geisser. In "
         "SIMULATED studies, at a nominal 5 %, it erred in 2 to 3 % with 6 participants, and in 3 to 5 % from 10 on.",
     )
-    repeated = Table("Ours, repeated measures: correct ratios, with participants as the unit", header, rows,
+    repeated = Table("Repeated measures: correct ratios, with participants as the unit", header, rows,
                      left=frozenset({0, 1}), notes=notes)  # fmt: skip
     tables = [repeated, _paired(found.paired), *([_logit(found.logit)] if found.logit else ())]
     return tuple(table for table in tables if table.rows)
@@ -43,7 +56,7 @@ def _paired(pairs: tuple[Paired, ...]) -> Table:
         "In SIMULATED studies, at a nominal 5 %, t erred in 4 to 6 %, and sign flips in 1 to 2 % with 6 "
         "participants and in 3 to 5 % from 10 on.",
     )
-    title = "Ours, paired: mean correct ratios of participants who did both tasks"
+    title = "Paired: mean correct ratios of participants who did both tasks"
     return Table(title, header, rows, notes=(*notes, *said))
 
 
@@ -61,11 +74,11 @@ def _logit(found: SlopesLogit) -> Table:
         "In 60 SIMULATED studies of each size, from 6 to 25 participants, the tests erred in 0 to 8 %, at a nominal "
         "5 %.",
     )
-    title = f"Ours, logit in which {found.participants} participants differ in level, by material and by task"
+    title = f"Logit in which {found.participants} participants differ in level, by material and by task"
     return Table(title, ("term", "odds ratio", "95 % CI"), rows, notes=notes)
 
 
-def beside_records(found: Beside) -> list[dict[str, object]]:
+def _records(found: Beside) -> list[dict[str, object]]:
     """Return the records of every table, with full precision."""
     records = [_repeated(task, line) for task, lines in found.materials.items() for line in lines]
     records += [_repeated("all", line) for line in found.both]

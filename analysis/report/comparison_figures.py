@@ -3,44 +3,62 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
 from analysis.comparison.results import Compared, Scaled, TaskComparisons
-from analysis.documents.drawing import COLUMN_STYLE, SHADES, Sheet, colour, marker, sheet, short
+from analysis.documents.drawing import COLUMN_STYLE, PAGE_INCHES, SHADES, Sheet, colour, marker, pages, sheet, short
 from analysis.report.comparison_sections import LAWS, percent
+from analysis.report.found import more
 
 DARK = 0.6
 """The text of a cell above this share is white."""
 
 
-def sheets(results: Compared, label: str) -> tuple[Sheet, ...]:
-    """Return every figure for which there are numbers, of at least one task; `label` is that of the dataset."""
+def sheets(results: Compared, label: str, *, titles: bool = False) -> tuple[Sheet, ...]:
+    """Return every figure for which there are numbers, of at least one task.
+
+    `label` is that of the dataset, and stands above each figure; with `titles` what it shows stands there too.
+    """
     with mpl.rc_context(COLUMN_STYLE):
-        return tuple(_sheets(results, label))
+        return tuple(_sheets(results, label, titles=titles))
 
 
-def _sheets(results: Compared, label: str) -> Iterator[Sheet]:
-    height = 0.42 * len(results.materials) + 0.9
-    figure, panels = sheet([height] * len(results.tasks), "Right choices, percent", label)
-    for axes, task in zip(panels, results.tasks, strict=True):
-        choices(axes, task, results.materials)
-    said = (
-        "Percent of right choices of each pair, from 0 (white) to 100 (dark); on the diagonal, percent of choices of "
-        "the sample presented first where both were of one material (as Tables 2 and 3 of Wellman and Howe)."
-    )
-    yield Sheet("right-choices", "pairs", said, figure)
+def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[Sheet]:
+    height = min(0.42 * len(results.materials) + 0.9, PAGE_INCHES)
+    for page, tasks in pages(results.tasks, height):
+        figure, panels = sheet([height] * len(tasks), "Right choices, percent" * titles, label)
+        for axes, task in zip(panels, tasks, strict=True):
+            choices(axes, task, results.materials)
+            if len(results.tasks) == 1 and not titles:
+                axes.set_title("")
+        said = (
+            f"Percent of right choices of each pair in {_people(tasks)}, from 0 (white) to 100 (dark): how often the "
+            f"row was named as having {more(results)} than the column. On the diagonal, where both samples were "
+            "of one material, how often the first was named: 50 by guessing. Intervals stand in the table."
+        )
+        yield Sheet(f"right-choices{page}", "found", said, figure)
     shown = [(task, one) for task in results.tasks for one in task.scales if one.scale is not None]
-    if shown:
-        title = f"Scale of {results.quality}"
-        figure, panels = sheet([0.2 * len(results.materials) + 0.8] * len(shown), title, label)
-        for place, (axes, (task, one)) in enumerate(zip(panels, shown, strict=True)):
+    height = min(0.2 * len(results.materials) + 0.8, PAGE_INCHES)
+    for page, scaled in pages(shown, height):
+        figure, panels = sheet([height] * len(scaled), f"Scale of {results.quality}" * titles, label)
+        for place, (axes, (task, one)) in enumerate(zip(panels, scaled, strict=True)):
             scale(axes, task, one, results.materials, place)
-        said = "Values of the materials, with intervals of 95 % from participants as the units where there are several."
-        yield Sheet("scales", "scales", said, figure)
+            if len(results.tasks) == 1 and not titles:
+                axes.set_title("")
+        said = (
+            f"Scales of {results.quality} in {_people([task for task, _ in scaled])}. Whiskers are intervals of 95 % "
+            "with participants as the units, where there are several; 0 is the mean of the materials."
+        )
+        yield Sheet(f"scales{page}", "scales", said, figure)
+
+
+def _people(tasks: Sequence[TaskComparisons]) -> str:
+    """Return the titles of tasks, each with its number of participants."""
+    return " and ".join(dict.fromkeys(f"{task.task.title} (n = {len(task.participants)})" for task in tasks))
 
 
 def choices(axes: Axes, task: TaskComparisons, materials: tuple[str, ...]) -> None:

@@ -3,11 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 from analysis.comparison.results import Beside, Compared, Estimate, Scaled, Share, TaskComparisons
-from analysis.documents.tables import Section, Table, interval, number, plural, probability
-from analysis.reading.study import Study, sentences
-from analysis.report.sections import exclusions_section, formulas
+from analysis.documents.tables import Section, Table, interval, number, p_is, plural
+from analysis.published.numbers import Published
+from analysis.reading.study import Study
+from analysis.report.found import UNNAMED, compared_section, more
+from analysis.report.plan import (
+    DESCRIPTIVE,
+    EXPLORATORY,
+    PAIRS,
+    PLANNED,
+    PUBLISHED,
+    Standing,
+    done_of_comparisons,
+    exclusions_section,
+    marked,
+    overview,
+    standing,
+)
+from analysis.report.sections import formulas
 
 LAWS = {
     "bradley-terry": "Bradley-Terry, in logits",
@@ -16,17 +32,42 @@ LAWS = {
 }
 
 
-def sections(study: Study, results: Compared) -> tuple[Section, ...]:
-    """Return every section, in reading order."""
-    printed = [task for task in results.tasks if task.in_print is not None]
+SCALES = {"bradley-terry": "Bradley-Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
+"""The name of each law in a protocol."""
+
+FIT = (
+    "The P of a deviance takes all answers as independent and every participant as having the same scale, and needs "
+    "many answers of each kind: where participants differ it is too small, and where some pairs are nearly always told "
+    "right it is too large."
+)
+
+
+def sections(study: Study, results: Compared, printed: Published | None = None) -> tuple[Section, ...]:
+    """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
+    stands = standing(study, printed)
+    in_print = [task for task in results.tasks if task.in_print is not None]
+    pairs = _pairs(results)
+    against = [_of_pairs(stands, task.task.id) for task in results.tasks]
+    parts = {
+        stands.results: (
+            marked(pairs, *against),
+            _scales(results, stands),
+        ),
+        "Exploratory": (marked(_bias(results), EXPLORATORY),),
+        "Checks": ((marked(_in_print(study, results, in_print), DESCRIPTIVE),) if in_print else ()),
+        "": (exclusions_section(study),),
+    }
     return (
+        compared_section(study, results, ", ".join(dict.fromkeys(against))),
         _overview(study, results),
-        exclusions_section(study),
-        _pairs(results),
-        *((_in_print(study, results, printed),) if printed else ()),
-        _bias(results),
-        _scales(results),
+        *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
+
+
+def _of_pairs(stands: Standing, task: str) -> str:
+    """Return how the right choices stand, which are printed, or lie behind a planned scale."""
+    marks = {mark for test in (PAIRS, *SCALES.values()) for mark in stands.of(test, task).split(", ")}
+    return ", ".join(mark for mark in (PLANNED, PUBLISHED) if mark in marks) or EXPLORATORY
 
 
 def percent(share: Share) -> str:
@@ -41,29 +82,26 @@ def _with_interval(share: Share) -> str:
 
 
 def _overview(study: Study, results: Compared) -> Section:
-    records = tuple(
+    rows = tuple(
         {"task": task.task.id, "title": task.task.title, "participants": len(task.participants), "trials": task.trials,
          "without_answer": task.unanswered}
         for task in results.tasks
     )  # fmt: skip
-    rows = tuple(tuple(map(str, record.values())) for record in records)
-    header = ("task", "title", "participants", "trials", "no answer")
-    name = study.name.removeprefix(f"{study.label}: ")
-    paragraphs = (
-        f"{name}. The study is {study.id}, with {plural(len(study.participants), 'participant')} in the dataset.",
-        f"Pairs of materials were compared by their {results.quality}. From the least to the most the protocol has "
-        f"{', '.join(results.materials)}.",
-        *sentences(study),
+    found = overview(study, rows, done_of_comparisons(results))
+    by = "" if results.quality == UNNAMED else f" by their {results.quality}"
+    about = (
+        f"Pairs of materials were compared{by}. From the least to the most the protocol has "
+        f"{', '.join(results.materials)}."
     )
-    return Section("overview", "Study", paragraphs, (Table("", header, rows, left=frozenset({0, 1})),), records)
+    first, *rest = found.paragraphs
+    return replace(found, paragraphs=(first, about, *rest))
 
 
 def _pairs(results: Compared) -> Section:
     about = (
-        f"A cell is the percentage of trials in which the material with more {results.quality}, that of the row, was "
-        "named, whichever of the two was presented first, with its exact interval of 95 % (Clopper and Pearson), for "
-        "which all trials count as independent. Where a material was compared with itself, the cell is the percentage "
-        "of trials in which the one presented first was named: 50 by guessing."
+        "It does not matter which of two materials was presented first. Intervals are exact, of 95 % (Clopper and "
+        "Pearson), and take all trials as independent. Where a material was compared with itself, the first is named "
+        "in 50 % by guessing."
     )
     records: list[Mapping[str, object]] = [
         {"task": task.task.id, "low": results.materials[pair.low], "high": results.materials[pair.high],
@@ -73,7 +111,7 @@ def _pairs(results: Compared) -> Section:
         for task in results.tasks for pair in task.pairs
     ]  # fmt: skip
     tables = tuple(_matrix(results, task) for task in results.tasks)
-    return Section("pairs", "Right choices by pair", (about,), tables, tuple(records))
+    return Section("pairs", "Right choices by pair", (), tables, tuple(records), aside=(about,))
 
 
 def _matrix(results: Compared, task: TaskComparisons) -> Table:
@@ -84,14 +122,18 @@ def _matrix(results: Compared, task: TaskComparisons) -> Table:
     )
     each = sorted({pair.right.trials for pair in task.pairs})
     between = f"{each[0]} to {each[-1]}" if len(each) > 1 else f"{each[0]}"
-    notes = [f"A cell is of {between} trials, by {plural(len(task.participants), 'participant')} together."]
+    notes = [
+        f"A cell says how often the row was named as having {more(results)} than the column, and on the "
+        "diagonal how often the first was named."
+    ]
+    notes += [f"A cell is of {between} trials, by {plural(len(task.participants), 'participant')} together."]
     if ties := sum(pair.ties for pair in task.pairs):
         notes.append(f"{plural(ties, 'trial')} ended in a tie; these count as trials and are right for nobody.")
     if task.unanswered:
         notes.append(f"{plural(task.unanswered, 'trial')} without an answer count nowhere.")
-    marked = frozenset((place, place + 1) for place in range(count))
+    same = frozenset((place, place + 1) for place in range(count))
     title = f"{task.task.title}: percent right (95 % CI)"
-    return Table(title, ("", *results.materials), rows, marked=marked, notes=tuple(notes))
+    return Table(title, ("", *results.materials), rows, marked=same, notes=tuple(notes), matrix=True)
 
 
 def _in_print(study: Study, results: Compared, tasks: list[TaskComparisons]) -> Section:
@@ -147,7 +189,7 @@ def _bias(results: Compared) -> Section:
         header = ("participant", "right, of two materials", "first, of one material")
         tables.append(Table(f"{task.task.title}: each participant, percent (95 % CI)", header, tuple(rows)))
         records += [
-            {"task": task.task.id, "participant": one.participant, "right": one.right.count,
+            {"task": task.task.id, "participant": f"sub-{one.participant}", "right": one.right.count,
              "trials_of_two": one.right.trials, "first": one.first_of_same.count,
              "trials_of_one": one.first_of_same.trials}
             for one in task.people
@@ -155,26 +197,29 @@ def _bias(results: Compared) -> Section:
     return Section("bias", "Bias to the first, and each participant", tuple(paragraphs), tuple(tables), tuple(records))
 
 
-def _scales(results: Compared) -> Section:
+def _scales(results: Compared, stands: Standing) -> Section:
     about = (
         f"A scale of {results.quality} gives each material a value, so that the first of a pair is chosen by the "
         "difference of the values and by what being first adds. Values add up to zero. Intervals are of 95 %, with "
         "participants as the units (standard errors from the sum of scores of each, Student's t with one degree of "
         "freedom less than participants)."
     )
-    paragraphs, tables, records = [about], [], []
+    paragraphs: list[str] = []
+    tables, records = [], []
     for task in results.tasks:
         for one in task.scales:
             if one.scale is None:
                 paragraphs.append(f"{task.task.id}: there is no scale of {_law(one)}: {one.statement}.")
                 continue
-            tables.append(_scale(results, task, one))
+            mark = stands.of(SCALES[one.law], task.task.id)
+            tables.append(replace(_scale(results, task, one), standing=mark))
             records += [
                 {"task": task.task.id, "law": one.law, "of": name, **_record(value)}
                 for name, value in (*zip(results.materials, one.values, strict=True), ("first", one.order))
                 if value is not None
             ]
-    return Section("scales", f"Scales of {results.quality}", tuple(paragraphs), tuple(tables), tuple(records))
+    name = f"Scales of {results.quality}"
+    return Section("scales", name, tuple(paragraphs), tuple(tables), tuple(records), aside=(about, FIT))
 
 
 def _law(one: Scaled) -> str:
@@ -195,9 +240,7 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:
     if one.scale is not None and one.p is not None:
         notes.append(
             f"The deviance from the observed frequencies of the ordered pairs is {number(one.scale.deviance, 1)} with "
-            f"{plural(one.scale.df, 'degree')} of freedom, P = {probability(one.p)}. This P takes all answers as "
-            "independent and every participant as having the same scale, and needs many answers of each kind: where "
-            "participants differ it is too small, and where some pairs are nearly always told right it is too large."
+            f"{plural(one.scale.df, 'degree')} of freedom, {p_is(one.p)}."
         )
     header = ("material", "value", "95 % CI", "above the one before", "95 % CI")
     return Table(f"{task.task.title}: {LAWS[one.law]}", header, rows, notes=tuple(notes))

@@ -20,12 +20,14 @@ from analysis.documents.drawing import (
     HATCHES,
     LETTER_INCHES,
     LINES,
+    PAGE_INCHES,
     PAGE_MM,
     SHADES,
     Sheet,
     colour,
     key,
     marker,
+    pages,
     pale,
     sheet,
     short,
@@ -59,6 +61,7 @@ def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
         _bars(axes, task, index, width, (index - (len(tasks) - 1) / 2) * width)
     _names(axes, materials)
     _ratios(axes, {task.task.id: task.chance for task in tasks}, 1.18)
+    axes.set_xlim(-0.6, len(materials) - 0.4)
 
 
 def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
@@ -308,8 +311,6 @@ PAGE = 25
 PAGES = 4
 """The most pages of panels of one task."""
 
-ELSEWHERE = "The tables here give the numbers."
-
 
 def sheets(results: Results, label: str, *, titles: bool = False) -> tuple[Sheet, ...]:
     """Return every figure for which there are numbers, of at least one task.
@@ -338,38 +339,62 @@ def _answers(results: Results, head: _Head) -> Iterator[Sheet]:
     width = COLUMN_MM if count <= FEW else PAGE_MM
     figure, (axes,) = head.sheet([2.4], "Correct answers: mean ± SD", width)
     correct_ratios(axes, tasks)
+    adjusted = [task.task.id for task in tasks if task.correction]
+    by = f"adjusted by Holm in {' and '.join(adjusted)}" if adjusted else "not adjusted"
+    dots = ", dots participants" * (min(len(task.confusion.participants) for task in tasks) <= DOTS)
     said = (
-        "Correct answer ratios of each material and task (as Fig. 11 of Okamoto et al.). Bars are means, whiskers "
-        f"standard deviations among participants, and dots participants, where there are at most {DOTS}; stars mark "
-        "ratios above chance."
+        f"Correct answer ratios of each material in {_people(tasks)}. Bars are means, whiskers standard deviations "
+        f"among participants{dots}, and the dashed line is chance. *, ** and *** mark means above chance with P < "
+        f"0.05, 0.01 and 0.001 (t, {by})."
     )
-    yield Sheet("correct-ratios", "found", f"{said} {ELSEWHERE}", figure)
+    yield Sheet("correct-ratios", "found", said, figure)
 
     unanswered = any(task.confusion.unanswered for task in tasks)
-    height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else 0.32 * count + 1.4
-    figure, panels = head.sheet([height] * len(tasks), "Answer ratios: means among participants", width)
-    for axes, task in zip(panels, tasks, strict=True):
-        confusion(axes, task, unanswered=unanswered)
-    said = "Mean answer ratios as heat maps, from 0 (white) to 1 (dark), with the standard deviation if there is room."
-    yield Sheet("confusion", "confusion", f"{said} {ELSEWHERE}", figure)
+    height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else min(0.32 * count + 1.4, PAGE_INCHES)
+    for page, of in pages(tasks, height):
+        figure, panels = head.sheet([height] * len(of), "Answer ratios: means among participants", width)
+        for axes, task in zip(panels, of, strict=True):
+            confusion(axes, task, unanswered=unanswered)
+            if len(tasks) == 1 and not head.titles:
+                axes.set_title("")
+        said = (
+            f"Mean answer ratios in {_people(of)}, from 0 (white) to 1 (dark), ± the standard deviation among "
+            "participants where there is room."
+        )
+        yield Sheet(f"confusion{page}", "confusion", said, figure)
 
     for task in tasks:
         yield from _participants(task, head)
 
-    found = [one for one in results.identifications if one.scaling]
-    if found:
-        figure, panels = head.sheet([2.6] * len(found), "Map of the materials, from their confusions")
-        for axes, one in zip(panels, found, strict=True):
+    found = [one for one in zip(tasks, results.identifications, strict=True) if one[1].scaling]
+    for page, mapped in pages(found, MAP_INCHES):
+        figure, panels = head.sheet([MAP_INCHES] * len(mapped), "Map of the materials, from their confusions")
+        for axes, (_, one) in zip(panels, mapped, strict=True):
             material_map(axes, one, tasks[0].confusion.materials)
         key(panels[0])
-        said = "The closer two materials are, the more they were taken for one another. The map is a classical scaling."
-        yield Sheet("map", "confusions", said, figure)
+        said = (
+            f"Map of the materials in {_people([task for task, _ in mapped])}: the closer two are, the more they were "
+            "taken for one another (classical scaling). It has no error bars."
+        )
+        yield Sheet(f"map{page}", "confusions", said, figure)
 
     if confusing := _confusing(results):
         figure, (axes,) = head.sheet([2.5], "Confusing answers and dissimilarity of spectra")
         against_dissimilarity(axes, confusing, results.dissimilarities.source)
-        said = "Confusing answer ratios against the dissimilarity of spectra (as Fig. 13 of Okamoto et al.)."
+        said = (
+            f"Mean confusing answer ratios in {_people(tasks)} against the dissimilarity of the spectra, a point for "
+            "each ordered pair of materials, with Mantel's r and P. There are no error bars."
+        )
         yield Sheet("dissimilarity", "confusions", said, figure)
+
+
+MAP_INCHES = 2.6
+"""The height of a map of the materials."""
+
+
+def _people(tasks: Sequence[TaskResult]) -> str:
+    """Return the titles of tasks, each with its number of participants."""
+    return " and ".join(f"{task.task.title} (n = {len(task.confusion.participants)})" for task in tasks)
 
 
 def _participants(task: TaskResult, head: _Head) -> Iterator[Sheet]:
@@ -381,9 +406,9 @@ def _participants(task: TaskResult, head: _Head) -> Iterator[Sheet]:
         figure, (axes,) = head.sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title)
         participants(axes, task, first, last)
         said = (
-            f"{task.task.title}: answer ratios of each participant, {first + 1} to {last} of {people}, the darker the "
-            f"more often. Rows are the {count} materials presented and columns the answers, both in the order of the "
-            "tables; the share right is above."
+            f"Answer ratios of each participant in {task.task.title}, {first + 1} to {last} (n = {people}), the "
+            f"darker the more often. Rows are the {count} materials presented and columns the answers, both in the "
+            "order of the tables; the share right is above."
         )
         if shown < people:
             said += f" The first {shown} of {people} participants are drawn; counts.csv has all of them."
@@ -422,19 +447,32 @@ def _course(results: Results, head: _Head) -> Iterator[Sheet]:
         figure, (axes,) = head.sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time")
         learning(axes, found.learning, chances)
         of = plural(window, "successive trial")
-        said = f"Share of right answers in {of}, with 95 % BCa intervals over participants."
+        said = (
+            f"Share of right answers in {of}, of all participants together ({_people(results.tasks)}). Bands are 95 % "
+            "BCa intervals over participants, and the dashed line is chance."
+        )
         yield Sheet("learning", "course", said, figure)
     if found.speed:
         figure, (axes,) = head.sheet([2.3], "Right answers by the speed of the foot")
         speed(axes, found.speed, chances)
-        said = "Share of right answers by the speed of the foot, with Wilson's 95 % intervals over trials."
+        said = (
+            f"Share of right answers by the speed of the foot, of all participants together ({_people(results.tasks)}"
+            "). Whiskers are Wilson's 95 % intervals, which take trials as independent, and the dashed line is chance."
+        )
         yield Sheet("speed", "course", said, figure)
     if found.onsets:
         figure, (axes,) = head.sheet([2.3], "Onset of the stimulus, measured at the panel")
         onset_errors(axes, found.onsets)
-        yield Sheet("onset-errors", "course", "Measured onset of the stimulus minus contact of the foot.", figure)
+        trials = " and ".join(f"{task} ({plural(len(one.errors_ms), 'trial')})" for task, one in found.onsets.items())
+        said = (
+            f"Measured onset of the stimulus minus contact of the foot in {trials}; the key has means ± SD over trials."
+        )
+        yield Sheet("onset-errors", "course", said, figure)
     if found.masker:
         figure, (axes,) = head.sheet([2.3], "Masker of each participant")
         masker_levels(axes, found.masker)
-        said = "Level of the masker: the median of a participant's trials, with the lowest and the highest."
+        people = " and ".join(f"{task} (n = {len(levels)})" for task, levels in found.masker.items())
+        said = (
+            f"Level of the masker in {people}: medians of a participant's trials, and whiskers to lowest and highest."
+        )
         yield Sheet("masker", "course", said, figure)

@@ -3,59 +3,106 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING
 
 from analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
 from analysis.identification.identify import Cell, Identification
 from analysis.identification.results import MaterialTest, Results, TaskResult
 from analysis.reading.study import Study
+from analysis.report.plan import TWO_WAY, Standing, T, alpha, plans
 
-ALPHA = 0.05
+if TYPE_CHECKING:
+    from analysis.comparison.results import Compared, Estimate, Scaled, TaskComparisons
+
+FOUND = "What was found"
 
 
-def found_section(study: Study, results: Results, remark: tuple[str, ...]) -> Section:
+def found_section(study: Study, results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
     """Return the questions that the protocol plans, the answers of this dataset, and the correct ratios behind them."""
-    asked = dict.fromkeys(
-        " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?"
-        for part in study.parts
-        for plan in (part.protocol.analysis if part.protocol else ())
-        if plan.test != "ICC"
-    )
-    paragraphs = [f"Asked: {' '.join(asked)}"] * bool(asked)
-    for task, one in zip(results.tasks, results.identifications, strict=True):
-        paragraphs.append(" ".join(_task(task, one)))
-    paragraphs += [" ".join(_between(results))] * bool(list(_between(results)))
+    both = list(zip(results.tasks, results.identifications, strict=True))
+    paragraphs = [*asked(study)]
+    paragraphs += [" ".join(_task(task, one, alpha(study, T, task.task.id))) for task, one in both]
+    level = alpha(study, TWO_WAY, *(task.task.id for task in results.tasks))
+    paragraphs += [" ".join(_between(results, level))] * bool(list(_between(results, level)))
+    tested = [(task, test, cell) for task, one in both for test, cell in zip(task.tests, _right(one), strict=True)]
     rows = tuple(
         (task.task.id, test.material, str(test.result.n), number(test.result.mean), interval(cell.bootstrap),
-         probability(test.result.p), probability(test.flip.p if test.flip else None), test.stars)
-        for task, one in zip(results.tasks, results.identifications, strict=True)
-        for test, cell in zip(task.tests, _right(one), strict=True)
+         probability(test.p_holm if task.correction else test.result.p), probability(_flip(test, task)), test.stars)
+        for task, test, cell in tested
     )  # fmt: skip
-    header = ("task", "presented", "n", "correct", "95 % CI", "P of t", "P of sign flips (ours)", "")
-    notes = ("Correct answer ratios, their BCa intervals over participants, and tests against chance.",)
-    table = Table("", header, rows, left=frozenset({0, 1, 7}), notes=notes)
-    return Section("found", "What was found", (*paragraphs, *remark), (table,))
+    adjusted = {task.correction is not None for task in results.tasks}
+    how = {True: "adjusted by Holm", False: "not adjusted"}
+    said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
+    notes = (
+        f"Correct answer ratios with BCa intervals over participants. P is of t against chance, {said}; ours is that "
+        "of sign flips. Stars follow P of t.",
+    )
+    header = ("task", "presented", "n", "correct", "95 % CI", "P", "ours: P", "")
+    mark = ", ".join(dict.fromkeys(stands.of(T, task.task.id) for task in results.tasks))
+    table = Table("Correct answers", header, rows, left=frozenset({0, 1, 7}), notes=notes, standing=mark)
+    records = tuple(_record(task, test, cell) for task, test, cell in tested)
+    return Section("found", FOUND, (*paragraphs, *remark), (table,), (*records, *_further(results)))
+
+
+def asked(study: Study) -> list[str]:
+    """Return the planned questions as one paragraph, or nothing where none is known."""
+    questions = dict.fromkeys(
+        " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?" for plan in plans(study) if plan.test != "ICC"
+    )
+    return [f"Asked: {' '.join(questions)}"] * bool(questions)
+
+
+def _record(task: TaskResult, test: MaterialTest, cell: Cell) -> dict[str, object]:
+    limits = cell.bootstrap
+    return {
+        "quantity": "correct answer ratio", "task": task.task.id, "of": test.material, "n": test.result.n,
+        "value": test.result.mean, "low": limits.low if limits else None, "high": limits.high if limits else None,
+        "statistic": test.result.t, "p": test.result.p, "p_holm": test.p_holm,
+        "p_sign_flip_ours": test.flip.p if test.flip else None, "stars": test.stars, "also_in": "tests.csv",
+    }  # fmt: skip
+
+
+def _further(results: Results) -> Iterator[dict[str, object]]:
+    """Yield the other numbers of the sentences, each with the table that has more of it."""
+    for one in results.identifications:
+        if one.jackknife and one.information:
+            bits = one.jackknife
+            yield {"quantity": "information, jackknife (ours), bits", "task": one.task, "value": bits.value,
+                   "low": bits.low, "high": bits.high, "also_in": "confusions.csv"}  # fmt: skip
+    if results.two_way and (effect := results.two_way[1].effects[0]).f is not None:
+        yield {"quantity": "two-way ANOVA, type II, F", "of": effect.name, "statistic": effect.f, "df1": effect.df,
+               "df2": results.two_way[1].residual.df, "p": effect.p, "also_in": "anova.csv"}  # fmt: skip
+    for pair in results.beside.paired:
+        yield {"quantity": "paired difference (ours)", "of": f"{pair.first} - {pair.second}", "n": pair.test.n,
+               "value": pair.test.mean, "statistic": pair.test.t, "df1": pair.test.df, "p": pair.test.p,
+               "p_sign_flip_ours": pair.flip.p, "also_in": "beside.csv"}  # fmt: skip
+    for task, lines in results.beside.materials.items():
+        for line in lines:
+            yield {"quantity": "repeated measures (ours), F", "task": task, "of": line.effect, "n": line.n,
+                   "statistic": line.f, "df1": line.df1, "df2": line.df2, "p": line.p,
+                   "also_in": "beside.csv"}  # fmt: skip
 
 
 def _right(one: Identification) -> list[Cell]:
     return [cell for cell in one.cells if cell.presented == cell.answered]
 
 
-def _task(task: TaskResult, one: Identification) -> Iterator[str]:
+def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
     cells = {cell.presented: cell for cell in _right(one)}
     people = plural(len(task.confusion.participants), "participant")
-    above = [test for test in task.tests if test.stars]
-    rest = [test for test in task.tests if not test.stars and test.result.mean is not None]
-    by = "P adjusted by Holm" if task.correction else "P that is not adjusted"
-    yield f"{task.task.title} ({people}, chance {task.chance:.4g}):"
+    tested = [test for test in task.tests if test.result.p is not None]
+    above = [test for test in tested if _above(test, test.p_holm if task.correction else test.result.p, task, level)]
+    rest = [test for test in tested if test not in above]
+    chance = f"by chance ({task.chance:.4g})"
+    yield f"{task.task.title} ({people})."
     if above:
-        yield f"by {by}, right answers were more frequent than by chance for {_listed(above, cells)}."
-    else:
-        yield f"by {by}, right answers were not shown to be more frequent than by chance for any material."
-    if rest and above:
-        yield f"It was not shown for {_listed(rest, cells)}."
-    other = [test.material for test in task.tests if test.flip and bool(test.stars) != _flipped(test, task)]
-    if other:
-        yield f"Sign flips, which are ours, say otherwise of {' and '.join(other)}."
+        yield f"Answers were right more often than {chance} for {_listed(above, cells)}."
+        if rest:
+            yield f"This was not shown for {_listed(rest, cells)}."
+    elif rest:
+        yield f"Answers were not shown to be right more often than {chance}: {_listed(rest, cells)}."
+    yield from _untested(task, cells, level)
+    yield from _flips(task, above, level)
     if pair := task.confusion.most_confused():
         yield f"Most often taken for one another were {pair[0]} and {pair[1]}."
     if one.jackknife and one.information:
@@ -63,26 +110,66 @@ def _task(task: TaskResult, one: Identification) -> Iterator[str]:
         yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits a trial ({limits}; ours)."
 
 
-def _flipped(test: MaterialTest, task: TaskResult) -> bool:
-    """Return whether sign flips show a mean above chance, by the P that the stars follow."""
-    p = test.flip_holm if task.correction else test.flip.p if test.flip else None
-    return p is not None and p < ALPHA and test.result.mean is not None and test.result.mean > task.chance
+def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[str]:
+    """Yield of which materials t has no P, as where every answer was right, and what sign flips say of them."""
+    found = [test for test in task.tests if test.result.p is None and test.result.mean is not None]
+    if not found:
+        return
+    alone = all(test.result.n == 1 for test in found)
+    why = "one participant has no spread" if alone else "the ratios of all participants are the same"
+    chance = f"where chance is {task.chance:.4g}"
+    yield f"Answers were right for {_listed(found, cells)}, {chance}; t has no P, because {why}."
+    shown = [test for test in found if _above(test, _flip(test, task), task, level)]
+    if shown:
+        most = max(p for test in shown if (p := _flip(test, task)) is not None)
+        names = "all of them" if len(shown) == len(found) > 1 else joined([test.material for test in shown])
+        yield f"Sign flips, which are ours, show more right answers than by chance for {names} ({p_is(most)} or less)."
+
+
+def _above(test: MaterialTest, p: float | None, task: TaskResult, level: float) -> bool:
+    return p is not None and p < level and test.result.mean is not None and test.result.mean > task.chance
+
+
+def _flip(test: MaterialTest, task: TaskResult) -> float | None:
+    """Return P of sign flips, adjusted where the P that the stars follow is."""
+    return test.flip_holm if task.correction else test.flip.p if test.flip else None
+
+
+def _flips(task: TaskResult, above: Sequence[MaterialTest], level: float) -> Iterator[str]:
+    """Yield where sign flips disagree, or that so few participants can show nothing by them."""
+    least = [test.flip.least for test in task.tests if test.flip]
+    if above and least and min(least) >= level:
+        people = plural(len(task.confusion.participants), "participant")
+        yield f"Sign flips, which are ours, cannot show it with {people}: their P is {min(least):.3g} or more."
+        return
+    other = [
+        test.material
+        for test in task.tests
+        if test.flip and test.result.p is not None and _above(test, _flip(test, task), task, level) != (test in above)
+    ]
+    if other:
+        yield f"Sign flips, which are ours, say otherwise of {joined(other)}."
 
 
 def _listed(tests: Sequence[MaterialTest], cells: dict[str, Cell]) -> str:
     parts = []
-    for test in tests:
+    for place, test in enumerate(tests):
         limits = interval(cells[test.material].bootstrap, 2)
-        shown = f", {limits}" if limits != "-" else ""
+        shown = f", {'95 % CI ' * (not place)}{limits}" if limits != "-" else ""
         parts.append(f"{test.material} ({number(test.result.mean, 2)}{shown})")
+    return joined(parts)
+
+
+def joined(parts: Sequence[str]) -> str:
+    """Return `a`, `a and b`, or `a, b and c`."""
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
-def _between(results: Results) -> Iterator[str]:
+def _between(results: Results, level: float) -> Iterator[str]:
     """Yield what the tests of tasks and materials say, the published ANOVA first, then ours."""
     if results.two_way and (effect := results.two_way[1].effects[0]).f is not None and effect.p is not None:
         df = f"{effect.df}, {results.two_way[1].residual.df}"
-        differ = "differ" if effect.p < ALPHA else "are not shown to differ"
+        differ = "differ" if effect.p < level else "are not shown to differ"
         yield f"The tasks {differ} in the two-way ANOVA (F({df}) = {effect.f:.2f}, {p_is(effect.p)})."
     for one in results.beside.paired:
         mean, p = one.test.mean, one.test.p
@@ -91,9 +178,107 @@ def _between(results: Results) -> Iterator[str]:
                 f"Ours, over the {one.test.n} who did both: {one.first} less {one.second} is {mean:.3f} "
                 f"(t({one.test.df}) = {one.test.t:.2f}, {p_is(p)}; sign flips, {p_is(one.flip.p)})."
             )
+    told = []
     for task, lines in results.beside.materials.items():
         (line,) = lines
         if line.f is not None and line.p is not None:
-            differ = "differ" if line.p < ALPHA else "are not shown to differ"
+            differ = "differ" if line.p < level else "are not shown to differ"
             test = f"F({line.df1}, {line.df2}) = {line.f:.2f}, {p_is(line.p)}"
-            yield f"Ours, repeated measures: the materials of {task} {differ} ({test})."
+            told.append(f"the materials of {task} {differ} ({test})")
+    if told:
+        yield f"Ours, repeated measures: {joined(told)}."
+
+
+def compared_section(study: Study, results: Compared, mark: str) -> Section:
+    """Return the same of comparisons, a table with a `mark`: how often pairs were told right, and steps of a scale."""
+    paragraphs = [*asked(study)]
+    paragraphs += [" ".join(_compared(task, results)) for task in results.tasks]
+    rows, records = [], []
+    for task in results.tasks:
+        scaled = _first_scale(task)
+        for low in range(len(results.materials) - 1):
+            right = task.pair(low, low + 1).right
+            step = scaled.steps[low] if scaled else None
+            names = f"{results.materials[low + 1]} above {results.materials[low]}"
+            told = "-" if right.value is None else f"{100 * right.value:.0f} %"
+            rows.append((task.task.id, names, f"{right.count} of {right.trials}", told,
+                         number(step.value if step else None, 2), interval(step, 2)))  # fmt: skip
+            records.append(
+                {"task": task.task.id, "of": names, "right": right.count, "trials": right.trials,
+                 "share": right.value, "law": scaled.law if scaled else None, "step": step.value if step else None,
+                 "low": step.low if step else None, "high": step.high if step else None,
+                 "also_in": "pairs.csv, scales.csv"}
+            )  # fmt: skip
+    laws = {scaled.law for task in results.tasks if (scaled := _first_scale(task))}
+    of = f", and the step between them on the scale of {joined([LAWS[law] for law in sorted(laws)])}" * bool(laws)
+    notes = (f"Neighbours in {results.quality}: how often they were told right{of}, with participants as the units.",)
+    header = ("task", "neighbours", "right", "", "step", "95 % CI")
+    table = Table("Neighbours", header, tuple(rows), left=frozenset({0, 1}), notes=notes, standing=mark)
+    return Section("found", FOUND, tuple(paragraphs), (table,), tuple(records))
+
+
+UNNAMED = "what was compared"
+"""The quality where no protocol names one."""
+
+LAWS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
+
+
+def more(results: Compared) -> str:
+    """Return `more hardness`, or what to say where no protocol names what was compared."""
+    return f"more{' of' * (results.quality == UNNAMED)} {results.quality}"
+
+
+def _first_scale(task: TaskComparisons) -> Scaled | None:
+    return next((one for one in task.scales if one.scale is not None), None)
+
+
+def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
+    people = plural(len(task.participants), "participant")
+    two = [pair.right for pair in task.pairs if not pair.same]
+    right, trials = sum(of.count for of in two), sum(of.trials for of in two)
+    shares = [one.right.value for one in task.people if one.right.value is not None]
+    yield f"{task.task.title} ({people})."
+    if trials:
+        among = f", from {100 * min(shares):.0f} to {100 * max(shares):.0f} % among them" * (len(shares) > 1)
+        yield (
+            f"The sample with {more(results)} was named in {right} of {trials} trials with two materials "
+            f"({100 * right / trials:.0f} %{among})."
+        )
+    scaled = _first_scale(task)
+    if scaled is None:
+        yield from (f"There is no scale: {one.statement}." for one in task.scales[:1])
+    else:
+        yield from _steps(scaled, results)
+    same = task.first_of_same
+    if same.interval is not None:
+        limits = f"{100 * same.interval.low:.0f} to {100 * same.interval.high:.0f}"
+        share = f"{100 * same.count / same.trials:.0f} %"
+        yield f"Of two samples of one material the first was named in {share} ({limits})."
+
+
+def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
+    """Yield which neighbours stand in the assumed order on a scale, which in the other, and which in neither."""
+    names = results.materials
+    told = [(f"{names[place + 1]} above {names[place]}", step) for place, step in enumerate(scaled.steps)]
+    known = [(name, step) for name, step in told if step.low is not None and step.high is not None]
+    if not known:
+        yield f"The scale of {LAWS[scaled.law]} has no intervals, for which it takes several participants."
+        return
+    groups: dict[str, list[str]] = {}
+    for name, step in known:
+        groups.setdefault(_side(step), []).append(f"{name} ({number(step.value, 2)}, {interval(step, 2)})")
+    said = {
+        "above": "On the scale of {} the order is shown for {}.",
+        "below": "Against the order assumed on the scale of {} is {}.",
+        "not": "On the scale of {} no difference is shown for {}.",
+    }
+    for side, sentence in said.items():
+        if side in groups:
+            yield sentence.format(LAWS[scaled.law], joined(groups[side]))
+
+
+def _side(step: Estimate) -> str:
+    """Return where the interval of a step lies: above 0, below 0, or neither."""
+    if step.low is not None and step.low > 0:
+        return "above"
+    return "below" if step.high is not None and step.high < 0 else "not"

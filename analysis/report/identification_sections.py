@@ -218,7 +218,7 @@ def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[st
     if d := one.detection:
         add("d'", d.d_prime, _ends(d.interval))
         for label, value in d.by_participant.items():
-            add("d'", value, of=f"participant {label}")
+            add("d'", value, of=f"sub-{label}")
     if fitted := one.choice:
         model = fitted.model
         for i, first in enumerate(materials):
@@ -435,7 +435,7 @@ def _course_records(found: TimeCourse) -> list[Mapping[str, object]]:
         ]  # fmt: skip
     for task, levels in found.masker.items():
         records += [
-            {"task": task, "quantity": "masker, dB(A)", "of": one.participant, "value": one.median_db_a,
+            {"task": task, "quantity": "masker, dB(A)", "of": f"sub-{one.participant}", "value": one.median_db_a,
              "low": one.low_db_a, "high": one.high_db_a}
             for one in levels
         ]  # fmt: skip

@@ -32,7 +32,13 @@ def played_sections(study: Study) -> tuple[Section, ...]:
     ]
     groups = [group for group in groups if not group[2].empty]
     header = ("task", "presented", "attempts", "error %", "most", "left out %", "most", "dissimilarity", "most")
-    table = Table("", header, tuple(map(_row, groups)), left=frozenset({0, 1}), notes=(_methods(known),))
+    table = Table(
+        "Stimuli, by task and material",
+        header,
+        tuple(map(_row, groups)),
+        left=frozenset({0, 1}),
+        notes=(_methods(known),),
+    )
     return (
         Section(
             "played",

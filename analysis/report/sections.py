@@ -3,18 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import replace
 
 from analysis.audit.audit import Comparison, comparison_section
 from analysis.documents.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, plural, probability
 from analysis.identification.identify import CHOICE_RESAMPLES
 from analysis.identification.maps import MOST, ORDERS
-from analysis.identification.results import SEED, ComponentReliability, Reliability, Results, TaskResult
+from analysis.identification.results import (
+    SEED,
+    ComponentReliability,
+    PairTest,
+    Reliability,
+    Results,
+    TaskResult,
+)
 from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
-from analysis.reading.study import Study, sentences
-from analysis.report.beside_tables import beside_records, beside_tables
+from analysis.published.numbers import Published
+from analysis.reading.study import Study
+from analysis.report.beside_tables import beside_section
 from analysis.report.contrast_tables import MARGINAL, contrasts_section, equivalence_section, lapses_section
 from analysis.report.found import found_section
 from analysis.report.identification_sections import (
@@ -23,6 +30,20 @@ from analysis.report.identification_sections import (
     course_section,
     intervals_section,
     trials_section,
+)
+from analysis.report.plan import (
+    DESCRIPTIVE,
+    EXPLORATORY,
+    OURS,
+    TWO_WAY,
+    Standing,
+    T,
+    done_of,
+    exclusions_section,
+    icc_marks,
+    marked,
+    overview,
+    standing,
 )
 from analysis.report.played_section import played_sections
 from analysis.statistics.anova import Anova, Effect
@@ -117,49 +138,54 @@ def _components_table(reliability: ComponentReliability) -> Table:
     return Table(title, ("k", "ICC", "k is"), rows, left=frozenset({2}), notes=tuple(notes))
 
 
-MANY = 20
-"""A terminal counts more exclusions than this by rule; the files list them."""
-
-
-def sections(study: Study, results: Results, comparison: Comparison | None) -> tuple[Section, ...]:
-    """Return every section, in reading order."""
+def sections(
+    study: Study, results: Results, comparison: Comparison | None, printed: Published | None = None
+) -> tuple[Section, ...]:
+    """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
     remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
+    stands = standing(study, printed)
+    tasks = [task.task.id for task in results.tasks]
+    against = [stands.of(T, task) for task in tasks]
     compared = (comparison_section(study.origin, comparison),) if comparison else ()
+    new = study.origin != "RECONSTRUCTION"
+    checks = (*played_sections(study), *(replace(section, folded=new) for section in compared))
+    parts = {
+        stands.results: (
+            marked(confusion_section(results), *against),
+            marked(tests_section(results), *against),
+            anova_section(results, remark, stands),
+            marked(icc_section(results), *icc_marks(study, stands, results)),
+        ),
+        "Ours": (
+            beside_section(results.beside, stands),
+            marked(contrasts_section(results), stands.ours(TWO_WAY, *tasks)),
+            marked(equivalence_section(results), f"{OURS}, {EXPLORATORY}"),
+            marked(intervals_section(results), *(stands.ours(T, task) for task in tasks)),
+        ),
+        "Exploratory": (
+            marked(confusions_section(results, study.materials, remark), EXPLORATORY),
+            marked(lapses_section(results, study.materials, remark), EXPLORATORY),
+            marked(trials_section(results), EXPLORATORY),
+            marked(course_section(results.course), EXPLORATORY),
+        ),
+        "Checks": tuple(marked(section, DESCRIPTIVE) for section in checks),
+        "": (exclusions_section(study),),
+    }
     return (
-        found_section(study, results, remark),
-        overview(study, results),
-        confusion_section(results),
-        tests_section(results),
-        intervals_section(results),
-        confusions_section(results, study.materials, remark),
-        lapses_section(results, study.materials, remark),
-        anova_section(results, remark),
-        contrasts_section(results),
-        equivalence_section(results),
-        icc_section(results),
-        trials_section(results),
-        course_section(results.course),
-        *played_sections(study),
-        *compared,
-        exclusions_section(study),
+        found_section(study, results, remark, stands),
+        overview_section(study, results),
+        *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
 
 
-def overview(study: Study, results: Results) -> Section:
-    """Return what was analysed, the participants and trials of each task, and the analysis that was planned."""
-    records = [
+def overview_section(study: Study, results: Results) -> Section:
+    """Return what was analysed, participants, trials and tests, beside what was planned."""
+    rows = tuple(
         {"task": task.task.id, "title": task.task.title, "participants": len(task.confusion.participants),
          "trials": int(task.confusion.counts.sum()), "without_answer": task.confusion.unanswered, "chance": task.chance}
         for task in results.tasks
-    ]  # fmt: skip
-    rows = tuple((*map(str, list(r.values())[:-1]), f"{r['chance']:.4g}") for r in records)
-    header = ("task", "title", "participants", "trials", "no answer", "chance")
-    name = study.name.removeprefix(f"{study.label}: ")
-    paragraphs = (
-        f"{name}. The study is {study.id}, with {plural(len(study.participants), 'participant')} in the dataset.",
-        *sentences(study),
-    )
-    return Section("overview", "Study", paragraphs, (Table("", header, rows, left=frozenset({0, 1})),), tuple(records))
+    )  # fmt: skip
+    return overview(study, rows, done_of(results))
 
 
 def confusion_section(results: Results) -> Section:
@@ -176,15 +202,16 @@ def confusion_section(results: Results) -> Section:
 
 def tests_section(results: Results) -> Section:
     """Return the tests of correct answers against chance."""
-    tables, records = [], []
+    tables, brief, records = [], [], []
     for task in results.tasks:
         rows = []
         for test in task.tests:
             r = test.result
             rows.append(
                 (test.material, str(r.n), number(r.mean), number(r.sd), number(r.t, 2), str(r.df), probability(r.p),
-                 probability(test.p_holm), number(r.d, 2), interval(test.d, 2), bayes_factor(test.log_bf10),
-                 probability(test.flip.p if test.flip else None), probability(test.flip_holm), test.stars)
+                 probability(test.p_holm), test.stars, number(r.d, 2), interval(test.d, 2),
+                 bayes_factor(test.log_bf10), probability(test.flip.p if test.flip else None),
+                 probability(test.flip_holm))
             )  # fmt: skip
             records.append(
                 {"task": task.task.id, "material": test.material, "n": r.n, "mean": r.mean, "sd": r.sd,
@@ -201,11 +228,16 @@ def tests_section(results: Results) -> Section:
             if lacks_a_limit(test.d)
         ]
         header = (
-            "presented", "n", "mean", "SD", "t", "df", "P", "P (Holm)", "d", "95 % CI of d", "BF10",
-            "sign flips: P (ours)", "Holm (ours)", "",
+            "presented", "n", "mean", "SD", "t", "df", "P", "P (Holm)", "", "d", "95 % CI of d", "BF10", "ours: P",
+            "ours: Holm",
         )  # fmt: skip
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
-        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 13}), notes=tuple(notes)))
+        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 8}), notes=tuple(notes)))
+        few = [0, 2, 4, 5, 6, 7, 8, 9, 12]
+        short = tuple(tuple(row[place] for place in few) for row in rows)
+        names = tuple(header[place] for place in few)
+        said = (*notes, "Ours: the exact test by sign flips.")
+        brief.append(Table(title, names, short, left=frozenset({0, 6}), notes=said))
     about = (
         "These are two-tailed one-sample t-tests. The effect size d is Cohen's. BF10 is the JZS Bayes factor; above 1 "
         "it favours a mean that differs from chance. The exact test by sign flips is ours: participants are its unit, "
@@ -213,7 +245,8 @@ def tests_section(results: Results) -> Section:
         "2 / 2^n. In SIMULATED studies of 6 to 25 participants, at a nominal 5 %, it erred in 3 to 5 %, and t in 4 to "
         "9 %, the more the more participants differ."
     )
-    return Section("tests", "Tests against chance", (about, *_families(results)), tuple(tables), tuple(records))
+    said = tuple(_families(results))
+    return Section("tests", "Tests against chance", said, tuple(tables), tuple(records), tuple(brief), aside=(about,))
 
 
 def _families(results: Results) -> list[str]:
@@ -223,7 +256,7 @@ def _families(results: Results) -> list[str]:
         found.setdefault(task.correction, []).append(task.task.id)
     if set(found) == {None}:
         return [
-            "The stars follow the P that is not adjusted, because the protocol names no correction. Holm's correction "
+            "The stars follow the P that is not adjusted, because no protocol names a correction. Holm's correction "
             "covers the materials of one task."
         ]
     return [
@@ -234,42 +267,40 @@ def _families(results: Results) -> list[str]:
     ]  # fmt: skip
 
 
-def anova_section(results: Results, remark: tuple[str, ...]) -> Section:
-    """Return the ANOVAs: one-way of confused materials, two-way of correct ratios in types I to III, and ours."""
+def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
+    """Return the ANOVAs: one-way of confused materials, two-way of correct ratios in types I to III."""
+    tables = [_one_way(pair, stands) for pair in results.pairs if pair.anova is not None]
     one_way = [
-        ((pair.task, f"{' and '.join(pair.pair)} ({pair.chosen})"), line)
+        (pair.task, f"{' and '.join(pair.pair)} ({pair.chosen})", line)
         for pair in results.pairs
         for line in _lines(pair.anova)
     ]
-    two_way = [
-        ((anova.kind.removeprefix("two-way, type "),), line) for anova in results.two_way for line in _lines(anova)
-    ]
-    header = ("source", "SS", "df", "MS", "F", "P", "partial η²", "90 % CI")
-    shown = (
-        ("One-way: the four answer ratios of two materials taken for one another", ("task", "materials"), one_way),
-        ("Two-way: correct ratios by task and material", ("type",), two_way),
-    )
-    tables = tuple(
-        Table(title, head, tuple((*of, *_cells(line)) for of, line in lines), frozenset(range(len(head) - 7)))
-        for title, names, lines in shown
-        if lines and (head := (*names, *header))
-    )
-    records = [{"analysis": "one-way", "task": of[0], "of": of[1], **_record(line)} for of, line in one_way]
-    records += [{"analysis": f"two-way, type {kind}", "task": "all", **_record(line)} for (kind,), line in two_way]
+    two_way = [(anova.kind.removeprefix("two-way, type "), line) for anova in results.two_way for line in _lines(anova)]
+    if two_way:
+        tables.append(
+            Table(
+                "Two-way: correct ratios by task and material",
+                ("type", *ANOVA),
+                tuple((kind, *_cells(line)) for kind, line in two_way),
+                frozenset({0, 1}),
+                standing=stands.of(TWO_WAY, *(task.task.id for task in results.tasks)),
+            )
+        )
+    records = [{"analysis": "one-way", "task": task, "of": of, **_record(line)} for task, of, line in one_way]
+    records += [{"analysis": f"two-way, type {kind}", "task": "all", **_record(line)} for kind, line in two_way]
     said = [(f"one-way ANOVA of {p.task}", p.anova.statement if p.anova else p.statement) for p in results.pairs]
     said += [(each.kind.replace(",", " ANOVA of"), each.statement) for each in results.two_way]
     reasons = dict(one for one in said if one[1])
     tested = {pair.task for pair in results.pairs}
-    sized = [(", ".join(of), line) for of, line in one_way]
-    sized += [(f"two-way, type {kind}", line) for (kind,), line in two_way]
+    sized = [(f"{task}, {of}", line) for task, of, line in one_way]
+    sized += [(f"two-way, type {kind}", line) for kind, line in two_way]
     paragraphs = [
         *remark,
         "Each ratio of each participant counts as an independent value. F and P are approximate, because the ratios of "
         "one presented material add up to one and a participant may have done both tasks. In SIMULATED studies, at a "
         "nominal 5 %, the two-way ANOVA erred in 0.1 to 1 % where the same participants, who differed in level, did "
         "both tasks, so that it misses effects; and a one-way ANOVA of the pair that was chosen because it was "
-        "confused most erred in 11 to 14 %, because of that choice. Ours, beside them, take participants as the unit.",
-        *(f"There is no {name}: {reason}." for name, reason in results.beside.statements.items()),
+        "confused most erred in 11 to 14 %, because of that choice.",
         *(f"The {name} is not defined: {reason}." for name, reason in reasons.items()),
         *(
             f"There is no one-way ANOVA of {task.task.id}: no material was taken for another."
@@ -285,39 +316,20 @@ def anova_section(results: Results, remark: tuple[str, ...]) -> Section:
     ]
     if results.two_way_statement:
         paragraphs.append(f"There is no two-way ANOVA: {results.two_way_statement}.")
-    own = beside_tables(results.beside)
-    records += beside_records(results.beside)
-    return Section("anova", "Analysis of variance", tuple(paragraphs), (*tables, *own), tuple(records))
+    return Section("anova", "Analysis of variance", tuple(paragraphs), tuple(tables), tuple(records))
 
 
-def exclusions_section(study: Study) -> Section:
-    """Return everything that was left out, and why."""
-    records = tuple(asdict(one) for one in study.exclusions)
-    if not records:
-        about = "Nothing was left out: every attempt in the dataset is analysed."
-        return Section("exclusions", "Left out", (about, *_unasked(study)), records=({},))
-    rows = tuple(tuple("-" if cell is None else str(cell) for cell in record.values()) for record in records)
-    table = Table("", ("participant", "task", "trial", "attempt", "rule", "reason"), rows, left=frozenset({0, 1, 4, 5}))
-    count = len(study.attempts) - int(study.attempts["included"].sum())
-    about = f"{count} of {len(study.attempts)} attempts are not analysed."
-    counted = tuple((rule, str(times)) for rule, times in Counter(one.rule for one in study.exclusions).items())
-    brief = Table("", ("rule", "times"), counted, notes=("The report and exclusions.csv list each one.",))
-    few = len(records) <= MANY
-    said = (about, *_unasked(study))
-    return Section("exclusions", "Left out", said, (table,), records, () if few else (brief,), folded=(not few))
+ANOVA = ("source", "SS", "df", "MS", "F", "P", "partial η²", "90 % CI")
 
 
-def _unasked(study: Study) -> list[str]:
-    """Return a sentence for each rule and task with trials that stay in because the rule cannot judge them."""
-    counts: Counter[tuple[str, str, str]] = Counter()
-    totals = study.attempts.loc[study.attempts["counted"], "task"].value_counts()
-    for one in study.unasked:
-        counts[one.rule, one.missing, one.task] += one.trials
-    return [
-        f"The rule {rule} could not be applied to {trials} of {totals[task]} trials of {task}, because they have no "
-        f"record of {missing}; they stay in the analysis."
-        for (rule, missing, task), trials in counts.items()
-    ]
+def _one_way(pair: PairTest, stands: Standing) -> Table:
+    """Return the table of one pair."""
+    return Table(
+        f"One-way, {pair.task}: the four answer ratios of {' and '.join(pair.pair)} ({pair.chosen})",
+        ANOVA,
+        tuple(_cells(line) for line in _lines(pair.anova)),
+        standing=stands.of_pair(pair),
+    )
 
 
 def _confusion_table(task: TaskResult) -> Table:

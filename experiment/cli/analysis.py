@@ -46,7 +46,8 @@ def analyse(
 
     The results are confusion matrices with intervals, tests, information, d', similarities and biases, ANOVAs, ICCs,
     models of single trials, figures and one HTML report. Beside each published test stands ours, in which participants
-    are the unit. A published study is compared with its paper, value by value.
+    are the unit. What the protocol plans stands beside what was run, and every table says whether it was planned,
+    published, ours or exploratory. A published study is compared with its paper, value by value.
     """
     tell_analysis(
         datasets, out, as_json=as_json, figures=figures, titles=titles, full=full, dissimilarities=dissimilarities

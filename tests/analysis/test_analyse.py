@@ -90,7 +90,7 @@ def test_the_terminal_ends_with_matrices_tests_and_the_report(okamoto: Analysis)
     assert lines[0] == LABELS["RECONSTRUCTION"]
     assert lines[-1] == f"Report: {okamoto.report}"
     assert all(len(line) <= 100 for line in lines[:-1])
-    wanted = ("Against the paper", "What was found", "Answer ratios", "Tests against chance")
+    wanted = ("Planned and done", "Against the paper", "Answer ratios", "Tests against chance", "What was found")
     order = [lines.index(title) for title in wanted]
     assert order == sorted(order)
     assert any(line.startswith("copy paper     0.787 ± 0.239***") for line in lines)
@@ -104,8 +104,24 @@ def test_a_terminal_has_matrices_tests_and_the_path_in_its_width(okamoto: Analys
     assert path == f"Report: {okamoto.report}"
     assert max(map(len, lines)) <= width
     titles = [above for above, rule in pairwise(lines) if rule and set(rule) == {"="}]
-    assert titles == ["Study", "Answer ratios", "Tests against chance"]
+    assert titles == ["Planned and done", "Answer ratios", "Tests against chance", "What was found"]
     assert " ".join(lines).count("RECONSTRUCTION") == 2
+
+
+def test_every_table_says_whether_it_was_planned_published_ours_or_exploratory(okamoto: Analysis) -> None:
+    """The paper prints Tables 1 and 2, t, both ANOVAs and an ICC; the one-way ANOVA of Task 2 is not in it."""
+    marks = {(part.slug, table.title): table.standing for part in okamoto.sections for table in part.tables}
+    words = {"published", "ours", "exploratory", "descriptive"}
+    assert all(mark and set(mark.split(", ")) <= words for mark in marks.values())
+    by_slug = {slug: {mark for (of, _), mark in marks.items() if of == slug} for slug, _ in marks}
+    published = ("found", "confusion", "tests", "icc")
+    assert {slug: by_slug[slug] for slug in published} == {slug: {"published"} for slug in published}
+    assert by_slug["beside"] == by_slug["intervals"] == {"ours"}
+    assert by_slug["confusions"] == {"exploratory"}
+    one_way = {title.split(":")[0]: mark for (_, title), mark in marks.items() if title.startswith("One-way")}
+    assert one_way == {"One-way, virtual": "published", "One-way, real": "exploratory"}
+    report = okamoto.report.read_text(encoding="utf-8")
+    assert report.count('<span class="standing">') >= len(marks)
 
 
 def test_what_was_left_out_is_never_passed_over(tmp_path: Path) -> None:

@@ -81,7 +81,7 @@ frame.onload = () => {
   const page = frame.contentDocument, wide = frame.contentWindow.innerWidth, found = [];
   const say = (what, one) => found.push(what + ": " + one.tagName + " " + one.textContent.trim().slice(0, 40));
   if (page.documentElement.scrollWidth > wide) say("the page scrolls sideways", page.body);
-  const blocks = [...page.querySelectorAll("h1, h2, p, nav, li, dt, dd, figure, figcaption, .scroll, .scroll svg")];
+  const blocks = [...page.querySelectorAll("h1, h2, h3, p, nav, li, dt, dd, figure, figcaption, .scroll, .scroll svg")];
   for (const one of blocks) {
     const box = one.getBoundingClientRect();
     if (box.right > wide + 0.5 || box.left < -0.5) say("beyond the edge", one);
@@ -89,6 +89,8 @@ frame.onload = () => {
   }
   for (const one of page.querySelectorAll("th, td, p, dd, figcaption"))
     if (one.scrollWidth > one.clientWidth + 1) say("runs over its box", one);
+  const told = page.querySelector(".first .said p").getBoundingClientRect();
+  if (told.bottom > 800) say("the result lies below the first screen", page.body);
   for (const parent of page.querySelectorAll("main, section, .figures, figure, dl, nav ul")) {
     const boxes = [...parent.children].map(one => [one, one.getBoundingClientRect()]);
     for (const [i, [one, a]] of boxes.entries()) for (const [other, b] of boxes.slice(i + 1))

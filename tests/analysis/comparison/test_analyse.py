@@ -52,12 +52,29 @@ def test_the_report_and_its_files_hold_everything(analysed: Analysis) -> None:
     assert {"figures/right-choices.svg", "figures/right-choices.png", "figures/scales.svg"} <= names
     report = analysed.report.read_text("utf-8")
     assert "Right choices by pair" in report
-    assert "This P takes all answers as independent" in report
+    assert "The P of a deviance takes all answers as independent" in report
     assert "Clopper and Pearson (1934)" in report
     told = json.loads((analysed.out / "results.json").read_text("utf-8"))
     assert told["tasks"][0]["unanswered"] == 3
     assert len(told["tasks"][0]["pairs"]) == 6
     assert analysed.as_dict()["quality"] == "what was compared"
+
+
+def test_what_was_found_stands_first_and_at_the_end_of_the_terminal(analysed: Analysis) -> None:
+    """Of felt and cork 6 of 9 were right, and of cork and tin 3 of 6."""
+    first, *_ = analysed.sections
+    (said,) = first.paragraphs
+    assert (first.slug, first.title) == ("found", "What was found")
+    right = [record["right"] for record in first.records]
+    assert [row[1] for row in first.tables[0].rows] == ["cork above felt", "tin above cork"]
+    assert said.startswith("The live task (3 participants). The sample with more of what was compared was named in ")
+    assert right == [6, 3]
+    text = analysed.text(80)
+    assert text.index("What was found") > text.index("Scales of")
+    report = analysed.report.read_text("utf-8")
+    assert report.index("What was found</h2>") < report.index("<figure") < report.index("<nav")
+    assert "Figure 1. REHEARSAL - simulated participants. Percent of right choices" in report
+    assert "The live task (n = 3)" in report
 
 
 def test_only_the_results_of_its_own_kind_are_there(analysed: Analysis) -> None:

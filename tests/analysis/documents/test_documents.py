@@ -44,7 +44,7 @@ def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_at_the
     report = made[page.REPORT].decode()
     before, section = report.split('<section id="confusions">')
     assert "<figcaption>" not in before
-    assert section.count("<figcaption>SIMULATED. What it shows.</figcaption>") == 1
+    assert section.count("<figcaption>Figure 1. SIMULATED. What it shows.</figcaption>") == 1
     assert section.index("<figcaption>") < section.index("<dt>Name</dt><dd>formula</dd>")
     assert made["results.json"] == b'{\n "n": 1\n}\n'
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from analysis.documents.drawing import COLOURS, Sheet, flow, svg, told_apart
+from analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, flow, svg, told_apart
 from analysis.identification.results import compute
 from analysis.reading.dataset import read, read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
@@ -75,6 +75,8 @@ def test_letters_stand_clear_of_one_another(
     found = _sheets(_study(tmp_path, people, tasks, materials, **odd))
     names = {one.name for one in found}
     assert {"correct-ratios", "confusion", "learning", "speed", "onset-errors", "masker"} <= names
+    assert max(one.figure.get_figheight() for one in found) <= PAGE_INCHES + 0.5
+    assert all("(n = " in one.caption or "participants" in one.caption or "trials" in one.caption for one in found)
     check(found)
 
 

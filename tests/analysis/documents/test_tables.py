@@ -14,6 +14,7 @@ from analysis.documents.tables import (
     Table,
     cell,
     comma_separated,
+    latex,
     markdown,
     p_is,
     probability,
@@ -77,7 +78,21 @@ def test_an_empty_column_is_no_trouble() -> None:
 def test_a_section_shows_its_brief_tables_in_a_terminal() -> None:
     section = Section("s", "Title", ("A sentence.",), (Table("long", ("a",), ()),), brief=(Table("short", ("b",), ()),))
     assert text(section).startswith("Title\n=====\n\nA sentence.\n\nshort")
+    assert text(section, full=True).endswith("long\na\n-")
     assert "### long" in markdown(section, "")
+
+
+def test_what_is_said_aside_stands_below_the_tables_and_in_a_terminal_that_shows_all() -> None:
+    section = Section("s", "Title", (), (Table("t", ("a",), (("1",),), standing="ours"),), aside=("Formula.",))
+    assert text(section) == "Title\n=====\n\nt [ours]\na\n-\n1"
+    assert text(section, full=True) == f"{text(section)}\n\nFormula."
+    assert markdown(section, "").endswith("| 1 |\n\nFormula.\n")
+    assert r"\caption{t (ours)}" in latex(section, "")
+
+
+def test_a_matrix_is_broken_before_its_brackets_where_that_keeps_it_together() -> None:
+    table = Table("", ("", "ab", "cd"), (("x", "50 (1 to 2)", "60 (3 to 4)"),), matrix=True)
+    assert table_text(table, 22).split("\n")[2:] == ["x        50        60", "   (1 to 2)  (3 to 4)"]
 
 
 def test_markdown_keeps_stars_and_bars() -> None:

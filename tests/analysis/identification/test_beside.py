@@ -15,6 +15,8 @@ from analysis.identification.results import compute
 from analysis.reading.dataset import read
 from analysis.reading.study import Part, Study
 from analysis.report import sections
+from analysis.report.beside_tables import beside_section
+from analysis.report.plan import TWO_WAY, Standing
 from analysis.statistics.inference import holm
 from experiment.protocol import files
 from experiment.protocol.files import shipped
@@ -87,9 +89,10 @@ def test_the_logit_counts_everybody_and_names_its_terms(tmp_path: Path) -> None:
 
 def test_everything_of_ours_says_so(tmp_path: Path) -> None:
     results = compute(_study(tmp_path), {})
-    shown = sections.anova_section(results, ()).tables
-    assert [table.title.partition(",")[0] for table in shown[-3:]] == ["Ours"] * 3
-    records = sections.anova_section(results, ()).records
+    nothing, planned = Standing(frozenset(), frozenset(), {}), Standing(frozenset({(TWO_WAY, "real")}), frozenset(), {})
+    shown = [beside_section(results.beside, stands) for stands in (planned, nothing)]
+    assert [table.standing for section in shown for table in section.tables] == ["ours"] * 3 + ["ours, exploratory"] * 3
+    records = shown[0].records
     assert {str(one["analysis"]) for one in records if "(ours)" in str(one["analysis"])} == {
         "repeated measures (ours)", "paired tasks (ours)", "logit by participant, material and task (ours)",
     }  # fmt: skip
@@ -128,7 +131,7 @@ def _protocol(correction: str | None) -> Protocol:
 @pytest.mark.parametrize(
     ("correction", "said"),
     [
-        (None, "The stars follow the P that is not adjusted, because the protocol names no correction."),
+        (None, "The stars follow the P that is not adjusted, because no protocol names a correction."),
         (
             "materials",
             "In virtual and real the stars follow Holm's adjusted P, as the protocol plans; its family is the ",

@@ -11,7 +11,7 @@ import pytest
 
 from analysis.reading.dataset import read
 from analysis.reading.study import ALL_TASKS, Exclusion, Unasked, exclude, nothing_left
-from analysis.report.sections import exclusions_section
+from analysis.report.plan import exclusions_section
 from experiment.protocol.models import ExclusionRule
 from tests.analysis.datasets import balanced, trial, write_dataset
 

@@ -11,7 +11,7 @@ from analysis.identification.confusion import confusion
 from analysis.identification.results import compute
 from analysis.reading.dataset import read, read_pooled
 from analysis.reading.study import Study
-from analysis.report.sections import overview
+from analysis.report.sections import overview_section
 from experiment.dataset.bids import Origin
 from experiment.errors import DatasetError
 from experiment.protocol.files import shipped
@@ -101,9 +101,11 @@ def test_protocols_that_differ_keep_their_common_chance_and_are_named(tmp_path: 
     found = compute(pooled, {})
     assert [task.chance for task in found.tasks] == [0.5]
     assert {test.result.chance for test in found.tasks[0].tests} == {0.5}
-    said = overview(pooled, found).paragraphs
+    section = overview_section(pooled, found)
+    said = section.paragraphs
     assert "The protocols of north and south differ in: tasks." in said
-    assert any(line.startswith("Planned: t against chance, virtual") for line in said)
+    tests = section.tables[1]
+    assert (tests.title, tests.rows[0][:3]) == ("Planned tests", ("t against chance", "virtual, real", "0.05"))
     assert any(line.endswith(": " + ", ".join(f"south-0{k} in virtual (40 of 44)" for k in range(1, 5)) + ".")
                for line in said)  # fmt: skip
 
@@ -120,10 +122,14 @@ def test_plans_of_one_dataset_alone_say_of_which(tmp_path: Path) -> None:
         ),
     ]
     pooled = read_pooled(roots)
-    said = overview(pooled, compute(pooled, {})).paragraphs
+    section = overview_section(pooled, compute(pooled, {}))
+    said = section.paragraphs
     assert "The protocols of north and south differ in: analysis." in said
     assert any(line.startswith("bare holds no copy of its protocol") for line in said)
-    assert any(line.startswith("Planned in north, south: t against chance") for line in said)
+    assert [row[1:3] for row in section.tables[1].rows if row[0] == "t against chance"] == [
+        ("virtual, real (north alone)", "0.05"),
+        ("virtual, real (south alone)", "0.01"),
+    ]
 
 
 def test_different_chances_are_not_pooled(tmp_path: Path) -> None:

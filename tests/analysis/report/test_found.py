@@ -5,14 +5,20 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from analysis.identification.results import compute
+from analysis.documents.tables import Section
+from analysis.identification.results import Results, compute
 from analysis.reading.dataset import read
-from analysis.reading.study import Part
+from analysis.reading.study import Part, Study
 from analysis.report import sections
 from analysis.report.found import found_section
+from analysis.report.plan import standing
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
+
+
+def _found(study: Study, results: Results) -> Section:
+    return found_section(study, results, (), standing(study, None))
 
 
 def test_what_was_found_stands_first_and_what_was_left_out_last(repository_root: Path) -> None:
@@ -22,11 +28,9 @@ def test_what_was_found_stands_first_and_what_was_left_out_last(repository_root:
     first, *_, last = sections.sections(study, results, None)
     assert (first.slug, last.slug) == ("found", "exclusions")
     virtual, real, between, remark = first.paragraphs
-    assert (
-        "by P that is not adjusted, right answers were more frequent than by chance for copy paper (0.79, " in virtual
-    )
-    assert "It was not shown for typing paper (0.29, " in virtual
-    assert "It was not shown" not in real
+    assert "Answers were right more often than by chance (0.25) for copy paper (0.79, 95 % CI 0.6" in virtual
+    assert "This was not shown for typing paper (0.29, " in virtual
+    assert "This was not shown" not in real
     assert between.startswith("The tasks differ in the two-way ANOVA (F(1, 92) = 7.49, P = 0.007).")
     assert remark.startswith("In a reconstruction it is arbitrary")
     stars = [(row[0], row[1], row[-1]) for row in first.tables[0].rows if row[1] == "typing paper"]
@@ -36,9 +40,9 @@ def test_what_was_found_stands_first_and_what_was_left_out_last(repository_root:
 def test_the_questions_of_the_protocol_stand_above_the_answers(repository_root: Path) -> None:
     study = read(repository_root / "participants" / "okamoto2012")
     part = Part("one", study.participants, ("virtual", "real"), files.load(shipped("okamoto2012.toml")))
-    asked, *_ = found_section(study, compute(replace(study, parts=(part,)), {}), ()).paragraphs
+    asked, *_ = _found(study, compute(replace(study, parts=(part,)), {})).paragraphs
     assert not asked.startswith("Asked")
-    asked, *_ = found_section(replace(study, parts=(part,)), compute(study, {}), ()).paragraphs
+    asked, *_ = _found(replace(study, parts=(part,)), compute(study, {})).paragraphs
     assert asked == (
         "Asked: For each material and task: does the participants' mean ratio of correct answers differ from chance? "
         "Are aluminum foil and typing paper told apart? Do correct answer ratios depend on the task, over materials?"
@@ -47,14 +51,53 @@ def test_the_questions_of_the_protocol_stand_above_the_answers(repository_root: 
 
 def test_where_nothing_is_found_nothing_is_said_to_be(tmp_path: Path) -> None:
     wrong = trials([(shown, said) for shown in MATERIALS for said in MATERIALS])
-    study = read(write_dataset(tmp_path, {str(k): {"virtual": wrong} for k in range(6)}, tasks=("virtual",)))
-    (said,) = found_section(study, compute(study, {}), ()).paragraphs
-    assert "right answers were not shown to be more frequent than by chance for any material." in said
-    assert "It was not shown" not in said
+    same = [trials([(shown, said) for shown in MATERIALS for _ in range(3)]) for said in MATERIALS]
+    sessions = {str(k): {"virtual": rows} for k, rows in enumerate([wrong, wrong, wrong, *same])}
+    study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
+    said, *_ = _found(study, compute(study, {})).paragraphs
+    assert "Answers were not shown to be right more often than by chance (0.3333): glass (0.33, 95 % CI " in said
+    assert "This was not shown" not in said
 
 
 def test_tasks_that_the_same_people_did_are_compared_as_pairs(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k), "real": balanced(k + 1, 6)} for k in range(1, 6)}
     study = read(write_dataset(tmp_path, sessions))
-    *_, between = found_section(study, compute(study, {}), ()).paragraphs
+    *_, between = _found(study, compute(study, {})).paragraphs
     assert "Ours, over the 5 who did both: virtual less real is" in between
+
+
+def test_sign_flips_of_three_participants_are_not_said_to_disagree(tmp_path: Path) -> None:
+    """All above chance: P = 2 / 2^3."""
+    sessions = {str(k): {"virtual": balanced(k, 8)} for k in range(3)}
+    study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
+    said, *_ = _found(study, compute(study, {})).paragraphs
+    assert "Sign flips, which are ours, cannot show it with 3 participants: their P is 0.25 or more." in said
+    assert "say otherwise" not in said
+
+
+def test_at_the_ceiling_t_has_no_p_and_sign_flips_have_one(tmp_path: Path) -> None:
+    """Seven participants, all answers right: P = 2 / 2^7 = 0.0156."""
+    right = trials([(material, material) for material in MATERIALS for _ in range(4)])
+    study = read(write_dataset(tmp_path, {str(k): {"virtual": right} for k in range(7)}, tasks=("virtual",)))
+    (said,) = _found(study, compute(study, {})).paragraphs
+    assert "not shown" not in said
+    assert "glass (1.00), sand (1.00) and snow (1.00), where chance is 0.3333; t has no P, because the ratios" in said
+    assert "Sign flips, which are ours, show more right answers than by chance for all of them (P = 0.016 or" in said
+
+
+def test_one_participant_is_no_test(tmp_path: Path) -> None:
+    study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}}, tasks=("virtual",)))
+    said, *_ = _found(study, compute(study, {})).paragraphs
+    assert "where chance is 0.3333; t has no P, because one participant has no spread." in said
+    assert "Sign flips" not in said
+
+
+def test_every_number_of_the_sentences_has_a_row(repository_root: Path) -> None:
+    """Means as in the paper's Tables 1 and 2, F(1, 92) = 7.49 as in its section 5.2."""
+    study = read(repository_root / "participants" / "okamoto2012")
+    section = _found(study, compute(study, {}))
+    rows = {(row["quantity"], row.get("task"), row.get("of")): row for row in section.records}
+    foil = rows["correct answer ratio", "virtual", "aluminum foil"]
+    assert (round(float(str(foil["value"])), 2), foil["n"], foil["also_in"]) == (0.39, 15, "tests.csv")
+    tasks = rows["two-way ANOVA, type II, F", None, "task"]
+    assert (round(float(str(tasks["statistic"])), 2), tasks["df1"], tasks["df2"]) == (7.49, 1, 92)

@@ -7,6 +7,7 @@ from pathlib import Path
 from analysis.documents.tables import Section
 from analysis.identification.results import Results, compute
 from analysis.reading.dataset import read
+from analysis.report.plan import Standing
 from analysis.report.sections import anova_section, icc_section
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
@@ -71,9 +72,11 @@ def test_dashes_where_every_answer_is_right_have_their_reason(tmp_path: Path) ->
     components = icc_section(results).brief[-1]
     assert {row[1] for row in components.rows} == {"-"}
     assert "The ICC is not defined, because no component is above zero." in components.notes
-    assert [line for line in anova_section(results, ()).paragraphs if line.startswith("There is no one-way")] == [
-        f"There is no one-way ANOVA of {task}: no material was taken for another." for task in ("virtual", "real")
-    ]
+    assert [
+        line
+        for line in anova_section(results, (), Standing(frozenset(), frozenset(), {})).paragraphs
+        if line.startswith("There is no one-way")
+    ] == [f"There is no one-way ANOVA of {task}: no material was taken for another." for task in ("virtual", "real")]
 
 
 def test_a_variance_component_icc_that_cannot_be_is_said(tmp_path: Path) -> None:

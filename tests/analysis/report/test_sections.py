@@ -11,7 +11,10 @@ from analysis.reading.dataset import read
 from analysis.report import sections
 from analysis.report.figures import sheets
 from analysis.report.identification_sections import confusions_section
+from analysis.report.plan import Standing
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
+
+NONE = Standing(frozenset(), frozenset(), {})
 
 
 def test_limits_of_effect_sizes(repository_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -21,7 +24,7 @@ def test_limits_of_effect_sizes(repository_root: Path, monkeypatch: pytest.Monke
     notes = [note for table in sections.tests_section(results).tables for note in table.notes]
     assert len(notes) == 8
     assert notes[0] == "copy paper: d has no interval, because the noncentral t cannot be computed so far out."
-    said = sections.anova_section(results, ()).paragraphs
+    said = sections.anova_section(results, (), NONE).paragraphs
     assert sum("interval of partial η² is not defined" in one for one in said) == 2 + 9
     wanted = "The interval of partial η² is not defined for two-way, type III, material: the noncentral F cannot"
     assert any(one.startswith(wanted) for one in said)
@@ -59,4 +62,6 @@ def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_tr
     assert not any("Brackets hold" in note for note in notes)
     assert "There are no intervals: a bootstrap needs 3 participants, got 2." in notes
     (learning,) = [one for one in sheets(results, "") if one.name == "learning"]
-    assert learning.caption.startswith("Share of right answers in 5 successive trials,")
+    assert learning.caption.startswith(
+        "Share of right answers in 5 successive trials, of all participants together (The real task (n = 2))"
+    )

@@ -1,0 +1,359 @@
+"""Planned against done: what the protocol plans, what was run of it, what was left out, and how each table stands."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, fields, replace
+from typing import TYPE_CHECKING
+
+from analysis.documents.tables import Section, Table, number, p_is, plural
+from analysis.published.numbers import Published
+from analysis.reading.study import Exclusion, Study, sentences
+
+if TYPE_CHECKING:
+    from analysis.comparison.results import Compared
+    from analysis.identification.results import PairTest, Results, TaskResult
+    from experiment.protocol.models import ExclusionRule, PlannedTest
+
+PLANNED, PUBLISHED, OURS, EXPLORATORY, DESCRIPTIVE = "planned", "published", "ours", "exploratory", "descriptive"
+
+T, ONE_WAY, TWO_WAY, ICC = "t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"
+
+MARKS = (
+    "A mark stands at every table. Planned: the protocol of this dataset plans it. Published: the paper of this study "
+    "prints it. Ours: palpate adds it, beside what was planned or published, to ask the same in a way that holds. "
+    "Exploratory: neither a plan in this dataset nor the paper asks for it, so that its P confirms nothing. "
+    "Descriptive: it says what there is, and tests nothing."
+)
+
+WHEN = {
+    "frames-lost": "more than {} frames lost",
+    "speed-below": "speed below {} mm/s",
+    "speed-above": "speed above {} mm/s",
+    "undelivered": "stimulus not delivered",
+    "answers-below": "fewer than {} answers in a task",
+    "withdrawn": "participant withdrew",
+}
+
+ACTION = {"repeat-trial": "repeats the trial", "exclude-trial": "trial", "exclude-participant": "participant"}
+
+MANY = 20
+"""More exclusions than this are counted by rule alone, until a reader opens the list."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """Which tests, each with a task, the protocols plan and the paper prints.
+
+    `asked` are the questions of the planned one-way ANOVAs by task, which name their materials.
+    """
+
+    planned: frozenset[tuple[str, str]]
+    printed: frozenset[tuple[str, str]]
+    asked: Mapping[str, str]
+
+    @property
+    def results(self) -> str:
+        """The name of the part of a report that holds what was planned or published, or all if neither is known."""
+        known = [mark for mark, tests in ((PLANNED, self.planned), (PUBLISHED, self.printed)) if tests]
+        return f"{' and '.join(known)} results".lstrip().capitalize()
+
+    def of(self, test: str, *tasks: str) -> str:
+        """Return the mark of a test of these tasks."""
+        marks = [
+            mark
+            for mark, known in ((PLANNED, self.planned), (PUBLISHED, self.printed))
+            if any((test, task) in known for task in tasks)
+        ]
+        return ", ".join(marks) or EXPLORATORY
+
+    def of_pair(self, pair: PairTest) -> str:
+        """Return the mark of a one-way ANOVA, exploratory where neither plan nor paper name its two materials."""
+        printed = (ONE_WAY, pair.task) in self.printed and "published" in pair.chosen
+        named = {PLANNED: names(self.asked.get(pair.task, ""), pair), PUBLISHED: printed}
+        return ", ".join(mark for mark, known in named.items() if known) or EXPLORATORY
+
+    def ours(self, test: str, *tasks: str) -> str:
+        """Return the mark of a test of ours that asks what this test of these tasks asks."""
+        return OURS if self.of(test, *tasks) != EXPLORATORY else f"{OURS}, {EXPLORATORY}"
+
+
+def standing(study: Study, printed: Published | None) -> Standing:
+    """Return what is planned, and what the paper prints, of this study; of its reconstruction alone: others are new."""
+    tasks = [task.id for task in study.tasks]
+    planned = {(plan.test, task) for plan in plans(study) for task in plan.tasks}
+    asked = {task: plan.question for plan in plans(study) if plan.test == ONE_WAY for task in plan.tasks}
+    found: set[tuple[str, str]] = set()
+    if printed is not None and study.origin == "RECONSTRUCTION":
+        found |= {(T, table.task) for table in printed.table if table.task}
+        found |= {(T, one.task) for one in printed.tests if one.task}
+        found |= {(ONE_WAY, one.task) for one in printed.one_way}
+        found |= {(TWO_WAY, task) for task in tasks if printed.two_way}
+        found |= {(ICC, task) for task in tasks if printed.icc}
+        found |= {(PAIRS, one.task) for one in printed.choices}
+    return Standing(frozenset(planned), frozenset(found), asked)
+
+
+PAIRS = "right choices"
+"""What stands in print of comparisons; no protocol plans it as a test."""
+
+
+def plans(study: Study) -> Iterator[PlannedTest]:
+    """Yield the planned tests of every part."""
+    for part in study.parts:
+        yield from part.protocol.analysis if part.protocol else ()
+
+
+def alpha(study: Study, test: str, *tasks: str) -> float:
+    """Return the level of significance that is planned for a test of these tasks, 0.05 where none is."""
+    found = (plan.alpha for plan in plans(study) if plan.test == test and set(plan.tasks) & set(tasks))
+    return next(found, 0.05)
+
+
+def marked(section: Section, *marks: str) -> Section:
+    """Return the section with a mark at each table that lacks one: one for each, or the same for all."""
+    wanted = marks if len(marks) == len(section.tables) else marks[:1] * len(section.tables)
+    found = tuple(zip(section.tables, wanted, strict=True))
+    tables = tuple(replace(table, standing=table.standing or mark) for table, mark in found)
+    named = {table.title: mark for table, mark in found}
+    brief = tuple(
+        replace(table, standing=table.standing or named.get(table.title, marks[0] if marks else ""))
+        for table in section.brief
+    )
+    return replace(section, tables=tables, brief=brief)
+
+
+def icc_marks(study: Study, stands: Standing, results: Results) -> tuple[str, ...]:
+    """Return a mark for each table of an ICC: where the plan names variance components, the forms are exploratory."""
+    mark = stands.of(ICC, *(task.task.id for task in results.tasks))
+    named = any(plan.form and "variance" in plan.form.casefold() for plan in plans(study) if plan.test == ICC)
+    of_forms = EXPLORATORY if named and results.components else mark
+    return (of_forms,) * len(results.reliabilities) + (mark,) * (results.components is not None)
+
+
+def overview(study: Study, rows: tuple[Mapping[str, object], ...], done: Callable[[PlannedTest], str]) -> Section:
+    """Return participants, trials and tests, those planned beside those done.
+
+    `rows` has a mapping for each task: task, title, participants and trials as analysed, and more. `done` says what was
+    run of a planned test.
+    """
+    name = study.name.removeprefix(f"{study.label}: ")
+    counts = [_counts(study, str(row["task"])) for row in rows]
+    records = tuple({**row, **count} for row, count in zip(rows, counts, strict=True))
+    shown = tuple(
+        (str(row["task"]), str(row["title"]), _of(row["participants"], count["participants_planned"]),
+         _of(row["trials"], count["trials_planned"]), *(f"{value:.4g}" if key == "chance" else str(value)
+         for key, value in row.items() if key in ("without_answer", "chance")))
+        for row, count in zip(rows, counts, strict=True)
+    )  # fmt: skip
+    header = ("task", "title", "participants", "trials", "no answer", "chance")[: len(shown[0]) if shown else 6]
+    planned = any(count["participants_planned"] is not None for count in counts)
+    notes = ("Analysed, of those planned.",) * planned
+    tables = [
+        Table("Participants and trials", header, shown, left=frozenset({0, 1}), notes=notes, standing=DESCRIPTIVE)
+    ]
+    brief = list(tables)
+    if tests := list(_tests(study, done)):
+        head = ("test", "tasks", "alpha", "stars by", "what was run")
+        left = frozenset({0, 1, 3, 4, 5})
+        tables.append(Table("Planned tests", (*head, "question and form"), tuple(tests), left=left, standing=PLANNED))
+        brief.append(Table("Planned tests", head, tuple(row[:-1] for row in tests), left=left, standing=PLANNED))
+    paragraphs = (
+        f"{name}. The study is {study.id}, with {plural(len(study.participants), 'participant')} in the dataset.",
+        *_source(study),
+        *sentences(study),
+    )
+    return Section("overview", "Planned and done", paragraphs, tuple(tables), records, tuple(brief), aside=(MARKS,))
+
+
+def _of(done: object, planned: int | None) -> str:
+    return f"{done}" if planned is None else f"{done} of {planned}"
+
+
+def _counts(study: Study, task: str) -> dict[str, int | None]:
+    """Return how many participants and trials of a task are planned, None where no protocol says it."""
+    protocols = [part.protocol for part in study.parts if task in part.tasks]
+    found = [(one.task(task), one) for one in protocols if one is not None and task in [each.id for each in one.tasks]]
+    if len(found) < len(protocols) or not found:
+        return {"participants_planned": None, "trials_planned": None}
+    return {
+        "participants_planned": sum(each.participants for each, _ in found),
+        "trials_planned": sum(one.trials(each) * each.participants for each, one in found),
+    }
+
+
+def _source(study: Study) -> list[str]:
+    """Return a sentence on where the plan stands and whether it was sealed, for each part that holds one."""
+    known = [part for part in study.parts if part.protocol is not None]
+    if not known and len(study.parts) == 1:
+        return ["What was planned is not known: the dataset holds no protocol."]
+    several = len(study.parts) > 1
+    return [f"The plan{f' of {part.name}' * several} is sourcedata/protocol.toml; {part.sealed}." for part in known]
+
+
+def _tests(study: Study, done: Callable[[PlannedTest], str]) -> Iterator[tuple[str, ...]]:
+    found: dict[str, tuple[PlannedTest, list[str]]] = {}
+    for part in study.parts:
+        for plan in part.protocol.analysis if part.protocol else ():
+            found.setdefault(plan.model_dump_json(), (plan, []))[1].append(part.name)
+    for plan, parts in found.values():
+        where = f" ({', '.join(parts)} alone)" * (len(parts) < len(study.parts))
+        stars = "-" if plan.test != T else "P" if plan.correction is None else f"Holm, {plan.correction}"
+        question = " ".join(f"{plan.question} {plan.form or ''}".split())
+        yield (
+            plan.test,
+            ", ".join(plan.tasks) + where,
+            f"{plan.alpha:g}" if plan.test in (T, ONE_WAY, TWO_WAY) else "-",
+            stars,
+            done(plan),
+            question,
+        )
+
+
+def done_of(results: Results) -> Callable[[PlannedTest], str]:
+    """Return what says in words what was run of a planned test of identifications."""
+
+    def done(plan: PlannedTest) -> str:
+        match plan.test:
+            case "t against chance":
+                return "; ".join(_against_chance(task, results.task(task), plan.alpha) for task in plan.tasks)
+            case "one-way ANOVA":
+                return "; ".join(_one_way(task, plan, results) for task in plan.tasks)
+            case "two-way ANOVA":
+                return _two_way(results)
+            case "ICC":
+                if results.components is not None and (value := results.components.by_k[0][2]) is not None:
+                    return f"run: variance-component ICC {number(value)}; every form stands in its table"
+                if any(one.icc for one in results.reliabilities):
+                    return "run: every form stands in its table"
+                return "not run: no ICC is defined"
+        return "not run: the trials are no comparisons"
+
+    return done
+
+
+def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
+    if found is None:
+        return f"{task} not run: no trial"
+    tested = [test for test in found.tests if test.result.p is not None]
+    by = [(test.p_holm if found.correction else test.result.p, test.result.mean) for test in tested]
+    above = sum(p is not None and p < level and mean is not None and mean > found.chance for p, mean in by)
+    missing = [test for test in found.tests if test.result.p is None]
+    why = f", not defined for {', '.join(test.material for test in missing)}" * bool(missing)
+    return f"{task} run: {above} of {len(found.tests)} materials above chance{why}"
+
+
+def _one_way(task: str, plan: PlannedTest, results: Results) -> str:
+    found = [pair for pair in results.pairs if pair.task == task]
+    if not found:
+        return f"{task} not run: no material was taken for another"
+    asked = next((pair for pair in found if names(plan.question, pair)), None)
+    if asked is not None:
+        return f"{task} run: {_outcome(asked)}"
+    tested = " and ".join(found[0].pair)
+    return f"{task} run of {tested}, which were confused most, and which the plan does not name: {_outcome(found[0])}"
+
+
+def names(question: str, pair: PairTest) -> bool:
+    """Return whether a question names both materials of a pair."""
+    return all(material.casefold() in question.casefold() for material in pair.pair)
+
+
+def _outcome(pair: PairTest) -> str:
+    if pair.anova is None or (effect := pair.anova.effects[0]).f is None or effect.p is None:
+        return "F is not defined"
+    return f"F({effect.df}, {pair.anova.residual.df}) = {effect.f:.2f}, {p_is(effect.p)}"
+
+
+def _two_way(results: Results) -> str:
+    if not results.two_way:
+        return f"not run: {results.two_way_statement}"
+    anova = results.two_way[1]
+    effect = anova.effects[0]
+    if effect.f is None or effect.p is None:
+        return "run: F is not defined"
+    return f"run: tasks, type II, F({effect.df}, {anova.residual.df}) = {effect.f:.2f}, {p_is(effect.p)}"
+
+
+def done_of_comparisons(results: Compared) -> Callable[[PlannedTest], str]:
+    """Return what says in words what was run of a planned scale."""
+
+    def done(plan: PlannedTest) -> str:
+        said = []
+        for task in plan.tasks:
+            found = next((one for one in results.tasks if one.task.id == task), None)
+            scale = next((one for one in found.scales if one.law == plan.test.lower()), None) if found else None
+            if found is None:
+                said.append(f"{task} not run: no trial")
+            elif scale is None:
+                said.append(f"{task} not run: the answers of the study ask for another scale")
+            elif scale.scale is None:
+                said.append(f"{task} run, and it has no scale: {scale.statement}")
+            else:
+                said.append(f"{task} run: the scale stands in its table")
+        return "; ".join(said)
+
+    return done
+
+
+def exclusions_section(study: Study) -> Section:
+    """Return everything that was left out: by rule with counts, those of the protocol that left out nothing too."""
+    records = tuple({**asdict(one), "participant": f"sub-{one.participant}"} for one in study.exclusions)
+    count = len(study.attempts) - int(study.attempts["included"].sum())
+    about = (
+        f"{count} of {len(study.attempts)} attempts are not analysed."
+        if records
+        else "Nothing was left out: every attempt in the dataset is analysed."
+    )
+    by_rule = _by_rule(study)
+    brief = Table("Rules", ("rule", "left out", "what it leaves out", "when"), by_rule, left=frozenset({0, 2, 3}))
+    if not records:
+        shown = (replace(brief, standing=_rules_standing(study)),) if by_rule else ()
+        # A table without a row could not say what the dataset is.
+        none = {**dict.fromkeys(field.name for field in fields(Exclusion)), "reason": "nothing was left out"}
+        return Section("exclusions", "Left out", (about, *_unasked(study)), shown, records=(none,))
+    rows = tuple(tuple("-" if cell is None else str(cell) for cell in asdict(one).values()) for one in study.exclusions)
+    each = Table("", ("participant", "task", "trial", "attempt", "rule", "reason"), rows, left=frozenset({0, 1, 4, 5}))
+    brief = replace(brief, notes=("The report and exclusions.csv list each one.",))
+    said = (about, *_unasked(study))
+    section = Section("exclusions", "Left out", said, (each,), records, (brief,), folded=True)
+    return marked(section, _rules_standing(study))
+
+
+def _rules_standing(study: Study) -> str:
+    return PLANNED if any(part.protocol for part in study.parts) else DESCRIPTIVE
+
+
+def _by_rule(study: Study) -> tuple[tuple[str, ...], ...]:
+    """Return rule, count, what it leaves out, and when: rules of the protocols first, then what no rule names."""
+    times = Counter(one.rule for one in study.exclusions)
+    rules: dict[str, ExclusionRule] = {}
+    for part in study.parts:
+        for rule in part.protocol.exclusion if part.protocol else ():
+            rules.setdefault(rule.id, rule)
+    rows = [
+        (rule.id, "-" if rule.action == "repeat-trial" else str(times.pop(rule.id, 0)), ACTION[rule.action],
+         WHEN[rule.when].format("" if rule.limit is None else f"{rule.limit:g}"))
+        for rule in rules.values()
+    ]  # fmt: skip
+    whole = {one.rule for one in study.exclusions if one.trial is None}
+    named = {"done again": "attempt was done again", "no data": "no events in the dataset", "withdrawn": "withdrew"}
+    rows += [
+        (rule, str(count), "participant" if rule in whole else "attempt", named.get(rule, "-"))
+        for rule, count in times.items()
+    ]
+    return tuple(rows)
+
+
+def _unasked(study: Study) -> list[str]:
+    """Return a sentence for each rule and task with trials that stay in because the rule cannot judge them."""
+    counts: Counter[tuple[str, str, str]] = Counter()
+    totals = study.attempts.loc[study.attempts["counted"], "task"].value_counts()
+    for one in study.unasked:
+        counts[one.rule, one.missing, one.task] += one.trials
+    return [
+        f"The rule {rule} could not be applied to {trials} of {totals[task]} trials of {task}, because they have no "
+        f"record of {missing}; they stay in the analysis."
+        for (rule, missing, task), trials in counts.items()
+    ]

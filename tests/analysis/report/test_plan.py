@@ -1,0 +1,136 @@
+"""Planned against done: a planned test says what was run of it, a rule what it left out, and a seal what it says."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from analysis.documents.tables import Section, Table
+from analysis.identification.results import compute
+from analysis.published import load
+from analysis.reading.dataset import read
+from analysis.reading.study import Study
+from analysis.report.plan import alpha, exclusions_section, marked, standing
+from analysis.report.sections import overview_section, sections
+from experiment.protocol import approval, files
+from tests.analysis.datasets import balanced, trial, write_dataset
+
+MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
+
+
+@pytest.fixture
+def root(tmp_path: Path, repository_root: Path) -> Path:
+    """A dataset of three who did both tasks under the protocol of the footstep study."""
+    sessions = {
+        str(k): {"virtual": balanced(k, 10, MATERIALS), "real": balanced(k + 1, 10, MATERIALS)} for k in (1, 2, 3)
+    }
+    made = write_dataset(tmp_path / "data", sessions, materials=MATERIALS)
+    (made / "sourcedata").mkdir()
+    (made / "sourcedata" / "protocol.toml").write_bytes(
+        (repository_root / "protocols" / "okamoto2012.toml").read_bytes()
+    )
+    return made
+
+
+def _rows(study: Study) -> dict[str, tuple[str, ...]]:
+    _, tests = overview_section(study, compute(study, {})).tables
+    return {row[0]: row for row in tests.rows}
+
+
+def test_what_was_run_stands_beside_what_was_planned(root: Path) -> None:
+    """15 and 10 participants with 40 trials each are planned (Okamoto et al., section 5.1)."""
+    study = read(root)
+    section = overview_section(study, compute(study, {}))
+    people, tests = section.tables
+    assert [row[2:4] for row in people.rows] == [("3 of 15", "120 of 600"), ("3 of 10", "120 of 400")]
+    assert [row[0] for row in tests.rows] == ["t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"]
+    assert all("run" in row[4] for row in tests.rows)
+    assert section.records[0]["participants_planned"] == 15
+    assert all(len(row) == 5 for row in section.brief[1].rows)
+
+
+def test_a_pair_that_the_plan_does_not_name_is_said_to_be_another(root: Path) -> None:
+    """With this data polypropylene and typing paper, say, are confused most; the plan names two other materials."""
+    study = read(root)
+    (pair,) = [pair for pair in compute(study, {}).pairs if pair.task == "virtual"]
+    assert set(pair.pair) != {"aluminum foil", "typing paper"}
+    assert "which the plan does not name" in _rows(study)["one-way ANOVA"][4]
+    assert standing(study, None).of_pair(pair) == "exploratory"
+    assert standing(study, None).of_pair(replace(pair, pair=("typing paper", "aluminum foil"))) == "planned"
+
+
+def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Path) -> None:
+    study = read(root)
+    found = sections(study, compute(study, {}), None, load("okamoto2012"))
+    marks = {section.slug: {table.standing for table in section.tables} for section in found}
+    assert marks["tests"] == {"planned"}
+    assert marks["icc"] == {"planned", "exploratory"}
+    assert marks["beside"] == {"ours"}
+    assert marks["trials"] <= {"exploratory"}
+    assert {section.part for section in found} == {"", "Planned results", "Ours", "Exploratory"}
+
+
+def test_a_test_that_could_not_be_run_says_why(root: Path) -> None:
+    study = read(root)
+    alone = replace(study, attempts=study.attempts[study.attempts["task"] == "virtual"])
+    rows = _rows(alone)
+    assert rows["t against chance"][4].endswith("real not run: no trial")
+    assert rows["two-way ANOVA"][4] == "not run: two-way ANOVA needs two levels of task, got 1"
+
+
+def test_whether_the_plan_was_sealed_is_said(root: Path) -> None:
+    plan = root / "sourcedata" / "protocol.toml"
+    said = overview_section(read(root), compute(read(root), {})).paragraphs
+    assert "The plan is sourcedata/protocol.toml; no seal stands beside it." in said
+    seal = approval.Seal(
+        protocol_sha256=approval.sha256(files.load_kept(plan)),
+        approval_number="7",
+        board="the board",
+        approved_on=date(2026, 1, 2),
+        expires_on=date(2027, 1, 2),
+    )
+    text = "\n".join(
+        f"{key} = {value if key.endswith('_on') else repr(value)}" for key, value in seal if value is not None
+    )
+    approval.seal_path(plan).write_text(text, encoding="utf-8")
+    (part,) = read(root).parts
+    assert part.sealed == "sealed, approval 7 of the board, from 2026-01-02 on"
+    approval.seal_path(plan).write_text(text.replace(seal.protocol_sha256, "0" * 64), encoding="utf-8")
+    assert read(root).parts[0].sealed == "the seal beside it is of another version"
+
+
+def test_rules_that_left_out_nothing_stand_there_too(root: Path) -> None:
+    section = exclusions_section(read(root))
+    (rules,) = section.tables
+    assert (rules.standing, section.paragraphs[0][:20]) == ("planned", "Nothing was left out")
+    assert ("too few answers", "0", "participant", "fewer than 36 answers in a task") in rules.rows
+    assert ("too slow", "-", "repeats the trial", "speed below 20 mm/s") in rules.rows
+
+
+def test_single_exclusions_are_folded_below_their_rules(tmp_path: Path) -> None:
+    rows = [trial(1, "sand", "n/a", counted=False, redo_reason="slipped"), trial(1, "sand", "sand", attempt=2)]
+    section = exclusions_section(read(write_dataset(tmp_path, {"1": {"real": rows}, "2": {"real": balanced(1)}})))
+    assert section.folded
+    assert section.brief[0].rows == (("done again", "1", "attempt", "attempt was done again"),)
+    assert [row[0] for row in section.tables[0].rows] == ["1"]
+
+
+def test_without_a_plan_nothing_is_called_planned(tmp_path: Path) -> None:
+    study = read(write_dataset(tmp_path, {str(k): {"real": balanced(k)} for k in (1, 2)}))
+    found = sections(study, compute(study, {}), None)
+    assert "What was planned is not known: the dataset holds no protocol." in found[1].paragraphs
+    assert {table.standing for section in found for table in section.tables} == {
+        "exploratory", "descriptive", "ours, exploratory",
+    }  # fmt: skip
+    assert alpha(study, "t against chance", "real") == 0.05
+
+
+def test_a_table_keeps_the_mark_that_it_has() -> None:
+    tables = (Table("a", ("x",), (("1",),), standing="ours"), Table("b", ("x",), (("1",),)))
+    assert [table.standing for table in marked(Section("s", "S", tables=tables), "planned").tables] == [
+        "ours",
+        "planned",
+    ]
