@@ -11,6 +11,7 @@ PalpateError                exit code 2, one line for the experimenter
 ├── TrackerError            the foot's serial port
 │   └── TrackerStopped      no frame within the limit, or the port has gone
 ├── ActuatorError           the stimulus could not be handed to the device
+├── ServoError              the device that pushes the hand, or the process that drives it
 ├── AudioError              the audio device cannot be opened, or has stopped
 │   └── DoseUsedUp          the masker may play no longer in these 24 hours
 ├── VoiceError              a recording of the microphone, or an enrolment, that no answer can be heard with
@@ -101,6 +102,10 @@ class TrackerStopped(TrackerError):
 
 class ActuatorError(PalpateError):
     """The stimulus could not be handed to the device."""
+
+
+class ServoError(PalpateError):
+    """The device that pushes the hand cannot be used, or the process that drives it has ended."""
 
 
 class AudioError(PalpateError):

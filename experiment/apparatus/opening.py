@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Tracker
+from experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Servo, Tracker
 from experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock
@@ -192,6 +192,52 @@ def open_tracker(
 
     samples = round(REST_S * rig.tracker.rate_hz)
     return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)
+
+
+def open_servo(
+    rig: Rig,
+    *,
+    rate_hz: int,
+    limit_n: float,
+    fastest_mm_s: float,
+    clock: Clock,
+    port: str | None = None,
+    address: str | None = None,
+    clock_map: ClockMap | None = None,
+) -> Servo:
+    """Open the rig's tracker and force device together: in a process of their own, unless time is simulated.
+
+    Forces go out `rate_hz` times a second, none larger than `limit_n`; a lamp is lit while the hand is faster than
+    `fastest_mm_s`. `port`, `address` and `clock_map` are as in `open_tracker` and `open_actuator`.
+
+    Raises:
+        RigError: the rig has no force device, or one that exists in simulation alone.
+        ServoError: tracker or device cannot be opened.
+    """
+    from experiment.apparatus.servo import settings
+    from experiment.apparatus.servo.link import ServoHere, ServoProcess
+    from experiment.apparatus.servo.process import Orders
+
+    device = settings.of(rig.servo, rig=rig.rig.name)
+    where, hand = address or device.address, port or rig.tracker.port
+    if REHEARSAL in (where, hand):
+        raise RigError(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
+    orders = Orders(
+        port=hand,
+        baud=rig.tracker.baud,
+        tracker_hz=rig.tracker.rate_hz,
+        stall_ms=rig.tracker.stall_ms,
+        counts=tuple(float(point.counts) for point in rig.tracker.calibration),
+        mm=tuple(point.mm for point in rig.tracker.calibration),
+        address=where,
+        answer_ms=device.answer_ms,
+        limit_n=limit_n,
+        rate_hz=rate_hz,
+        fastest_mm_s=fastest_mm_s,
+    )
+    if not clock.simulated:
+        return ServoProcess(orders, clock)
+    return ServoHere(orders, open_tracker(rig, clock=clock, port=port, clock_map=clock_map))
 
 
 def _driven(rig: Rig, where: str, clock: Clock, clock_map: ClockMap | None) -> Tracker:

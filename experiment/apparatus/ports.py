@@ -14,6 +14,9 @@ from experiment.records.stimulus import Delivered
 
 if TYPE_CHECKING:
     from experiment.apparatus.panel.conditioning import Played
+    from experiment.apparatus.servo.rendering import Felt
+    from experiment.synthesis.contact import Block, Pair
+    from experiment.synthesis.tap import Ring
     from experiment.synthesis.waveforms import Stimulus
 
 
@@ -78,7 +81,7 @@ class Actuator(Protocol):
         """How long before its onset a stimulus can no longer be moved or withdrawn, ns; 0 where `landed` sounds it."""
         ...
 
-    def prepare(self, stimulus: Stimulus) -> Played:
+    def prepare(self, stimulus: Stimulus | Ring) -> Played:
         """Make a stimulus at `rate_hz` ready; nothing sounds yet. It replaces one that was prepared and has not begun.
 
         Raises:
@@ -113,6 +116,42 @@ class Actuator(Protocol):
         Raises:
             ActuatorError: the device cannot say.
         """
+        ...
+
+    def close(self) -> None: ...
+
+
+class ForceOutput(Protocol):
+    """What pushes the hand; it holds a force until the next one, but no longer than 2 ms."""
+
+    def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> None:
+        """Have the device hold a force: out of the block and along its face, N; never more than its limit.
+
+        It lights a lamp if the hand is too fast. `now_ns` is the machine's monotonic clock. Raises `ServoError` if the
+        device takes nothing more.
+        """
+        ...
+
+    def late_ns(self, now_ns: int) -> int:
+        """Return for how long the device has owed an answer, ns. Raises `ServoError` if it is gone."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class Servo(Protocol):
+    """What renders a block to the hand; one thread reads, and others may have another block rendered."""
+
+    def render(self, block: Block | None) -> None:
+        """Have the hand meet a block from now on, once it is outside of it; None for none."""
+        ...
+
+    def read(self) -> Felt | None:
+        """Return what the hand did since the read before; None if nothing came. Raises `ServoError` once it is gone."""
+        ...
+
+    def reconnect(self) -> None:
+        """Open it anew, with the same block. Raises `ServoError`."""
         ...
 
     def close(self) -> None: ...

@@ -26,6 +26,7 @@ from pydantic import Field, PrivateAttr
 
 from experiment import storage
 from experiment.apparatus.display import ScreenRig
+from experiment.apparatus.servo.settings import ServoRig
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
@@ -366,7 +367,13 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
-    named = (("tracker", "port"), ("actuator", "address"), ("accelerometer", "address"), ("audio", "device"))
+    named = (
+        ("tracker", "port"),
+        ("actuator", "address"),
+        ("accelerometer", "address"),
+        ("audio", "device"),
+        ("servo", "address"),
+    )
     for device, key in named:
         settings = table.get(device)
         if isinstance(settings, dict) and settings.get(key) == REHEARSAL:
@@ -503,6 +510,8 @@ class Rig(Confined):
         accelerometer: what measures the panel; only `palpate record` needs it.
         audio: the audio device, where there is one: for the masker, the loopback and an actuator with `driver =
             "audio"`.
+        servo: what pushes the hand back, for a task with virtual surfaces; the tracker then follows the hand, and
+            heights count from the face of the block.
         screen: the participant's screen, where there is one.
         anchors: where each session's end is anchored.
     """
@@ -515,6 +524,7 @@ class Rig(Confined):
     actuator: ActuatorRig
     accelerometer: AccelerometerRig | None = None
     audio: AudioRig | None = None
+    servo: ServoRig | None = None
     screen: ScreenRig | None = None
     anchors: AnchorsRig | None = None
 
@@ -564,6 +574,7 @@ def sha256(rig: Rig) -> str:
     and the participant's screen measure nothing; what the screen showed is in the journal.
     """
     where: dict[str, Any] = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}}
+    where |= {"servo": {"address"}}
     where |= {"audio": {"device"}, "screen": True, "anchors": True}
     stated = rig.model_dump(mode="json", exclude_none=True, exclude=where)
     if (driver := rig.driver_file) is not None:

@@ -12,10 +12,11 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, ProtocolFile, a_day, a_protocol
-from experiment.errors import Interrupted, PalpateError
+from experiment.errors import Interrupted, PalpateError, RigError
 from experiment.settings.characters import quoted
 
 if TYPE_CHECKING:
+    from experiment.protocol.models import Protocol
     from experiment.protocol.new import NewStudy
 
 commands = options.room()
@@ -222,6 +223,10 @@ def check(
         Path | None,
         typer.Option("--html", metavar="FILE.html", help="Write the page as HTML, for a browser to print on A4."),
     ] = None,
+    rig_file: Annotated[
+        Path | None,
+        typer.Option("--rig", help="Rig file: say how stiff a virtual block may be on it."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show a protocol to an ethics board.
@@ -229,7 +234,9 @@ def check(
     The page states the whole study; at its end, what is left empty, and which values are allowed and unlikely to be
     meant. Below it stands whether this version is sealed, by which board and until when. If the file has errors, all of
     them are printed instead: each with its path, its line, what was got, what is allowed. With --html the page is
-    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF.
+    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF. With --rig
+    the last lines say how stiff a virtual block may be on that rig. Where it does not bear the protocol's, no
+    participant is run on it, and the command ends with an error.
     """
     from dataclasses import asdict
 
@@ -246,6 +253,7 @@ def check(
         raise
     today = day(wall_ns())
     state, seal = approval.state(protocol_file, protocol, today)
+    borne = _borne(protocol, rig_file) if rig_file is not None else None
     if page_file is not None:
         from experiment.protocol.html import html
 
@@ -259,12 +267,28 @@ def check(
         approved = seal.model_dump(mode="json", exclude={"protocol"}) if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
         known["advice"] = [asdict(one) for one in advice.advice(protocol)]
+        if borne is not None:
+            known["rig"] = {"file": str(rig_file), "bears": borne[0], "stiffness": borne[1]}
         options.put(known | {"protocol": document})
     elif page_file is not None:
         typer.echo(f"{state}\nPage: {page_file}. Open it in a browser, and print it there, on A4 or as PDF.")
     else:
         told = f"{page.page(protocol, str(protocol_file))}\n{state}"
         typer.echo(f"{told}\n{page.approved(seal)}" if seal else told)
+    if borne is not None:
+        if not as_json:
+            typer.echo(f"\n{borne[1]}")
+        if not borne[0]:
+            raise RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
+
+
+def _borne(protocol: "Protocol", rig_file: Path) -> tuple[bool, str]:
+    """Return whether a rig may render the block of a protocol, and why."""
+    from experiment.apparatus import rig as rigs
+    from experiment.apparatus.servo import settings
+
+    rig = rigs.load(rig_file)
+    return settings.judged(protocol.surfaces, settings.of(rig.servo, rig=rig.rig.name))
 
 
 @commands.command(

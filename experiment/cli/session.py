@@ -137,12 +137,12 @@ def _practise(
     dataset: Path | None,
     console: "Console",
 ) -> "Footer":
-    from experiment.protocol.files import shipped
+    from experiment.protocol import files
     from experiment.rehearsal import study
 
     return study.practise(
         protocol_file=protocol_file,
-        rig_file=rig or shipped("rigs/rehearsal.toml"),
+        rig_file=rig or study.simulated_rig(files.load(protocol_file)),
         participant=participant or "01",
         task_id=task,
         out=dataset,

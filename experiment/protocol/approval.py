@@ -44,6 +44,7 @@ UNFILLED = "TO BE FILLED IN"
 
 YOUNGER = (
     ("consent", "kept_months"),
+    ("exposure", "force_peak_n"),
     ("masker", "probe"),
     ("answers", "on_screen"),
     ("answers", "microphone"),
@@ -70,16 +71,24 @@ def _document(protocol: Protocol) -> dict[str, Any]:
         if table is not None and (table[key] is None or table[key] is False):
             del table[key]
     for planned in document["analysis"]:
-        if planned["correction"] is None:
-            del planned["correction"]
+        for key in ("correction", "margin"):
+            if planned[key] is None:
+                del planned[key]
     for kind in ("footstep", "comparison"):
         if document[kind] is None:
             del document[kind]
     if protocol.comparison is not None:
-        if protocol.comparison.tie_key is None:
-            del document["comparison"]["tie_key"]
+        for key in ("tie_key", "virtual"):
+            if document["comparison"][key] is None:
+                del document["comparison"][key]
+        if protocol.comparison.virtual is not None and protocol.comparison.virtual.mass_kg is None:
+            del document["comparison"]["virtual"]["mass_kg"]
         for material in document["materials"]:
             del material["key"], material["spoken"]
+    for material in document["materials"]:
+        for key in ("attack_hz", "amplitude"):
+            if material[key] is None:
+                del material[key]
     return document
 
 

@@ -105,11 +105,14 @@ class Exposure(Confined):
         vibration_peak_m_s2: the largest acceleration of the panel, which the limiter holds for any stimulus.
         masker_level_db_a: the loudest masker at the ear.
         session_min: the longest session.
+        force_peak_n: the largest force on the hand, which the servo holds for any input; a task with virtual surfaces
+            needs it.
     """
 
     vibration_peak_m_s2: Annotated[float, Field(gt=0, le=100)]
     masker_level_db_a: Annotated[float, Field(gt=0, le=85)]
     session_min: Annotated[float, Field(gt=0, le=240)]
+    force_peak_n: Annotated[float, Field(gt=0, le=50)] | None = None
 
 
 class Probe(Confined):
@@ -149,6 +152,9 @@ class Material(Confined):
         key: the experimenter's key for this answer; with `[footstep]` alone.
         spoken: what participants may call it; the first is shown to the experimenter; with `[footstep]` alone.
         description: what the object is: make, size, weight.
+        attack_hz: the frequency at which a tap on it rings, where it is rendered: f of Wellman and Howe.
+        amplitude: how strongly it rings at 200 mm/s, as a part of `comparison.virtual.full_m_s2`: L of Wellman and
+            Howe.
     """
 
     RULES: ClassVar[Rules] = rules.material
@@ -157,6 +163,8 @@ class Material(Confined):
     key: Key | None = None
     spoken: tuple[Name, ...] = ()
     description: Text
+    attack_hz: Annotated[float, Field(gt=0, le=20_000)] | None = None
+    amplitude: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
 class Synthesis(Confined):
@@ -236,6 +244,30 @@ class Footstep(Confined):
     tactile: Tactile
 
 
+class Virtual(Confined):
+    """How surfaces are rendered: one block for all of them, and a vibration at the touch that is each one's own.
+
+    Attributes:
+        switch_key: the experimenter's key for the participant's change to the other surface.
+        rate_hz: forces a second.
+        stiffness_n_m: K of the block, along its normal.
+        damping_n_s_m: C of the block.
+        mass_kg: M of the block; left out, the block is held.
+        full_m_s2: the amplitude of a material with an `amplitude` of 1, at 200 mm/s.
+        decay_per_s: B, how fast every vibration fades.
+        fastest_mm_s: a lamp says when the hand is faster.
+    """
+
+    switch_key: Key
+    rate_hz: Annotated[int, Field(ge=500, le=5000)]
+    stiffness_n_m: Annotated[float, Field(ge=0, le=1e6)]
+    damping_n_s_m: Annotated[float, Field(ge=0, le=1e4)]
+    mass_kg: Annotated[float, Field(gt=0, le=1000)] | None = None
+    full_m_s2: Annotated[float, Field(gt=0, le=1000)]
+    decay_per_s: Annotated[float, Field(ge=20, le=10_000)]
+    fastest_mm_s: Annotated[float, Field(gt=0, le=1000)]
+
+
 class Comparison(Confined):
     """What trials of the kind `comparison` need: in each, a participant names one of two materials.
 
@@ -244,12 +276,14 @@ class Comparison(Confined):
         first_key: the experimenter's key for the material that was presented first.
         second_key: the key for the one that was presented second.
         tie_key: the key for neither of them; left out, participants have to choose.
+        virtual: how surfaces are rendered, in a study with a task whose stimuli are virtual.
     """
 
     quality: Name
     first_key: Key
     second_key: Key
     tie_key: Key | None = None
+    virtual: Virtual | None = None
 
     @property
     def answers(self) -> dict[str, str]:
@@ -296,7 +330,8 @@ class Task(Confined):
         id: names the task in commands, files and tables.
         title: what the task is called.
         kind: the kind of trial.
-        stimulus: synthesised vibration, or real objects that the experimenter lays out.
+        stimulus: what the rig makes: synthesised vibration, or rendered surfaces; or real objects that the
+            experimenter lays out.
         instruction: what the participant is told.
         participants: how many do this task: those who enrol first.
         repetitions: how often each material is presented, or each pair of materials, half of these in either order.
@@ -382,6 +417,7 @@ class PlannedTest(Confined):
         question: what it is to answer, and how.
         chance: the share of right answers of somebody who guesses.
         form: the form of the intraclass correlation.
+        margin: the difference in shares of right answers, or of a pair told apart, below which they count as the same.
         alpha: the level of significance.
         correction: the family of tests over which Holm's method adjusts the P that stars follow: the materials of a
             task, or those of all `tasks`; without it stars follow the P that is not adjusted.
@@ -389,11 +425,21 @@ class PlannedTest(Confined):
 
     RULES: ClassVar[Rules] = rules.planned_test
 
-    test: Literal["t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "Bradley-Terry", "Thurstone", "Davidson"]
+    test: Literal[
+        "t against chance",
+        "one-way ANOVA",
+        "two-way ANOVA",
+        "ICC",
+        "equivalence",
+        "Bradley-Terry",
+        "Thurstone",
+        "Davidson",
+    ]
     tasks: Annotated[tuple[Label, ...], Field(min_length=1)]
     question: Text
     chance: Annotated[float, Field(gt=0, lt=1)] | None = None
     form: Text | None = None
+    margin: Annotated[float, Field(gt=0, lt=1)] | None = None
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     correction: Literal["materials", "materials and tasks"] | None = None
 
@@ -469,6 +515,14 @@ class Protocol(Confined):
         if self.comparison is None:
             raise self._lacks("comparison")
         return self.comparison
+
+    @property
+    def surfaces(self) -> Virtual:
+        """The table `[comparison.virtual]`. Raises `ProtocolError` in a study that renders none."""
+        found = self.comparisons.virtual
+        if found is None:
+            raise self._lacks("comparison.virtual")
+        return found
 
     def _lacks(self, kind: str) -> ProtocolError:
         allowed = f"a study whose trials are of the kind '{kind}'; name the protocol of one"

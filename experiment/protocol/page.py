@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from experiment.protocol import approval
 from experiment.protocol.advice import advice
 from experiment.protocol.approval import Seal
-from experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Task
+from experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Task, Virtual
 from experiment.settings.characters import leftward, plain
 
 WIDTH = 92
@@ -253,6 +253,8 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
     moved = "" if protocol.footstep is None else "the height of the foot over time, the speed and time of each step, "
+    if protocol.comparison is not None and protocol.comparison.virtual is not None:
+        moved = "the time and the speed of each tap on a virtual surface, each change from one to the other, "
     yield Said(
         f"The following is recorded under a number and never under a name: {moved}"
         "what was presented, the level and the dose of the noise, the answer that the "
@@ -402,12 +404,14 @@ _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coeff
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
     if protocol.footstep is not None:
         yield from _steps(protocol.footstep)
-    else:
+    elif any(task.stimulus == "real" for task in protocol.tasks):
         yield Said(
             "Two real samples lie before the participant in each trial, who tries them as often as they wish, and "
             "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
             "participant whether an answer was right."
         )
+    if protocol.comparison is not None and protocol.comparison.virtual is not None:
+        yield from _rendered(protocol, protocol.comparison.virtual)
     masker = protocol.masker
     yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
     yield Quoted(masker.criterion)
@@ -417,6 +421,30 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
             f"{number(probe.speed_mm_s)} mm/s whenever a key asks for it, in tasks with virtual stimuli. Each time is "
             "on record and counts as a stimulus."
         )
+
+
+def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
+    mass = "is held" if virtual.mass_kg is None else f"has a mass of {number(virtual.mass_kg)} kg"
+    yield Said(
+        "In a task with virtual surfaces the hand moves a device, which pushes it back where a block begins. All "
+        f"surfaces have one block: a spring of {number(virtual.stiffness_n_m)} N/m and a damper of "
+        f"{number(virtual.damping_n_s_m)} N s/m, and it {mass}. The force is computed {virtual.rate_hz} times a second "
+        f"and is never above {number(protocol.exposure.force_peak_n or 0.0)} N. It falls to zero, as does the "
+        "vibration, where the device, the tracker or the program fails."
+    )
+    yield Said(
+        "At the touch the finger is vibrated as a tap rings: a sinusoid that fades by exp(-t B), with B = "
+        f"{number(virtual.decay_per_s)} /s, and grows with the speed of the tap. Its frequency, and its amplitude at "
+        "200 mm/s:"
+    )
+    for one in protocol.materials:
+        ring = round((one.amplitude or 0.0) * virtual.full_m_s2, 6)
+        yield Item(f"{named(one.id)}: {number(one.attack_hz or 0.0)} Hz, {number(ring)} m/s^2.")
+    yield Said(
+        "The participant changes from one surface of a pair to the other as often as they wish: they say so, and the "
+        f"experimenter presses [{virtual.switch_key}]. A lamp says when the hand is faster than "
+        f"{number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer was right."
+    )
 
 
 def _steps(footstep: Footstep) -> Iterator[Block]:
@@ -451,8 +479,10 @@ def _steps(footstep: Footstep) -> Iterator[Block]:
 
 def _limits(protocol: Protocol) -> Iterator[Block]:
     exposure = protocol.exposure
+    force = () if exposure.force_peak_n is None else (("Force", f"at most {number(exposure.force_peak_n)} N"),)
     yield facts(
         ("Vibration", f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, whatever the device is asked for"),
+        *force,
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),
         ("Session", f"at most {number(exposure.session_min)} min for one task"),
     )
@@ -540,7 +570,8 @@ def _planned(planned: PlannedTest) -> str:
     asked = "Question:" if planned.form is None else "Form and question:"
     tasks = f"task{'s' if len(planned.tasks) > 1 else ''} {' and '.join(planned.tasks)}"
     family = "" if planned.correction is None else f"; P adjusted by Holm's method over the {planned.correction}"
-    return f"{planned.test}{chance}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
+    within = "" if planned.margin is None else f" within {number(planned.margin)}"
+    return f"{planned.test}{chance}{within}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
 
 
 def _left_empty(protocol: Protocol) -> Iterator[Block]:

@@ -26,7 +26,7 @@ MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
 """What programs read as a missing value, ours and those of who reads our tables."""
 
 TESTS: Mapping[str, tuple[str, ...]] = {
-    "footstep": ("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"),
+    "footstep": ("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "equivalence"),
     "comparison": ("Bradley-Terry", "Thurstone", "Davidson"),
 }
 """The planned tests of each kind of trial."""
@@ -116,7 +116,9 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
 
 
 def planned_test(table: Table) -> Iterator[Broken]:
-    """`t against chance` needs `chance`, `ICC` needs `form`, and no other test has them, or `correction`.
+    """`t against chance` needs `chance`, `ICC` needs `form`, `equivalence` needs `margin`, and no other test has them.
+
+    `correction` is of `t against chance` alone.
 
     `tasks` names each task once, and at least two for a `two-way ANOVA`.
     """
@@ -124,6 +126,7 @@ def planned_test(table: Table) -> Iterator[Broken]:
     for key, owner, what in (
         ("chance", "t against chance", "a number between 0 and 1"),
         ("form", "ICC", "the name of one form of the coefficient"),
+        ("margin", "equivalence", "a number between 0 and 1"),
     ):
         given = table.get(key) is not None
         if test == owner and not given:
@@ -150,10 +153,11 @@ def protocol(table: Table) -> Iterator[Broken]:
     than `exposure.session_min`. An order `max-run` is of no more than 400 trials. `answers-below` is at most the trials
     of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
 
-    With `[footstep]` every material has `key` and `spoken`. With `[comparison]` none has; `stimulus` is `real`;
-    `repetitions` are even, and no order is `max-run`; `masker.probe` is left out; `answers.microphone` is
-    false; exclusion rules judge answers and
-    withdrawals; and the planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
+    With `[footstep]` every material has `key` and `spoken`. With `[comparison]` none has; a task whose `stimulus` is
+    `virtual` needs `[comparison.virtual]`, `exposure.force_peak_n`, and `attack_hz` and `amplitude` of every material;
+    `repetitions` are even, and no order is `max-run`; `masker.probe` is left out; `answers.microphone` is false;
+    exclusion rules judge answers and withdrawals; and the planned tests are `Bradley-Terry` and `Thurstone`, or, where
+    there is a `tie_key`, `Davidson`.
     """
     yield from _kinds(table)
     yield from _unique(_tables(table, "materials"), "materials", "id")
@@ -215,8 +219,6 @@ def _compared(table: Table) -> Iterator[Broken]:
             if one.get(key):
                 yield Broken(("materials", i, key), "no value: participants compare materials, and name none")
     for i, task in _tables(table, "tasks"):
-        if task.get("stimulus") == "virtual":
-            yield Broken(("tasks", i, "stimulus"), "real: palpate renders no virtual surface yet")
         if _table(task, "order").get("kind") == "max-run":
             yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with pairs of materials")
         if (count := _number(task, "repetitions")) is not None and count % 2:
@@ -228,6 +230,8 @@ def _compared(table: Table) -> Iterator[Broken]:
     for i, rule in _tables(table, "exclusion"):
         if rule.get("when") in OF_STEPS:
             yield Broken(("exclusion", i, "when"), "one of: answers-below, withdrawn, with tasks of pairs")
+    if any(task.get("stimulus") == "virtual" for _, task in _tables(table, "tasks")):
+        yield from _rendered(table)
     tied = _table(table, "comparison").get("tie_key") is not None
     for i, test in _tables(table, "analysis"):
         if test.get("test") in TESTS["comparison"] and (test["test"] == "Davidson") != tied:
@@ -235,11 +239,24 @@ def _compared(table: Table) -> Iterator[Broken]:
             yield Broken(("analysis", i, "test"), allowed)
 
 
+def _rendered(table: Table) -> Iterator[Broken]:
+    """Yield what virtual surfaces lack."""
+    if _table(table, "comparison").get("virtual") is None:
+        yield Broken(("comparison", "virtual"), "a table: a task with virtual surfaces needs it")
+    if _table(table, "exposure").get("force_peak_n") is None:
+        yield Broken(("exposure", "force_peak_n"), "a number of newtons: a task with virtual surfaces needs it")
+    for i, one in _tables(table, "materials"):
+        for key in ("attack_hz", "amplitude"):
+            if one.get(key) is None:
+                yield Broken(("materials", i, key), "a number: a task with virtual surfaces renders every material")
+
+
 def _keys(table: Table) -> Iterator[Broken]:
     answers, comparison = _table(table, "answers"), _table(table, "comparison")
     places: list[tuple[Place, object]] = [
         *((("materials", i, "key"), material.get("key")) for i, material in _tables(table, "materials")),
         *((("comparison", name), comparison.get(name)) for name in ("first_key", "second_key", "tie_key")),
+        (("comparison", "virtual", "switch_key"), _table(comparison, "virtual").get("switch_key")),
         *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
     ]
     yield from _seen_once(places, "a key of its own", lambda key: (skeleton(key),))

@@ -43,7 +43,7 @@ from experiment.records.entries import (
     Withdrawal,
 )
 from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
-from experiment.records.tapping import PairLaidOut
+from experiment.records.tapping import Changed, PairLaidOut, Tapped
 
 AnyEntry = Annotated[
     Header
@@ -57,6 +57,8 @@ AnyEntry = Annotated[
     | FootStep
     | BrokenOff
     | PairLaidOut
+    | Changed
+    | Tapped
     | Answer
     | Spoken
     | Correction

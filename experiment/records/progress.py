@@ -28,7 +28,7 @@ from experiment.records.entries import (
 from experiment.records.footstep import BrokenOff, FootStep, Probed
 from experiment.records.journal import AnyEntry
 from experiment.records.stimulus import Stimulus
-from experiment.records.tapping import PairLaidOut
+from experiment.records.tapping import PairLaidOut, Tapped
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Progress:
             return replace(done, armed=None, unanswered=(entry.trial, entry.attempt))._felt(entry.stimulus)
         if isinstance(entry, PairLaidOut):
             return replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
-        if isinstance(entry, Probed):
+        if isinstance(entry, Probed | Tapped):
             return done._felt(entry.stimulus)
         if isinstance(entry, BrokenOff):
             ended = replace(done, armed=None)

@@ -5,15 +5,20 @@ from __future__ import annotations
 from typing import Literal
 
 from experiment.records.entries import Entry
+from experiment.records.footstep import DeviceUs
+from experiment.records.stimulus import Onset, Stimulus
 
 FIRST, SECOND, TIE = "first", "second", "tie"
 """What an answer names: the material presented first, the one presented second, or neither."""
+
+Place = Literal["first", "second"]
 
 
 class PairLaidOut(Entry):
     """Both samples of a pair lay before the participant from the session time `laid_ns` on, ns.
 
-    From then on the participant taps and changes between them at will; nothing of that is measured.
+    From then on the participant taps and changes between them at will; of real samples nothing of that is measured. Of
+    virtual ones the first is rendered from then on.
     """
 
     kind: Literal["pair"] = "pair"
@@ -21,3 +26,32 @@ class PairLaidOut(Entry):
     attempt: int
     presented: tuple[str, ...]
     laid_ns: int
+
+
+class Changed(Entry):
+    """The participant changed to the other virtual surface of a pair: to that of `material`, at a place of the pair."""
+
+    kind: Literal["changed"] = "changed"
+    trial: int
+    attempt: int
+    place: Place
+    material: str
+
+
+class Tapped(Entry):
+    """The hand touched a virtual surface, at `device_us` of the tracker's clock and with `speed_mm_s`.
+
+    `fast` says whether it was faster than the protocol wants, so that the lamp was lit. `stimulus` is the vibration
+    that was handed over, and `onset` how it met the touch.
+    """
+
+    kind: Literal["tapped"] = "tapped"
+    trial: int
+    attempt: int
+    place: Place
+    material: str
+    device_us: DeviceUs
+    speed_mm_s: float
+    fast: bool
+    stimulus: Stimulus
+    onset: Onset

@@ -30,7 +30,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
 from experiment.records.stimulus import Onset, Stimulus
-from experiment.records.tapping import PairLaidOut
+from experiment.records.tapping import Changed, PairLaidOut, Tapped
 from experiment.settings.characters import keyed, plain
 
 WIDTH = 100
@@ -118,6 +118,14 @@ def _said(entry: AnyEntry) -> str:
             return f"{said}{_dead(entry.dead_time_ms)}"
         case PairLaidOut():
             return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)} are laid out"
+        case Changed():
+            return f"trial {entry.trial}.{entry.attempt}: changed to the {entry.place} surface, {entry.material}"
+        case Tapped():
+            return (
+                f"trial {entry.trial}.{entry.attempt}: tapped the {entry.place} surface, {entry.material}, at "
+                f"{entry.speed_mm_s:.1f} mm/s{' (too fast)' if entry.fast else ''}; "
+                f"{_played(entry.stimulus, entry.onset)}{_met(entry.onset)}"
+            )
         case Answer():
             return f"trial {entry.trial}.{entry.attempt}: {_answered(entry)} after {entry.response_time_s:.2f} s"
         case Spoken():

@@ -144,6 +144,7 @@ class Practised:
 
     def __post_init__(self) -> None:
         self._said = ""
+        self._wished = ""
 
     def attend(self, session: Attended | None) -> None:
         self.desk.attend(session)
@@ -212,9 +213,13 @@ class Practised:
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         if not self._said:
-            _, self._said = self.participant.says(trial)
+            self._wished, self._said = self.participant.says(trial)
         self._tell(self._said)
-        return self.desk.ask(trial=trial, answers=answers, others=others)
+        said = self.desk.ask(trial=trial, answers=answers, others=others)
+        if said == self._wished and said in others:
+            # What the participant wished for has been done; they go on from there.
+            self._said = ""
+        return said
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         return self.desk.confirm(key=key, meaning=meaning)

@@ -34,13 +34,16 @@ from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.footstep.participant import SimulatedParticipant
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
-from experiment.rehearsal.tapping.participant import SimulatedTapper
+from experiment.rehearsal.tapping import hand
+from experiment.rehearsal.tapping.participant import Fingers, SimulatedTapper
 from experiment.rehearsal.voice import Speaker
+from experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import runner, scene
 from experiment.session.laboratory import header, open_laboratory
 from experiment.synthesis import waveforms
+from experiment.synthesis.tap import Surface
 from experiment.synthesis.waveforms import Basis
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
@@ -144,7 +147,8 @@ def _without_waiting(protocol: Protocol) -> Protocol:
 class SimulatedEnds:
     """Implements `FarEnds`: a simulated participant, foot and panel, each set up when its port is opened."""
 
-    reconnect_s = 2.0
+    reconnect_s = 30.0
+    """Nobody has to plug anything in: a foot that is silent waits for its turn on a busy machine."""
 
     job: Job
     protocol: Protocol
@@ -188,10 +192,28 @@ class SimulatedEnds:
             return materials
         return {material: _silenced(basis) for material, basis in materials.items()}
 
+    def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
+        if self.job.control != "silence":
+            return surfaces
+        return {material: replace(one, amplitude=0.0) for material, one in surfaces.items()}
+
+    def force(self, opened: ExitStack) -> str:
+        return opened.enter_context(ForceDeviceProcess()).address
+
     def tracker(self, opened: ExitStack) -> tuple[str, ClockMap | None]:
         line = opened.enter_context(SerialLine())
         self._powered_ns = self.clock.now_ns()
-        self._foot = Foot(line, self.rig.tracker, real_time=self.real_time)
+        if self.protocol.comparison is None:
+            self._foot = Foot(line, self.rig.tracker, real_time=self.real_time)
+        else:
+            self._foot = Foot(
+                line,
+                self.rig.tracker,
+                real_time=self.real_time,
+                rest_mm=hand.REST_MM,
+                noise_mm=self.rig.tracker.noise_mm or 0.0,
+                tick_s=1 / self.rig.tracker.rate_hz,
+            )
         opened.callback(self._foot.close)
         # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
         return line.url, None if self.real_time else ClockMap(anchor_us=0, anchor_ns=self._powered_ns)
@@ -208,8 +230,17 @@ class SimulatedEnds:
         who = self.job.participant, self.task_id
         entropy = (self.job.seed, int(self.job.participant), tasks.index(self.task_id))
         if self.protocol.footstep is None:
+            fingers = None
+            if self.protocol.task(self.task_id).stimulus == "virtual":
+                fingers = Fingers(self._foot, self._powered_ns, self._panel, self.rig.actuator.rate_hz)
             return SimulatedTapper(
-                protocol=self.protocol, who=who, entropy=entropy, clock=self.clock, tick=self.tick, screen=self.screen
+                protocol=self.protocol,
+                who=who,
+                entropy=entropy,
+                clock=self.clock,
+                tick=self.tick,
+                screen=self.screen,
+                fingers=fingers,
             )
         synthesis = self.protocol.footstep.synthesis
         return SimulatedParticipant(

@@ -14,6 +14,7 @@ from experiment import storage
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
+from experiment.apparatus.servo import settings
 from experiment.clock import MonotonicClock
 from experiment.dataset import build
 from experiment.dataset.beliefs import Plan
@@ -78,7 +79,7 @@ def rehearse(
         raise DatasetError(
             f"--participants: got {count}; allowed: 1 to {protocol.study.participants}, as in the protocol; give number"
         )
-    if control == "silence" and protocol.footstep is None:
+    if control == "silence" and all(task.stimulus == "real" for task in protocol.tasks):
         raise DatasetError(
             f"--control: got silence for study {protocol.study.id}; allowed: none, because nothing is played there; "
             "leave it out"
@@ -123,6 +124,12 @@ def generic(protocol: Protocol) -> str:
     """Return a sentence on the materials that are simulated generically; nothing without any."""
     materials = [material.id for material in protocol.materials]
     return recorded_takes.generic(materials) if protocol.comparison is None else surfaces.generic(materials)
+
+
+def simulated_rig(protocol: Protocol) -> Path:
+    """Return the shipped rig to rehearse a study on: one with a hand's devices where surfaces are rendered."""
+    rendered = protocol.comparison is not None and protocol.comparison.virtual is not None
+    return files.shipped("rigs/tapping.toml" if rendered else "rigs/rehearsal.toml")
 
 
 def practice_folder(protocol: Protocol) -> Path:
@@ -207,6 +214,8 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     rig = rigs.load(rig_file)
     if not rig.rig.simulated:
         raise DatasetError(f"{rig_file}: is a real rig; allowed: one that says simulated = true; give such a rig file")
+    if protocol.comparison is not None and any(task.stimulus == "virtual" for task in protocol.tasks):
+        settings.of(rig.servo, rig=rig.rig.name)
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     return rig
 

@@ -181,13 +181,14 @@ class Attempts:
             reason = "; ".join(filter(None, (seen.repeat, self._limits.skipped())))
             self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {reason}.")
             return self._put_off(planned, attempt, reason)
-        if self._ear is None:
-            return self._ask(planned, attempt, seen.answerable_ns)
-        self._ear.listen(planned.trial, attempt, seen.answerable_ns)
+        if self._ear is not None:
+            self._ear.listen(planned.trial, attempt, seen.answerable_ns)
         try:
             return self._ask(planned, attempt, seen.answerable_ns)
         finally:
-            self._ear.stop()
+            if self._ear is not None:
+                self._ear.stop()
+            self._kind.rest()
 
     @property
     def outage(self) -> str:
@@ -231,6 +232,8 @@ class Attempts:
             **(KEYS if self._masking is not None else {}),
         }
         key, chosen_ns = self._chosen(planned.trial, {key: one.words for key, one in answers.items()}, others)
+        if reason := self._kind.rest():
+            return self._put_off(planned, attempt, reason)
         if isinstance(key, Repeated):
             return self._put_off(planned, attempt, key.reason)
         if key == spoken.redo_key:
@@ -270,7 +273,8 @@ class Attempts:
         Without one, return that the trial is repeated.
         """
         while True:
-            said = self._console.ask(trial=trial, answers=answers, others=others)
+            further = dict(self._kind.keys)
+            said = self._console.ask(trial=trial, answers=answers, others=others | further)
             chosen_ns = self._clock.now_ns()
             if not self._clock.simulated:
                 chosen_ns -= self._console.chosen_ago_ns()
@@ -279,6 +283,8 @@ class Attempts:
                 return said, chosen_ns
             if not isinstance(said, str):
                 self._take(said)
+            elif said in further:
+                self._kind.press(said)
             elif self._masking is None or not self._masking.change(said):
                 confirmed = self._console.confirm(key=said, meaning=(answers | others)[said])
                 self._remarks.note_ignored()

@@ -23,6 +23,7 @@ from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress
 
 if TYPE_CHECKING:
+    from experiment.synthesis.tap import Surface
     from experiment.synthesis.waveforms import Basis
 
 
@@ -129,6 +130,22 @@ class Kind(Protocol):
         """Return what each answer key stands for in this trial."""
         ...
 
+    @property
+    def keys(self) -> Mapping[str, str]:
+        """Further keys while a question is open, and what each does; none where nothing can be done."""
+        ...
+
+    def press(self, key: str) -> None:
+        """Do what one of `keys` stands for. Raises `PalpateError`."""
+        ...
+
+    def rest(self) -> str:
+        """Have nothing felt from now on: the question is answered, or is none any more.
+
+        Return why the attempt does not count after all, or nothing. It may be called again.
+        """
+        ...
+
     def measured(self) -> Measured:
         """Return what is measured now; it may be called from any thread."""
         ...
@@ -183,6 +200,14 @@ class FarEnds(Protocol):
 
     def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
         """Return what is presented for each material, by its id: itself, unless a rehearsal controls for it."""
+        ...
+
+    def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
+        """Return how each virtual surface rings, by its material's id, unless a rehearsal controls for it."""
+        ...
+
+    def force(self, opened: ExitStack) -> str | None:
+        """Set up what pushes the hand; return where it answers, or None for the address that the rig names."""
         ...
 
     def tracker(self, opened: ExitStack) -> tuple[str | None, ClockMap | None]:

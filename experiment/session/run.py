@@ -31,6 +31,7 @@ from experiment.study import enrolment, people, roster
 from experiment.study.allocation import Allocation, allocated, find
 
 if TYPE_CHECKING:
+    from experiment.synthesis.tap import Surface
     from experiment.synthesis.waveforms import Basis
 
 
@@ -50,6 +51,12 @@ class RealEnds:
         return None
 
     def panel(self, opened: ExitStack) -> None:  # noqa: ARG002
+        return None
+
+    def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
+        return surfaces
+
+    def force(self, opened: ExitStack) -> None:  # noqa: ARG002
         return None
 
     def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
@@ -315,8 +322,8 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
     """
     again = f"palpate anchor {root}"
     try:
-        anchor = beliefs.keep_new_anchor(root)
-        if anchor is None:
+        anchor, is_new = beliefs.keep_anchor(root)
+        if not is_new:
             return False
         console.show(f"For the lab book: {anchor.line}")
         if anchored_in:

@@ -34,8 +34,10 @@ class Scene:
 def plan(*, protocol: Protocol, task_id: str) -> Scene:
     """Decide what task `task_id` needs."""
     virtual = protocol.task(task_id).stimulus == "virtual"
-    materials = tuple(m.id for m in protocol.materials) if virtual else ()
-    return Scene(synthesis=virtual, actuator=virtual, place=not virtual, materials=materials)
+    # A virtual surface rings by a closed form: it needs no recording.
+    recorded = virtual and protocol.comparison is None
+    materials = tuple(m.id for m in protocol.materials) if recorded else ()
+    return Scene(synthesis=recorded, actuator=virtual, place=not virtual, materials=materials)
 
 
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:

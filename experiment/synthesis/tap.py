@@ -94,6 +94,30 @@ def waveform(
     return np.asarray(grown * np.exp(-surface.decay_per_s * t) * np.sin(2 * pi * surface.attack_hz * t))
 
 
+@dataclass(frozen=True, eq=False)
+class Ring:
+    """The vibration of one tap as a device is to play it: samples, m/s^2, shape (n,), at a rate, Hz."""
+
+    waveform_m_s2: NDArray[np.float64]
+    rate_hz: int
+
+
+@dataclass(frozen=True, eq=False)
+class Rings:
+    """The vibrations of one surface at any speed, made beforehand: `unit` is that of 1 m/s."""
+
+    unit: Ring
+
+    def at(self, speed_m_s: float) -> Ring:
+        """Return the vibration of a tap at a speed, m/s, zero or more: it is linear in the speed (1)."""
+        return Ring(speed_m_s * self.unit.waveform_m_s2, self.unit.rate_hz)
+
+
+def rings(surface: Surface, *, rate_hz: int, aluminum_m_s2: float) -> Rings:
+    """Return the vibrations of a surface; arguments and errors are those of `waveform`."""
+    return Rings(Ring(waveform(surface, speed_m_s=1.0, rate_hz=rate_hz, aluminum_m_s2=aluminum_m_s2), rate_hz))
+
+
 @dataclass(frozen=True)
 class Exponential:
     """f = `at_zero_hz` exp(K / `per_n_m`): how the frequency rises with stiffness, and how badly it fits.

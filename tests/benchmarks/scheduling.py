@@ -49,6 +49,7 @@ from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, watch
 from experiment.session.masker import open_sound
+from experiment.synthesis.tap import Ring
 from experiment.synthesis.waveforms import Stimulus
 from tests.benchmarks import attended
 from tests.experiment.session.scripted import Endless
@@ -143,7 +144,7 @@ class Timed:
     def lead_ns(self) -> int:
         return self._actuator.lead_ns
 
-    def prepare(self, stimulus: Stimulus) -> Played:
+    def prepare(self, stimulus: Stimulus | Ring) -> Played:
         return self._actuator.prepare(stimulus)
 
     def aim(self, onset_ns: int) -> bool:

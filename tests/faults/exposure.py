@@ -36,6 +36,7 @@ from experiment.records.entries import PlannedTrial
 from experiment.session import attempt, runner
 from experiment.session.exposure import Exposed, dose_before
 from experiment.session.footstep.trials import FootstepDevices
+from experiment.synthesis.tap import Ring
 from experiment.synthesis.waveforms import Stimulus
 from tests.experiment.session.bench import HEADER, Constant, in_pieces
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, rest_samples, step_samples
@@ -223,7 +224,7 @@ class Panel(ScriptedActuator):
         self._onset_ns: int | None = None
         self.sounded_ns: list[int] = []
 
-    def prepare(self, stimulus: Stimulus) -> Played:
+    def prepare(self, stimulus: Stimulus | Ring) -> Played:
         self.settle()
         self._clock.sleep_ns(PREPARES_NS)
         return super().prepare(stimulus)

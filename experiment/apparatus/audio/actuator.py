@@ -18,6 +18,7 @@ from experiment.apparatus.panel.conditioning import Conditioner, Played
 from experiment.apparatus.rig import AudioRig, DeliveredRig
 from experiment.errors import ActuatorError
 from experiment.records.stimulus import Delivered
+from experiment.synthesis.tap import Ring
 from experiment.synthesis.voltages import Drive
 from experiment.synthesis.waveforms import Stimulus
 
@@ -148,7 +149,7 @@ class AudioActuator:
         frames = self._stream.lead_frames + self._audio.block
         return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
 
-    def prepare(self, stimulus: Stimulus) -> Played:
+    def prepare(self, stimulus: Stimulus | Ring) -> Played:
         """Limit and shape a stimulus at `rate_hz` and lay it ready; nothing sounds yet.
 
         `AudioError` says that it is too long, or that the stream has stopped.

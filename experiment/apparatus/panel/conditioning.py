@@ -24,6 +24,7 @@ from experiment.errors import ActuatorError
 from experiment.records import stimulus as records
 from experiment.synthesis import budget
 from experiment.synthesis.shaping import Shaped
+from experiment.synthesis.tap import Ring
 from experiment.synthesis.voltages import Drive
 from experiment.synthesis.waveforms import Basis, Stimulus
 
@@ -37,7 +38,7 @@ class Played:
     samples were made.
     """
 
-    stimulus: Stimulus
+    stimulus: Stimulus | Ring
     samples: NDArray[np.float32]
     full_scale: float
     limited: int
@@ -48,8 +49,10 @@ class Played:
     def budget(self) -> tuple[budget.Budget, Shaped | None]:
         """Return how the samples differ from what was asked for, and what shaping did, None where there is none.
 
-        Shaping is worked out anew for that.
+        Shaping is worked out anew for that. Raises `TypeError` for a tap, which has no bins.
         """
+        if isinstance(self.stimulus, Ring):
+            raise TypeError("a tap's vibration has no budget of bins")
         handed = self.samples.astype(np.float64) * self.full_scale
         if self.drive is None:
             return budget.of_accelerations(self.stimulus, handed_m_s2=handed, limited=self.limited), None
@@ -63,6 +66,8 @@ class Played:
         """Return what goes on record of it. The budget is worked out for that, so ask after contact."""
         asked = self.stimulus
         peak = max(float(self.samples.max()), -float(self.samples.min())) * self.full_scale
+        if isinstance(asked, Ring):
+            return self._ring_on_record(asked, peak)
         error, shaped = self.budget()
         reached = peak
         if self.drive is not None and shaped is not None:
@@ -88,6 +93,25 @@ class Played:
             shaping=None if shaped is None else _lost(shaped),
         )
 
+    def _ring_on_record(self, asked: Ring, peak: float) -> records.Stimulus:
+        missed = self.samples.astype(np.float64) * self.full_scale - asked.waveform_m_s2
+        wanted = float(np.linalg.norm(asked.waveform_m_s2))
+        return records.Stimulus(
+            asked_sha256=hashlib.sha256(np.asarray(asked.waveform_m_s2, "<f8").tobytes()).hexdigest(),
+            floored_bins=0,
+            extrapolated=False,
+            computed=records.Computed(
+                method=self.method, relative_error=float(np.linalg.norm(missed)) / wanted if wanted else 0.0
+            ),
+            handed_sha256=hashlib.sha256(self.samples.tobytes()).hexdigest(),
+            handed_unit="m/s^2",
+            handed_peak=peak,
+            samples=self.samples.size,
+            rate_hz=asked.rate_hz,
+            limited=self.limited,
+            reached_peak_m_s2=peak,
+        )
+
 
 class Conditioner:
     """Shapes, limits and scales every stimulus before its device."""
@@ -111,11 +135,11 @@ class Conditioner:
         """No sample is larger in magnitude; 1.0 is full scale."""
         return float(self._highest)
 
-    def __call__(self, stimulus: Stimulus) -> Played:
+    def __call__(self, stimulus: Stimulus | Ring) -> Played:
         """Return a stimulus, given at the device's rate, as its samples are played.
 
         Raises:
-            ActuatorError: there is nothing to play.
+            ActuatorError: there is nothing to play, or a tap for a device that takes volts.
             SynthesisError: the speed is so high that the spectrum overflows.
         """
         wanted, scale, method = self._made(stimulus)
@@ -129,12 +153,17 @@ class Conditioner:
         np.clip(samples, -self._highest, self._highest, out=samples)
         return Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale)
 
-    def _made(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float, str]:
+    def _made(self, stimulus: Stimulus | Ring) -> tuple[NDArray[np.float64], float, str]:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""
+        if isinstance(stimulus, Ring):
+            if self._drive is not None:
+                raise ActuatorError("actuator: got a tap for a device that takes volts; allowed: full_scale_m_s2")
+            return stimulus.waveform_m_s2, 1.0, "equation (2)"
+        band = stimulus.basis.band
         if self._drive is None:
-            return stimulus.waveform_m_s2, 1.0, "basis waveforms" if stimulus.held else "inverse DCT"
+            return stimulus.waveform_m_s2, 1.0, ("basis waveforms" if stimulus.held else "inverse DCT") + band
         voltages_v, scale, prepared = self._drive(stimulus)
-        return voltages_v, scale, "prepared voltages" if prepared else "voltages shaped for the step"
+        return voltages_v, scale, ("prepared voltages" if prepared else "voltages shaped for the step") + band
 
 
 def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:

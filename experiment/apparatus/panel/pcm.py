@@ -31,6 +31,7 @@ from experiment.apparatus.ports import Heard, Window
 from experiment.clock import Clock, MonotonicClock
 from experiment.errors import ActuatorError, RecordingError
 from experiment.records.stimulus import Delivered
+from experiment.synthesis.tap import Ring
 from experiment.synthesis.voltages import Drive
 from experiment.synthesis.waveforms import Stimulus
 
@@ -84,7 +85,7 @@ class PcmActuator:
     def lead_ns(self) -> int:
         return 0
 
-    def prepare(self, stimulus: Stimulus) -> Played:
+    def prepare(self, stimulus: Stimulus | Ring) -> Played:
         """Limit, shape and keep a stimulus at `rate_hz`; `ActuatorError` if there is nothing to play."""
         played = self._condition(stimulus)
         self._prepared = played.samples

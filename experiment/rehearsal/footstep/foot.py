@@ -266,13 +266,15 @@ class Foot:
         rest_mm: float = 70.0,
         noise_mm: float = 0.1,
         sole_mm: float = 0.0,
+        tick_s: float = TICK_S,
     ) -> None:
         """Power the device at a serial line, which the foot never closes; `tracker` has its rate and calibration.
 
         `real_time` sends by `clock`, the machine's monotonic one if None, also between steps. `noise_mm` is the
         standard deviation of the sensor's noise. `sole_mm` is how far above the sole the sensor sees the foot; tests of
-        zeroing set it, rehearsals do not.
+        zeroing set it, rehearsals do not. In real time frames go out every `tick_s`.
         """
+        self._tick_s = tick_s
         self._line = line
         self._tracker = tracker
         self._clock = clock or MonotonicClock()
@@ -391,7 +393,7 @@ class Foot:
     def _send_due(self) -> None:
         """Send every sample that is due in real time, of steps and of the rest between them."""
         with self._changed:
-            self._changed.wait_for(lambda: self._off, TICK_S)
+            self._changed.wait_for(lambda: self._off, self._tick_s)
         due = (self._clock.now_ns() - self._origin_ns) * self._tracker.rate_hz // 1_000_000_000 + 1
         while self._next_sample < due and not self._off:
             with self._changed:

@@ -20,9 +20,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from experiment.errors import ActuatorError
 from experiment.records.tapping import FIRST, SECOND, TIE
+from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.participant import SimulatedPerson
-from experiment.rehearsal.tapping import surfaces
+from experiment.rehearsal.tapping import hand, surfaces
 
 DISCRIMINATION = 0.25
 SPREAD = 0.3
@@ -36,12 +39,39 @@ logarithm of seconds; median 5 s, and up to twice as long where they feel alike.
 LAYS_OUT_S = (2.0, 5.0)
 """What the simulated experimenter takes to lay out a pair, s. Ours."""
 
+THINKS_S = (0.3, 0.8)
+"""Before each tap on a virtual surface, s. Ours."""
+
+AGAIN = 0.3
+"""Part of the pairs that feel nearly alike of which both are tapped once more. Ours."""
+
+FELT_TIMEOUT_S = 5.0
+"""How long a vibration is waited for, wall-clock time, s."""
+
 WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
+
+
+@dataclass(frozen=True)
+class Fingers:
+    """A hand at the tracker's end of its line, and what vibrates its fingers at the actuator's end of its own.
+
+    The tracker was powered at the session time `powered_ns`. The vibration has `rate_hz` samples a second.
+    """
+
+    foot: Foot
+    powered_ns: int
+    panel: Panel | CardPanel | None
+    rate_hz: int
 
 
 @dataclass(kw_only=True)
 class SimulatedTapper(SimulatedPerson):
-    """Implements `Console`: a participant before two samples, and a simulated experimenter who lays them out."""
+    """Implements `Console`: a participant before two samples, and a simulated experimenter who lays them out.
+
+    With `fingers` the samples are virtual: one is tapped, the other asked for, and what is felt is what was delivered.
+    """
+
+    fingers: Fingers | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -54,6 +84,7 @@ class SimulatedTapper(SimulatedPerson):
         self._keys = {answer: key for key, answer in self.protocol.comparisons.answers.items()}
         self._laid: tuple[str, ...] = ()
         self._times: Counter[int] = Counter()
+        self._felt: list[float] = []
 
     def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
         super().place(trial=trial, presented=presented)
@@ -61,13 +92,51 @@ class SimulatedTapper(SimulatedPerson):
         self._times[trial] += 1
         self.clock.sleep_ns(int(self._rng(trial, self._times[trial], 0).uniform(*LAYS_OUT_S) * 1e9))
 
+    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
+        super().arm(trial=trial, attempt=attempt, trials=trials)
+        self._times[trial] = attempt
+        self._felt = []
+        return False
+
     def says(self, trial: int) -> tuple[str, str]:
         rng = self._rng(trial, self._times[trial], 1)
-        first, second = (self._heights[name] + self._discrimination * rng.normal() for name in self._laid)
+        if self.fingers is None:
+            heights = [self._heights[name] for name in self._laid]
+        else:
+            self._felt.append(self._tap(self.fingers, self._rng(trial, self._times[trial], 2, len(self._felt))))
+            heights = self._felt[-2:]
+            if len(self._felt) % 2 or self._tries_again(heights, rng.random()):
+                return self.protocol.surfaces.switch_key, "the other one, please"
+        first, second = (height + self._discrimination * rng.normal() for height in heights)
         apart = (first - second) / self._discrimination
         self.clock.sleep_ns(int(rng.lognormal(*DECIDES_LOG_S) * (1 + np.exp(-abs(apart))) * 1e9))
         answer = self._answer(apart + self._leaning / self._discrimination)
         return self._keys[answer], WORDS[answer]
+
+    def _tries_again(self, heights: list[float], drawn: float) -> bool:
+        """Return whether both are tapped once more."""
+        alike = abs(heights[0] - heights[1]) < self._discrimination
+        return alike and drawn < AGAIN and len(self._felt) < 4
+
+    def _tap(self, fingers: Fingers, rng: np.random.Generator) -> float:
+        """Tap the surface that lies there, and return how high that felt, as a logarithm; 0 for nothing felt."""
+        if fingers.panel is None:
+            raise ActuatorError("the simulated fingers have no actuator; give a rig with one")
+        while fingers.panel.felt(0) is not None:
+            self.show("The participant felt a vibration of a tap that did not count")
+        path = hand.tap(rng)
+        # All of simulated time passes before the tap, so that what is on record of it does not depend on the machine.
+        begin_ns = max(
+            self.clock.now_ns() + int(rng.uniform(*THINKS_S) * 1e9), fingers.powered_ns + fingers.foot.free_us * 1000
+        )
+        self.clock.sleep_ns(begin_ns + int(path.duration_us * 1e3) - self.clock.now_ns())
+        if not self.clock.simulated:
+            begin_ns = self.clock.now_ns()
+        fingers.foot.step(path, (begin_ns - fingers.powered_ns) // 1000)
+        fingers.foot.finish()
+        felt = fingers.panel.felt(FELT_TIMEOUT_S)
+        height_hz = None if felt is None else surfaces.felt_hz(felt, fingers.rate_hz)
+        return float(np.log(height_hz or 1.0))
 
     def _answer(self, apart: float) -> str:
         if TIE in self._keys and abs(apart) < NEARLY:

@@ -88,15 +88,16 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
     prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
     found, speeds = {}, speeds_mm_s(protocol)
     for material, basis in prepared.items():
-        played = [condition(basis.at(v)) for v in speeds]
+        stimuli = [basis.at(v) for v in speeds]
+        played = [condition(stimulus) for stimulus in stimuli]
         told = [one.budget() for one in played]
         found[material] = Fidelity(
             speeds_mm_s=speeds,
             budgets=tuple(each for each, _ in told),
             nearest_m_s2=tuple(_nearest_m_s2(material, spectra, v) for v in speeds),
             other_reading=tuple(
-                budget.other_reading(one.stimulus, shaped=shaped, response=one.drive.response)
-                for one, (_, shaped) in zip(played, told, strict=True)
+                budget.other_reading(stimulus, shaped=shaped, response=one.drive.response)
+                for stimulus, one, (_, shaped) in zip(stimuli, played, told, strict=True)
                 if shaped is not None and one.drive is not None
             ),
             interpolation=_most(budget.interpolation(spectra[material])),

@@ -244,6 +244,18 @@ class Footsteps:
         """Return the materials of the study by their keys; in every trial the same."""
         return self._answers
 
+    @property
+    def keys(self) -> Mapping[str, str]:
+        """There are none."""
+        return {}
+
+    def press(self, key: str) -> None:
+        """Do nothing: there are no further keys."""
+
+    def rest(self) -> str:
+        """Return nothing: a stimulus has ended when its question is asked."""
+        return ""
+
     def measured(self) -> Measured:
         """Return the foot's height in the last seconds, mm, and how the last step went."""
         newest, step = tuple(self._watch.feed.newest), self._protocol.footsteps.step

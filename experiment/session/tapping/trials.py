@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+from experiment.apparatus.rig import Rig
 from experiment.clock import Clock
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Header, PlannedTrial
 from experiment.records.tapping import FIRST, SECOND, PairLaidOut
-from experiment.session.kind import Limits, Log, Meaning, Measured, Seen
+from experiment.session.kind import FarEnds, KindDevices, Limits, Log, Meaning, Measured, Seen
+
+if TYPE_CHECKING:
+    from experiment.apparatus.audio.stream import AudioStream
 
 
 @dataclass(frozen=True)
@@ -31,9 +36,23 @@ class ComparisonDevices:
         return Comparisons(protocol=protocol, console=console, clock=clock, limits=limits)
 
 
-def open_comparisons(**_: object) -> ComparisonDevices:
-    """Open nothing; arguments are those of `laboratory.open_laboratory`."""
-    return ComparisonDevices()
+def open_comparisons(
+    *,
+    protocol: Protocol,
+    rig: Rig,
+    task_id: str,
+    clock: Clock,
+    stream: AudioStream | None,
+    ends: FarEnds,
+    opened: ExitStack,
+    **_: object,
+) -> KindDevices:
+    """Open what a task needs: nothing for real samples; arguments are those of `laboratory.open_laboratory`."""
+    if protocol.task(task_id).stimulus == "real":
+        return ComparisonDevices()
+    from experiment.session.tapping.virtual import open_surfaces
+
+    return open_surfaces(protocol=protocol, rig=rig, clock=clock, stream=stream, ends=ends, opened=opened)
 
 
 class Comparisons:
@@ -72,6 +91,18 @@ class Comparisons:
         first, second = planned.presented
         words = {FIRST: f"the first ({first})", SECOND: f"the second ({second})"}
         return {key: Meaning(one, words.get(one, "neither")) for key, one in self._comparison.answers.items()}
+
+    @property
+    def keys(self) -> Mapping[str, str]:
+        """There are none."""
+        return {}
+
+    def press(self, key: str) -> None:
+        """Do nothing: there are no further keys."""
+
+    def rest(self) -> str:
+        """Return nothing: nothing was felt from a device."""
+        return ""
 
     def measured(self) -> Measured:
         """Return that nothing is measured."""

@@ -10,10 +10,11 @@ import pytest
 from experiment.dataset import build, comparison
 from experiment.dataset.verify import verify
 from experiment.desk.port import Corrected
-from experiment.errors import DatasetError
+from experiment.errors import DatasetError, RigError
+from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.rehearsal import study
-from tests.experiment.protocol.tapping import protocol
+from tests.experiment.protocol.tapping import live_alone, protocol
 from tests.experiment.session.tapping.bench import console, contents, run
 
 
@@ -36,10 +37,11 @@ def test_a_row_for_each_pair_that_was_laid_out(tmp_path: Path) -> None:
 
 @pytest.fixture(scope="module")
 def rehearsed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("pairs")
     return study.rehearse(
-        protocol_file=shipped("wellman1995.toml"),
+        protocol_file=live_alone(folder),
         rig_file=shipped("rigs/rehearsal.toml"),
-        out=tmp_path_factory.mktemp("pairs") / "rehearsed",
+        out=folder / "rehearsed",
         participants=1,
         seed=1,
     )
@@ -73,7 +75,7 @@ def test_it_is_built_again_the_same_and_verified(rehearsed: Path) -> None:
 def test_nothing_is_silenced_where_nothing_is_played(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="got silence for study wellman1995; allowed: none"):
         study.rehearse(
-            protocol_file=shipped("wellman1995.toml"),
+            protocol_file=live_alone(tmp_path),
             rig_file=shipped("rigs/rehearsal.toml"),
             out=tmp_path / "silent",
             participants=1,
@@ -81,6 +83,20 @@ def test_nothing_is_silenced_where_nothing_is_played(tmp_path: Path) -> None:
             control="silence",
         )
     assert not (tmp_path / "silent").exists()
+
+
+def test_virtual_surfaces_are_not_rehearsed_on_a_rig_that_pushes_nothing(tmp_path: Path) -> None:
+    with pytest.raises(RigError, match=r"rig 'rehearsal': got no table \[servo\]"):
+        study.rehearse(
+            protocol_file=shipped("wellman1995.toml"),
+            rig_file=shipped("rigs/rehearsal.toml"),
+            out=tmp_path / "pushed",
+            participants=1,
+            seed=1,
+        )
+    assert not (tmp_path / "pushed").exists()
+    rig = study.simulated_rig(files.load(shipped("wellman1995.toml")))
+    assert rig == shipped("rigs/tapping.toml")
 
 
 def test_an_answer_that_was_edited_is_found(rehearsed: Path, tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import document
 
@@ -30,6 +32,38 @@ def comparing(*, repetitions: int = 2, order: str = "full-random", tie_key: str 
     tests = ("Davidson",) if tie_key is not None else ("Bradley-Terry", "Thurstone")
     study["analysis"] = tuple({"test": test, "tasks": ("live",), "question": "How far apart?"} for test in tests)
     return study
+
+
+def rendering() -> dict[str, Any]:
+    """The same with virtual surfaces."""
+    study = comparing()
+    task = study["tasks"][0]
+    study["tasks"] = ({**task, "id": "virtual", "stimulus": "virtual"},)
+    study["analysis"] = tuple({**one, "tasks": ("virtual",)} for one in study["analysis"])
+    rings = ((60.0, 0.1), (200.0, 0.2), (900.0, 0.5))
+    study["materials"] = tuple(
+        {**one, "attack_hz": hz, "amplitude": part} for one, (hz, part) in zip(study["materials"], rings, strict=True)
+    )
+    study["exposure"] = {**study["exposure"], "force_peak_n": 2.0}
+    study["comparison"]["virtual"] = {
+        "switch_key": "s",
+        "rate_hz": 2000,
+        "stiffness_n_m": 800.0,
+        "damping_n_s_m": 5.0,
+        "full_m_s2": 40.0,
+        "decay_per_s": 100.0,
+        "fastest_mm_s": 175.0,
+    }
+    return study
+
+
+def live_alone(folder: Path) -> Path:
+    """Write the shipped study with its live task alone, which needs no device; return the file."""
+    text = shipped("wellman1995.toml").read_text("utf-8")
+    begin, end = text.index('[[tasks]]\nid = "virtual"'), text.index("# Exclusion rules")
+    file = folder / "live.toml"
+    file.write_text((text[:begin] + text[end:]).replace('["live", "virtual"]', '["live"]'), "utf-8")
+    return file
 
 
 def protocol(**how: Any) -> Protocol:

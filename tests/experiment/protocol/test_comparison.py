@@ -14,7 +14,7 @@ from experiment.protocol.page import page
 from experiment.settings import load
 from tests.experiment.protocol import small
 from tests.experiment.protocol.small import changed
-from tests.experiment.protocol.tapping import comparing, protocol
+from tests.experiment.protocol.tapping import comparing, protocol, rendering
 
 LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial", "reason": "x"}
 STEPS = small.document()["footstep"]
@@ -29,7 +29,17 @@ BROKEN = [
     ({key: t for key, t in small.document().items() if key != "footstep"}, "footstep", "tasks of the kind 'footstep'"),
     (changed(comparing(), ("materials", 0, "key"), "f"), "materials[0].key", "participants compare materials"),
     (changed(comparing(), ("materials", 0, "spoken"), ("felt",)), "materials[0].spoken", "participants compare mat"),
-    (changed(comparing(), ("tasks", 0, "stimulus"), "virtual"), "tasks[0].stimulus", "renders no virtual surface yet"),
+    (
+        changed(rendering(), ("comparison",), comparing()["comparison"]),
+        "comparison.virtual",
+        "a task with virtual surfaces needs it",
+    ),
+    (changed(rendering(), ("exposure", "force_peak_n"), None), "exposure.force_peak_n", "a number of newtons"),
+    (changed(rendering(), ("materials", 1, "attack_hz"), None), "materials[1].attack_hz", "renders every material"),
+    (changed(rendering(), ("materials", 1, "amplitude"), None), "materials[1].amplitude", "renders every material"),
+    (changed(rendering(), ("comparison", "virtual", "switch_key"), "1"), "comparison.virtual.switch_key", "of its own"),
+    (changed(rendering(), ("comparison", "virtual", "mass_kg"), -1.0), "comparison.virtual.mass_kg", "greater than 0"),
+    (changed(rendering(), ("comparison", "virtual", "stiffness"), 9.0), "comparison.virtual.stiffness", "no such key"),
     (changed(comparing(), ("tasks", 0, "repetitions"), 3), "tasks[0].repetitions", "an even number"),
     (
         changed(comparing(), ("tasks", 0, "order"), {"kind": "max-run", "max_run": 2}),
@@ -74,6 +84,24 @@ def without_a_chance(study: dict[str, Any]) -> dict[str, Any]:
 def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allowed: str) -> None:
     problems = [one for one in load.find(Protocol, without_a_chance(study), {}) if one.path == path]
     assert [allowed in one.allowed for one in problems] == [True]
+
+
+def test_virtual_surfaces_are_within_the_rules_and_the_board_reads_how_they_are_rendered() -> None:
+    assert load.find(Protocol, rendering(), {}) == ()
+    text = " ".join(page(Protocol.model_validate(rendering()), "study.toml").split())
+    assert "a spring of 800 N/m and a damper of 5 N s/m, and it is held" in text
+    assert "2000 times a second and is never above 2 N" in text
+    assert '"tin": 900 Hz, 20 m/s^2.' in text
+    assert "the experimenter presses [s]" in text
+    assert "Two real samples" not in text
+
+
+def test_what_is_not_stated_of_virtual_surfaces_is_not_in_the_canonical_form() -> None:
+    form = json.loads(approval.canonical(Protocol.model_validate(rendering())))
+    assert form["comparison"] == rendering()["comparison"]
+    assert set(form["materials"][0]) == {"id", "description", "attack_hz", "amplitude"}
+    assert form["exposure"]["force_peak_n"] == 2.0
+    assert "force_peak_n" not in json.loads(approval.canonical(protocol()))["exposure"]
 
 
 @pytest.mark.parametrize("how", [{}, {"tie_key": "3"}, {"repetitions": 8, "order": "blocked-random"}])
@@ -131,9 +159,20 @@ def test_the_board_reads_what_is_compared_how_often_and_by_which_answers() -> No
 
 
 def test_the_shipped_study_is_that_of_the_paper() -> None:
-    """Live Tapping Experiment: five surfaces, random pairs of them, 120 trials, seven subjects, white noise."""
+    """Live and Virtual Tapping Experiments: five surfaces, random pairs of them, 120 trials, seven subjects."""
     study = files.load(files.shipped("wellman1995.toml"))
     assert (study.study.participants, study.masker.noise) == (7, "white")
     assert len(study.presentations) == 15
-    assert [(task.id, study.trials(task)) for task in study.tasks] == [("live", 120)]
+    assert [(task.id, study.trials(task)) for task in study.tasks] == [("live", 120), ("virtual", 120)]
+    virtual = study.surfaces
+    assert (virtual.rate_hz, virtual.stiffness_n_m, virtual.damping_n_s_m) == (2500, 2500.0, 100.0)
+    assert (virtual.decay_per_s, virtual.fastest_mm_s, study.exposure.force_peak_n) == (100.0, 175.0, 3.0)
+    # Table 1.
+    assert [(one.attack_hz, one.amplitude) for one in study.materials] == [
+        (43.0, 0.033),
+        (50.0, 0.034),
+        (100.0, 0.113),
+        (1000.0, 0.472),
+        (4000.0, 1.0),
+    ]
     assert study.comparisons.tie_key is None

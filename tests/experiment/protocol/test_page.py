@@ -82,15 +82,18 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
 KEPT = changed(changed(document(), ("consent", "kept_months"), 18), ("answers", "microphone"), True)
 PROBED = changed(KEPT, ("masker", "probe"), {"material": "felt", "speed_mm_s": 200.0})
 LIMITED = changed(PROBED, ("footstep", "synthesis", "left_out_max"), 0.25)
-FULL = Protocol.model_validate(changed(LIMITED, ("analysis", 0, "correction"), "materials"))
+SAME = {"test": "equivalence", "tasks": ("one",), "question": "Are felt and cork told apart?", "margin": 0.125}
+PLANNED = {**LIMITED, "analysis": (*LIMITED["analysis"], SAME)}
+FULL = Protocol.model_validate(changed(PLANNED, ("analysis", 0, "correction"), "materials"))
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""
 
 PAIRS = tapping.protocol(tie_key="3")
+RENDERED = Protocol.model_validate(changed(tapping.rendering(), ("comparison", "virtual", "mass_kg"), 2.0))
 
 CASES = [
     (study, path, value, other)
-    for study in (FULL, PAIRS)
+    for study in (FULL, PAIRS, RENDERED)
     for path, kind, value in fields(study)
     for other in others(kind, value)
     if study is FULL or path != ("consent", "voice_recordings")
@@ -99,7 +102,7 @@ CASES = [
 
 
 @pytest.mark.parametrize(
-    ("study", "path", "value", "other"), CASES, ids=lambda one: "" if one in (FULL, PAIRS) else str(one)
+    ("study", "path", "value", "other"), CASES, ids=lambda one: "" if one in (FULL, PAIRS, RENDERED) else str(one)
 )
 def test_the_page_changes_with_every_value(
     study: Protocol, path: tuple[str | int, ...], value: object, other: object
@@ -265,6 +268,10 @@ def test_a_seal_is_told_in_lines_of_its_own() -> None:
 def test_the_file_stands_on_the_page() -> None:
     shown = page_of(protocol(), "a\n\x1b[2Kb.toml")
     assert "  File         | a <U+001B>[2Kb.toml\n" in shown
+
+
+def test_the_margin_of_a_planned_equivalence_is_told() -> None:
+    assert "equivalence within 0.125; task one; alpha 0.05." in words(page(FULL))
 
 
 def test_the_correction_of_a_planned_test_is_told() -> None:

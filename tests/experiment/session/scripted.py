@@ -15,6 +15,7 @@ from experiment.clock import Clock, ManualClock
 from experiment.desk.port import Attended, Remark
 from experiment.errors import PalpateError, TrackerStopped
 from experiment.records.stimulus import Delivered
+from experiment.synthesis.tap import Ring
 from experiment.synthesis.waveforms import Stimulus
 
 START_NS = 10**18
@@ -109,7 +110,7 @@ class ScriptedActuator:
         self.heard: deque[Delivered | BaseException] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
-    def prepare(self, stimulus: Stimulus) -> Played:
+    def prepare(self, stimulus: Stimulus | Ring) -> Played:
         self._prepared = stimulus.waveform_m_s2
         self.aimed.append([])
         return Played(stimulus, self._prepared.astype("<f4"), full_scale=1.0, limited=0, method="scripted")

@@ -12,6 +12,7 @@ from experiment.apparatus.tracker.landing import Landing
 from experiment.clock import ManualClock
 from experiment.records.stimulus import Delivered
 from experiment.session.footstep.stimulus import Sounder, Sounding
+from experiment.synthesis.tap import Ring
 from experiment.synthesis.waveforms import Stimulus
 from tests.experiment.synthesis.stimuli import basis_of
 
@@ -29,7 +30,7 @@ class Aimed:
         self.aims: list[int] = []
         self.prepared = 0
 
-    def prepare(self, stimulus: Stimulus) -> Played:
+    def prepare(self, stimulus: Stimulus | Ring) -> Played:
         self.prepared += 1
         return Conditioner(full_scale=64.0, limit_m_s2=20.0)(stimulus)
 

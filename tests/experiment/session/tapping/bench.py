@@ -13,7 +13,7 @@ from experiment.protocol.models import Protocol
 from experiment.records import journal
 from experiment.records.entries import Footer, PlannedTrial
 from experiment.session import attempt, runner
-from experiment.session.tapping.trials import open_comparisons
+from experiment.session.tapping.trials import ComparisonDevices
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
@@ -35,7 +35,7 @@ def console(keys: Iterable[str | Remark], clock: ManualClock | None = None) -> L
 
 
 def run(protocol: Protocol, desk: LayingConsole, dataset: Path) -> Footer:
-    devices = attempt.Devices(kind=open_comparisons(), console=desk, clock=desk._clock, masker=None, reconnect_s=300.0)
+    devices = attempt.Devices(kind=ComparisonDevices(), console=desk, clock=desk._clock, masker=None, reconnect_s=300.0)
     rig_file = shipped("rigs/rehearsal.toml")
     return runner.run(protocol=protocol, header=ASKED, devices=devices, rig_file=rig_file, dataset=dataset)
 

@@ -61,7 +61,7 @@ def test_a_session_of_real_samples_needs_no_device(tmp_path: Path, monkeypatch: 
         protocol_file=study,
         rig_file=rig,
         participant="01",
-        task_id=None,
+        task_id="live",
         root=root,
         recordings=None,
         console=desk,

@@ -1,0 +1,155 @@
+"""The force device behind a socket, and palpate's messages to it, for the author of its firmware or server.
+
+One TCP connection; the device holds a force from one message to the next. Each message has 20 bytes, little-endian:
+
+    field      type     meaning
+    sequence   uint32   rises by one with every message, from 0
+    flags      uint32   1: the hand is too fast, so light the lamp
+    out_n      float32  force that pushes the hand out of the block, N
+    along_n    float32  force along the face, N
+    crc        uint32   CRC-32 (that of zlib) of the sixteen bytes before it
+
+It answers each at once with eight bytes: the sequence number, and 1 where it has dropped its force since its last
+answer, or 0. **It drops its force, in any case, when no good message has come for 2 ms, and when the connection ends**:
+that holds where the servo itself has died. The connection is neither encrypted nor authenticated: keep it on the
+loopback interface or a line of its own.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+from collections import deque
+from contextlib import suppress
+from zlib import crc32
+
+from experiment.apparatus.servo.rendering import NO_FORCE, bounded
+from experiment.errors import ServoError
+from experiment.synthesis.contact import Pair
+
+MESSAGE = struct.Struct("<IIff")
+MESSAGE_BYTES = MESSAGE.size + 4
+ANSWER = struct.Struct("<II")
+
+FAST, DROPPED = 1, 1
+"""Flags of a message, and of an answer."""
+
+DROPS_AFTER_S = 0.002
+"""A device that hears nothing for so long drops its force, s."""
+
+CONNECT_S = 1.0
+"""How long a device may take to accept, s."""
+
+CATCHES_UP_S = 5.0
+"""How long a device may be silent in simulated time, s."""
+
+MOST_OPEN = 4096
+"""Messages without an answer beyond which the device counts as gone, however late answers may be."""
+
+_SEQUENCES = 1 << 32
+
+
+def encode(sequence: int, force_n: Pair, *, fast: bool) -> bytes:
+    """Return one message, 20 bytes."""
+    body = MESSAGE.pack(sequence % _SEQUENCES, FAST if fast else 0, *force_n)
+    return body + crc32(body).to_bytes(4, "little")
+
+
+def decode(message: bytes) -> tuple[int, Pair, bool] | None:
+    """Return sequence number, force and lamp of a message of 20 bytes; None where its CRC is wrong."""
+    body = message[: MESSAGE.size]
+    if crc32(body) != int.from_bytes(message[MESSAGE.size :], "little"):
+        return None
+    sequence, flags, out_n, along_n = MESSAGE.unpack(body)
+    return sequence, (out_n, along_n), bool(flags & FAST)
+
+
+class ForceDevice:
+    """Implements `ForceOutput`."""
+
+    def __init__(self, address: str, *, limit_n: float) -> None:
+        """Connect to the device at `host:port`; no force is ever larger than the limit, N.
+
+        Raises `ServoError` if nothing answers there.
+        """
+        host, _, port = address.rpartition(":")
+        self._address = address
+        self._limit_n = limit_n
+        try:
+            self._line = socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S)
+        except OSError as error:
+            raise ServoError(
+                f"force device at {address}: nothing answers there ({error.strerror or error}); start its server, or "
+                "correct servo.address in the rig file"
+            ) from error
+        self._line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._line.setblocking(False)
+        self._sequence = 0
+        self._unanswered: deque[tuple[int, int]] = deque()
+        self._heard = b""
+        self.dropped = 0
+        """How often the device said that it had dropped its force."""
+
+    def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> None:
+        """Have the device hold a force, N, bounded by the limit; `now_ns` is the machine's monotonic clock.
+
+        Raises `ServoError` if the device takes nothing more.
+        """
+        message = encode(self._sequence, bounded(force_n, self._limit_n), fast=fast)
+        try:
+            sent = self._line.send(message)
+        except OSError as error:
+            raise self._gone(error) from error
+        if sent != len(message) or len(self._unanswered) >= MOST_OPEN:
+            raise ServoError(f"force device at {self._address}: it reads nothing more; see that it runs, then go on")
+        self._unanswered.append((self._sequence % _SEQUENCES, now_ns))
+        self._sequence += 1
+
+    def late_ns(self, now_ns: int) -> int:
+        """Return for how long the oldest message has waited for its answer, ns. Raises `ServoError` if it is gone."""
+        try:
+            while heard := self._line.recv(4096):
+                self._heard += heard
+        except BlockingIOError:
+            heard = b"-"
+        except OSError as error:
+            raise self._gone(error) from error
+        whole = len(self._heard) // ANSWER.size * ANSWER.size
+        for sequence, dropped in ANSWER.iter_unpack(self._heard[:whole]):
+            if not self._unanswered or self._unanswered.popleft()[0] != sequence:
+                raise ServoError(
+                    f"force device at {self._address}: got an answer to message {sequence}, which was not the next; "
+                    "allowed: one answer to each message, in order; see to the device"
+                )
+            self.dropped += dropped == DROPPED
+        self._heard = self._heard[whole:]
+        if not heard:
+            raise self._gone(ConnectionResetError("it closed the connection"))
+        return now_ns - self._unanswered[0][1] if self._unanswered else 0
+
+    def catch_up(self, behind: int) -> None:
+        """Wait, up to `CATCHES_UP_S`, until the device is no more than so many messages behind.
+
+        Only simulated time, in which messages come as fast as they are made, waits. Raises `ServoError` if it does not
+        catch up.
+        """
+        while len(self._unanswered) > behind:
+            if not select.select([self._line], [], [], CATCHES_UP_S)[0]:
+                raise ServoError(
+                    f"force device at {self._address}: no answer for {CATCHES_UP_S:g} s; see that it runs, then go on"
+                )
+            self.late_ns(0)
+
+    def close(self) -> None:
+        """Take the force away, as far as the device still listens, and hang up."""
+        # Whatever it hears of this, it drops its force when the connection ends.
+        with suppress(OSError):
+            self._line.send(encode(self._sequence, NO_FORCE, fast=False))
+        self._line.close()
+
+    def _gone(self, error: OSError) -> ServoError:
+        return ServoError(
+            f"force device at {self._address}: the connection broke ({error.strerror or error}); see that it runs, "
+            "then go on"
+        )

@@ -1,0 +1,204 @@
+"""The session's end of the servo: what the hand did, read by read, and which block it meets.
+
+`ServoProcess` is for real time, and `ServoHere` for simulated time, in which the same rendering steps in the session's
+own process, as fast as the tracker's line brings samples: no deadline means anything there.
+"""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+from contextlib import suppress
+from dataclasses import asdict
+
+import numpy as np
+
+from experiment.apparatus import host
+from experiment.apparatus.ports import Tracker
+from experiment.apparatus.servo import process, rendering
+from experiment.apparatus.servo.device import ForceDevice
+from experiment.apparatus.servo.process import Line, Orders
+from experiment.apparatus.servo.rendering import Felt, Rendered, Touch
+from experiment.apparatus.tracker import clock_map as clock_maps
+from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
+from experiment.apparatus.tracker.frames import Decoder
+from experiment.clock import Clock, monotonic_ns
+from experiment.errors import ServoError, TrackerStopped
+from experiment.synthesis.contact import Block
+
+SLICE_S = 0.05
+"""A read waits no longer for the hand, s."""
+
+STARTS_S = 10.0
+"""How long the process may take until it tells of the first frame, s: it loads numpy, on a machine that may be busy."""
+
+ENDS_S = 2.0
+"""How long it may take to end, s."""
+
+BEHIND = 1000
+"""In simulated time the device may be so many messages behind."""
+
+
+class ServoProcess:
+    """Implements `Servo`: the servo in a process of its own."""
+
+    def __init__(self, orders: Orders, clock: Clock) -> None:
+        """Start it, and wait until the hand is there. Raises `ServoError` if a part cannot be opened."""
+        self._orders, self._clock = orders, clock
+        self._block: Block | None = None
+        self._begin()
+
+    def _begin(self) -> None:
+        ours, theirs = socket.socketpair()
+        self._line = Line(ours)
+        self._decoder = Decoder(period_us=1e6 / self._orders.tracker_hz)
+        self._state: ClockState | None = None
+        self._speed = Rendered()
+        self._waiting: Felt | None = None
+        self.counts: dict[str, int] = {}
+        theirs.set_inheritable(True)
+        told = [sys.executable, "-m", process.__name__, str(theirs.fileno()), json.dumps(asdict(self._orders))]
+        with theirs, host.elsewhere():
+            self._process = subprocess.Popen(  # noqa: S603
+                told, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL
+            )
+        for _ in range(round(STARTS_S / SLICE_S)):
+            self._waiting = self.read()
+            if self._waiting is not None:
+                break
+        else:
+            self.close()
+            raise ServoError(
+                f"servo: no frame of the tracker at {self._orders.port} for {STARTS_S:g} s; see that the device is "
+                "powered, connected and sampling"
+            )
+        self.render(self._block)
+
+    def render(self, block: Block | None) -> None:
+        """Have the hand meet a block from now on, once it is outside of it; None for none."""
+        self._block = block
+        self._line.tell(process.RENDER, process.block_json(block), monotonic_ns())
+
+    def read(self) -> Felt | None:
+        """Return what the hand did since the read before; None if nothing has come within `SLICE_S`.
+
+        Raises `ServoError` once the process has ended, as it says why.
+        """
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None:
+            return waiting
+        try:
+            heard = self._line.hear(SLICE_S)
+        except EOFError:
+            raise ServoError("servo: its process has ended; nothing is pushed; resume the session") from None
+        ended = ""
+        touches: list[Touch] = []
+        times: list[int] = []
+        heights: list[float] = []
+        for kind, content, sent_ns in heard:
+            if kind == process.SAMPLES:
+                self._decoder, frames = self._decoder.feed(content)
+                if frames.device_us.size:
+                    newest_us = int(frames.device_us[-1])
+                    at_ns = self._clock.now_ns() - (monotonic_ns() - sent_ns)
+                    step = clock_maps.step
+                    self._state = (
+                        clock_maps.init(newest_us, at_ns)
+                        if self._state is None
+                        else step(self._state, newest_us, at_ns)
+                    )
+                    times += frames.device_us.tolist()
+                    heights += np.interp(frames.counts, self._orders.counts, self._orders.mm).tolist()
+            elif kind == process.TOUCH:
+                touches.append(Touch(*process.TOUCHED.unpack(content)))
+            elif kind == process.COUNTS:
+                self.counts = json.loads(content)
+            elif kind == process.ENDED:
+                ended = content.decode()
+        if ended:
+            raise ServoError(ended)
+        if self._state is None or not times:
+            return None
+        return self._felt(times, heights, touches, self._state.map())
+
+    def _felt(self, times: list[int], heights: list[float], touches: list[Touch], clock: ClockMap) -> Felt:
+        for us, mm in zip(times, heights, strict=True):
+            self._speed, _ = rendering.step(None, self._speed, us, (mm, 0.0))
+        fast = self._speed.speed_mm_s > self._orders.fastest_mm_s
+        return Felt(tuple(times), tuple(heights), tuple(touches), clock, fast)
+
+    def reconnect(self) -> None:
+        """Start the process anew, with the same block. Raises `ServoError` if a part cannot be opened."""
+        self.close()
+        self._begin()
+
+    def close(self) -> None:
+        """End the process, with the force at zero; `counts` then says how its cycles went."""
+        if self._process.returncode is not None:
+            return
+        with suppress(ServoError, OSError):
+            self._line.end()
+            for _ in range(round(ENDS_S / SLICE_S)):
+                self.read()
+        self._line.close()
+        try:
+            self._process.wait(ENDS_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+
+class ServoHere:
+    """Implements `Servo` in simulated time."""
+
+    def __init__(self, orders: Orders, tracker: Tracker) -> None:
+        """Render what the tracker reads. Raises `ServoError` if the device cannot be opened."""
+        self._orders, self._tracker = orders, tracker
+        self._device = ForceDevice(orders.address, limit_n=orders.limit_n)
+        self._lock = threading.Lock()
+        self._block: Block | None = None
+        self._at = Rendered()
+        self._pushed = (rendering.NO_FORCE, False)
+
+    def render(self, block: Block | None) -> None:
+        """Have the hand meet a block from now on, as `ServoProcess.render`."""
+        with self._lock:
+            self._block, self._at = block, self._at.silent()
+
+    def read(self) -> Felt | None:
+        """Return what the hand did, as `ServoProcess.read`; a hand that rests sends nothing in simulated time."""
+        try:
+            samples = self._tracker.read()
+        except TrackerStopped:
+            return None
+        clock = self._tracker.clock_map
+        if clock is None:
+            return None
+        times, heights = samples.device_us.tolist(), samples.height_mm.tolist()
+        touches: list[Touch] = []
+        with self._lock:
+            for us, mm in zip(times, heights, strict=True):
+                self._at, touched = rendering.step(self._block, self._at, us, (mm, 0.0))
+                touches += touched
+                self._push()
+            fast = self._at.speed_mm_s > self._orders.fastest_mm_s
+        return Felt(tuple(times), tuple(heights), tuple(touches), clock, fast)
+
+    def _push(self) -> None:
+        """Hand the device what it does not push already."""
+        wanted = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
+        if wanted != self._pushed:
+            self._pushed = wanted
+            self._device.push(wanted[0], fast=wanted[1], now_ns=monotonic_ns())
+            self._device.catch_up(BEHIND)
+
+    def reconnect(self) -> None:
+        """Do nothing: no device falls silent in simulated time."""
+
+    def close(self) -> None:
+        """Take the force away."""
+        self._device.close()
+        self._tracker.close()

@@ -1,0 +1,284 @@
+"""The process that drives the force device: `link` starts it, and hears what the hand did.
+
+Each cycle it reads the tracker's line, steps the block, and hands the device a force. It never waits for the session:
+what the session is late to read is kept, up to `MOST_KEPT_BYTES`. It ends, with the force at zero, when the session is
+gone. On Linux it sees a kill of the session at the next cycle, while the system still takes the session's memory apart:
+the signal is pending in /proc. Elsewhere it sees the end of the line between them, which comes some milliseconds later.
+
+The force is zero from the cycle on in which something is wrong, and until the hand touches anew from outside: a cycle
+that began `SILENT_NS` or more late, no frame of the tracker for that long and a period, or a sample that `rendering`
+does not believe. Nothing more is pushed after a device that answers late, a tracker that has gone, or one that was
+silent for the rig's `stall_ms`: then the process says why, and ends.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import select
+import socket
+import struct
+import sys
+import time
+from collections import Counter
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from experiment.apparatus import host
+from experiment.apparatus.servo import rendering
+from experiment.apparatus.servo.device import ForceDevice
+from experiment.apparatus.servo.rendering import Rendered
+from experiment.apparatus.tracker.frames import Decoder
+from experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
+from experiment.errors import PalpateError, ServoError
+from experiment.synthesis.contact import Block
+
+SILENT_NS = 2_000_000
+"""After so long without what a force rests on there is none, ns."""
+
+MOST_KEPT_BYTES = 1 << 20
+"""What the session is late to read, bytes: half a minute of frames."""
+
+SAMPLES, TOUCH, COUNTS, ENDED, RENDER = range(5)
+"""Kinds of messages: the tracker's bytes, a touch, how the cycles went, why the process ended; and to it, a block."""
+
+HEAD = struct.Struct("<BIq")
+TOUCHED = struct.Struct("<dd")
+
+PR_SET_TIMERSLACK = 29
+PF_EXITING = 0x4
+SIGKILL_PENDING = 1 << 8
+
+
+@dataclass(frozen=True)
+class Orders:
+    """What the process is told when it begins; keys as in the rig file and the protocol.
+
+    `counts` and `mm` are the points of the tracker's calibration. No force is larger than `limit_n`.
+    """
+
+    port: str
+    baud: int
+    tracker_hz: int
+    stall_ms: float
+    counts: tuple[float, ...]
+    mm: tuple[float, ...]
+    address: str
+    answer_ms: float
+    limit_n: float
+    rate_hz: int
+    fastest_mm_s: float
+
+
+def block_json(block: Block | None) -> bytes:
+    """Return what a block is, for the process."""
+    return json.dumps(None if block is None else asdict(block)).encode()
+
+
+class Line:
+    """One end of the stream of messages between session and servo; it never waits, unless it is asked to."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self._end = end
+        end.setblocking(False)
+        self._heard = bytearray()
+        self._unsent = bytearray()
+
+    def tell(self, kind: int, content: bytes, now_ns: int) -> None:
+        """Send a message now, or as soon as there is room. What nobody reads for too long is thrown away, whole."""
+        if len(self._unsent) < MOST_KEPT_BYTES:
+            self._unsent += HEAD.pack(kind, len(content), now_ns) + content
+        try:
+            del self._unsent[: self._end.send(self._unsent)]
+        except OSError:
+            # There is no room, or nobody: then `hear` says so.
+            return
+
+    def hear(self, timeout_s: float = 0.0) -> list[tuple[int, bytes, int]]:
+        """Return the messages that have come: kind, content, and when each was sent. Raises `EOFError` at the end."""
+        if timeout_s and not select.select([self._end], [], [], timeout_s)[0]:
+            return []
+        ended = False
+        try:
+            heard = self._end.recv(1 << 16)
+            self._heard += heard
+            ended = not heard
+        except BlockingIOError:
+            return []
+        except ConnectionError:
+            ended = True
+        found = []
+        while len(self._heard) >= HEAD.size:
+            kind, length, sent_ns = HEAD.unpack_from(self._heard)
+            if len(self._heard) < HEAD.size + length:
+                break
+            found.append((kind, bytes(self._heard[HEAD.size : HEAD.size + length]), sent_ns))
+            del self._heard[: HEAD.size + length]
+        if ended and not found:
+            raise EOFError
+        return found
+
+    def end(self) -> None:
+        """Say that no message follows; what the other end says can still be heard."""
+        self._end.setblocking(True)
+        self._end.sendall(self._unsent)
+        self._end.setblocking(False)
+        self._end.shutdown(socket.SHUT_WR)
+
+    def close(self) -> None:
+        """Close this end."""
+        self._end.close()
+
+
+class Session:
+    """Whether the process that started this one lives."""
+
+    def __init__(self) -> None:
+        """Look at the parent; without a /proc nothing is known of it."""
+        pid = os.getppid()
+        try:
+            self._stat = os.open(f"/proc/{pid}/task/{pid}/stat", os.O_RDONLY)
+        except OSError:
+            self._stat = -1
+
+    @property
+    def dies(self) -> bool:
+        """Whether it is known to be gone, going, or killed."""
+        if self._stat < 0:
+            return False
+        try:
+            fields = os.pread(self._stat, 1024, 0).rpartition(b")")[2].split()
+        except OSError:
+            return True
+        return fields[0] in b"ZX" or bool(int(fields[6]) & PF_EXITING or int(fields[28]) & SIGKILL_PENDING)
+
+
+class Servo:
+    """The cycles of one process."""
+
+    def __init__(self, orders: Orders, line: Line) -> None:
+        """Open tracker and device. Raises `PalpateError` if one cannot be opened."""
+        self._orders = orders
+        self._line = line
+        self._session = Session()
+        self._device = ForceDevice(orders.address, limit_n=orders.limit_n)
+        self._port = SerialPort(orders.port, orders.baud)
+        self._port.discard()
+        self._decoder = Decoder(period_us=1e6 / orders.tracker_hz)
+        self._block: Block | None = None
+        self._at = Rendered()
+        self._arrived_ns = 0
+        self.counts: Counter[str] = Counter()
+
+    def run(self) -> None:
+        """Drive the device until the session is gone. Raises `PalpateError` if a part failed."""
+        period_ns = 1_000_000_000 // self._orders.rate_hz
+        due_ns = time.monotonic_ns() + period_ns
+        while not self._session.dies:
+            now_ns = time.monotonic_ns()
+            if now_ns < due_ns:
+                time.sleep((due_ns - now_ns) * 1e-9)
+                continue
+            late_ns = now_ns - due_ns
+            self.counts["cycles"] += 1
+            if late_ns >= period_ns:
+                self.counts["missed"] += late_ns // period_ns
+            if late_ns >= SILENT_NS:
+                self._fall_silent("late")
+            due_ns += period_ns * (1 + late_ns // period_ns)
+            self.cycle(now_ns)
+
+    def cycle(self, now_ns: int) -> None:
+        """Read, step and push once. Raises `PalpateError` if a part failed, and `EOFError` if the session is gone."""
+        for kind, content, _ in self._line.hear():
+            if kind == RENDER:
+                told = json.loads(content)
+                self._block = None if told is None else Block(**_tuples(told))
+                self._at = self._at.silent()
+        self._read(now_ns)
+        force_n, fast = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
+        self._device.push(force_n, fast=fast, now_ns=now_ns)
+        waited_ns = self._device.late_ns(now_ns)
+        if waited_ns > self._orders.answer_ms * 1e6:
+            raise ServoError(
+                f"force device at {self._orders.address}: no answer for {waited_ns / 1e6:.1f} ms; allowed: "
+                f"{self._orders.answer_ms:g} ms (servo.answer_ms in the rig file); see to the device and its line"
+            )
+
+    def _read(self, now_ns: int) -> None:
+        try:
+            data = self._port.take()
+        except VANISHED as error:
+            raise ServoError(
+                f"tracker at {self._orders.port}: the port has gone ({reason(error)}); plug the device in again"
+            ) from error
+        if data:
+            self._decoder, frames = self._decoder.feed(data)
+            self._line.tell(SAMPLES, data, now_ns)
+            if frames.device_us.size:
+                self._arrived_ns = now_ns
+                heights = np.interp(frames.counts, self._orders.counts, self._orders.mm)
+                for us, mm in zip(frames.device_us.tolist(), heights.tolist(), strict=True):
+                    pushed = self._at.state is not None
+                    self._at, touches = rendering.step(self._block, self._at, us, (mm, 0.0))
+                    self.counts["unbelievable"] += pushed and self._at.state is None
+                    for touch in touches:
+                        self._line.tell(TOUCH, TOUCHED.pack(*touch), now_ns)
+        silent_ns = now_ns - self._arrived_ns
+        if self._arrived_ns and silent_ns > self._orders.stall_ms * 1e6:
+            raise ServoError(
+                f"tracker at {self._orders.port}: no frame for {silent_ns / 1e6:.0f} ms; see that the device is "
+                "powered, connected and sampling, then go on"
+            )
+        if silent_ns > SILENT_NS + 1e9 / self._orders.tracker_hz:
+            self._fall_silent("without the hand")
+
+    def _fall_silent(self, why: str) -> None:
+        if any(self._at.force_n):
+            self.counts[why] += 1
+        self._at = self._at.silent()
+
+    def close(self) -> None:
+        """Take the force away, and tell how the cycles went."""
+        self._device.close()
+        self._port.close()
+        self.counts["dropped"] = self._device.dropped
+        self._line.tell(COUNTS, json.dumps(self.counts).encode(), time.monotonic_ns())
+
+
+def _tuples(told: dict[str, Any]) -> dict[str, Any]:
+    return {key: tuple(value) if isinstance(value, list) else value for key, value in told.items()}
+
+
+def main() -> None:
+    """Be the process: its arguments are the number of an open socket, and its orders."""
+    line = Line(socket.socket(fileno=int(sys.argv[1])))
+    with _prompt():
+        try:
+            servo = Servo(Orders(**_tuples(json.loads(sys.argv[2]))), line)
+            try:
+                servo.run()
+            finally:
+                servo.close()
+        except EOFError:
+            return
+        except PalpateError as error:
+            line.tell(ENDED, str(error).encode(), time.monotonic_ns())
+
+
+@contextmanager
+def _prompt() -> Iterator[None]:
+    """Have the process wake when it asked to: raised, with no collections and no slack of the system's timers."""
+    with host.raised(), host.undisturbed():
+        if sys.platform == "linux":
+            ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1)
+        yield
+
+
+if __name__ == "__main__":
+    main()

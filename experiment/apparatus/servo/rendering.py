@@ -1,0 +1,146 @@
+"""From samples of the hand to the force on it, and to touches; pure, and silent at whatever it cannot believe.
+
+Places are heights above the face of the block at rest, and places along it, mm; the block lies below zero. Between two
+samples the hand moves straight (`synthesis.contact`).
+
+The force is zero, and stays so until the hand is outside of the block, where a sample is no number, comes `GAP_S` or
+more after the one before or no later than it, or lies so far from it that no hand is that fast. A force that began in
+the middle of a block would strike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import hypot, isfinite
+from typing import NamedTuple
+
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.errors import SynthesisError
+from experiment.synthesis import contact
+from experiment.synthesis.contact import Block, Left, Pair, State
+
+GAP_S = 0.01
+"""Samples farther apart are no path, s. Ours: ten times the slowest tracker's period."""
+
+MOST_MM_S = 5000.0
+"""No hand is faster, mm/s; ours: ten times what a tap reaches."""
+
+AGAIN_MM = 1.0
+"""A touch counts once the hand was so far above the face since the one before, mm: a damper lets go of a trembling hand
+inside of the block, and catches it again. Ours."""
+
+AWAY_MM = 5.0
+"""So far above the face the hand has left a block, which then stands where it stood at first, mm. Ours."""
+
+SPEED_US = 5000
+"""The hand's speed is its mean over at least so long, microseconds: shorter, a sensor's noise would light the lamp."""
+
+NO_FORCE: Pair = (0.0, 0.0)
+
+
+class Touch(NamedTuple):
+    """The hand touched a block at a device time, microseconds, at this speed into it, mm/s."""
+
+    device_us: float
+    speed_mm_s: float
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What the hand did since the read before: device times, microseconds, heights, mm, and touches among them.
+
+    `clock` says which session time a device time is. `fast` says whether the hand is too fast.
+    """
+
+    device_us: tuple[int, ...]
+    height_mm: tuple[float, ...]
+    touches: tuple[Touch, ...]
+    clock: ClockMap
+    fast: bool
+
+
+class Rendered(NamedTuple):
+    """Where rendering stands; it never changes: `step` gives the next one.
+
+    `us` is the device time of the newest sample; None before the first. `state` is None while nothing is pushed. The
+    force on the hand, N, is not bounded yet. Whether the next touch counts is `armed`. `speed_mm_s` is the hand's mean
+    speed as it was known last, and `since_us` and `since_mm` are where the next mean begins.
+    """
+
+    us: int | None = None
+    place_mm: Pair = (0.0, 0.0)
+    state: State | None = None
+    force_n: Pair = NO_FORCE
+    armed: bool = False
+    speed_mm_s: float = 0.0
+    since_us: int = 0
+    since_mm: Pair = (0.0, 0.0)
+
+    def silent(self) -> Rendered:
+        """Return the same without a force, which begins again where the hand touches from outside."""
+        return self._replace(state=None, force_n=NO_FORCE)
+
+
+def bounded(force_n: Pair, limit_n: float) -> Pair:
+    """Return a force whose magnitude is at most the limit, N, in its direction: the last step before a device.
+
+    It holds for any input: where a component is not finite there is no force. What is returned stays within the limit
+    where it is rounded to single precision.
+    """
+    x, y = force_n
+    size = hypot(x, y)
+    if not isfinite(size) or not limit_n > 0:
+        return NO_FORCE
+    most = limit_n * (1 - 2**-22)
+    if size <= most:
+        return x, y
+    return x * (most / size), y * (most / size)
+
+
+def step(block: Block | None, at: Rendered, us: int, place_mm: Pair) -> tuple[Rendered, tuple[Touch, ...]]:
+    """Return what follows from one more sample: the hand was at (height, along the face), mm, at a device time.
+
+    Nothing is pushed without a block. It raises nothing, whatever the sample.
+    """
+    passed_us = 0 if at.us is None else us - at.us
+    # False for what is no number, too.
+    near = hypot(place_mm[0] - at.place_mm[0], place_mm[1] - at.place_mm[1]) <= MOST_MM_S * passed_us * 1e-6
+    if not (near and 0 < passed_us < GAP_S * 1e6):
+        if not isfinite(place_mm[0] + place_mm[1]):
+            return Rendered(), ()
+        return Rendered(us, place_mm, since_us=us, since_mm=place_mm), ()
+    speed_mm_s, since_us, since_mm = at.speed_mm_s, at.since_us, at.since_mm
+    if us - since_us >= SPEED_US:
+        speed_mm_s = hypot(place_mm[0] - since_mm[0], place_mm[1] - since_mm[1]) / (us - since_us) * 1e6
+        since_us, since_mm = us, place_mm
+    armed = at.armed or place_mm[0] > AGAIN_MM
+    moved = Rendered(us, place_mm, None, NO_FORCE, armed, speed_mm_s, since_us, since_mm)
+    if block is None:
+        return moved, ()
+    hand_m = place_mm[0] * 1e-3, place_mm[1] * 1e-3
+    state = at.state
+    if state is None or (place_mm[0] > AWAY_MM and _has_moved(state)):
+        return moved._replace(state=_outside(block, hand_m)), ()
+    try:
+        stepped = contact.step((block,), state, hand_m=hand_m, dt_s=passed_us * 1e-6)
+    except SynthesisError:
+        return moved, ()
+    touches = tuple(
+        Touch(us - passed_us + one.after_s * 1e6, one.deep_m_s * 1e3)
+        for _, one in stepped.switches
+        if one.kind == "touch" and armed
+    )[:1]
+    return moved._replace(state=stepped.state, force_n=stepped.force_n, armed=armed and not touches), touches
+
+
+def _outside(block: Block, hand_m: Pair) -> State | None:
+    try:
+        return contact.init((block,), hand_m=hand_m)
+    except SynthesisError:
+        # It is inside.
+        return None
+
+
+def _has_moved(state: State) -> bool:
+    (block,) = state.blocks
+    return isinstance(block, Left) and (block.face_m != 0.0 or block.face_m_s != 0.0)

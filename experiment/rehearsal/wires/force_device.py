@@ -1,0 +1,131 @@
+"""SIMULATED force device: the far end of the servo's line, a process of its own with a clock of its own.
+
+`python -m experiment.rehearsal.wires.force_device [FILE]` prints its port, serves one connection after the other, and
+keeps what it pushed in a file: 24 bytes each time, little-endian, the machine's monotonic clock in ns (int64), the
+force out of the block and along it, N (float32), why (uint32: `PUSHED`, `SILENT` or `HUNG_UP`) and the lamp (uint32).
+It does what `apparatus.servo.device` asks of a device: it drops its force when nothing good has come for 2 ms, and when
+the connection ends. It ends when its standard input does, so it outlives nobody who started it.
+"""
+
+from __future__ import annotations
+
+import select
+import socket
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import BinaryIO, NamedTuple, Self
+
+from experiment.apparatus import host
+from experiment.apparatus.servo.device import ANSWER, DROPPED, DROPS_AFTER_S, MESSAGE_BYTES, decode
+
+PUSHED, SILENT, HUNG_UP = range(3)
+
+_PUSH = struct.Struct("<qffII")
+
+
+class Push(NamedTuple):
+    """The force from a time of the machine's monotonic clock on, ns: N out of the block and along it."""
+
+    at_ns: int
+    out_n: float
+    along_n: float
+    why: int
+    fast: bool
+
+
+class ForceDeviceProcess:
+    """The device as whoever starts it sees it."""
+
+    def __init__(self, record: Path | None = None) -> None:
+        """Start it; `record` is where it keeps what it pushed."""
+        told = [sys.executable, "-m", __name__, *([str(record)] if record is not None else [])]
+        self._process = subprocess.Popen(told, stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
+        self.address = f"127.0.0.1:{int((self._process.stdout or sys.stdin.buffer).readline())}"
+
+    def close(self) -> None:
+        """Switch it off."""
+        if self._process.stdin is not None and self._process.stdout is not None:
+            self._process.stdin.close()
+            self._process.stdout.close()
+        self._process.wait()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def pushed(record: Path) -> list[Push]:
+    """Return what a device kept, in order."""
+    return [
+        Push(at, out, along, why, bool(fast)) for at, out, along, why, fast in _PUSH.iter_unpack(record.read_bytes())
+    ]
+
+
+def serve(server: socket.socket, record: BinaryIO | None) -> None:
+    """Serve until standard input ends."""
+    while True:
+        ready, _, _ = select.select([server, sys.stdin], [], [])
+        if sys.stdin in ready:
+            return
+        line, _ = server.accept()
+        with line:
+            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            _hold(line, record)
+
+
+def _hold(line: socket.socket, record: BinaryIO | None) -> None:
+    def keep(force: tuple[float, float], why: int, fast: bool) -> None:
+        if record is not None:
+            record.write(_PUSH.pack(time.monotonic_ns(), *force, why, fast))
+
+    heard = b""
+    pushes = dropped = False
+    line.settimeout(DROPS_AFTER_S)
+    while True:
+        try:
+            more = line.recv(4096)
+        except TimeoutError:
+            if pushes:
+                keep((0.0, 0.0), SILENT, False)
+            pushes, dropped = False, dropped or pushes
+            continue
+        except OSError:
+            more = b""
+        if not more:
+            keep((0.0, 0.0), HUNG_UP, False)
+            return
+        heard += more
+        answers = b""
+        while len(heard) >= MESSAGE_BYTES:
+            message, heard = decode(heard[:MESSAGE_BYTES]), heard[MESSAGE_BYTES:]
+            if message is None:
+                # A message that is not good holds no force.
+                continue
+            sequence, force, fast = message
+            keep(force, PUSHED, fast)
+            pushes = any(force)
+            answers += ANSWER.pack(sequence, DROPPED if dropped else 0)
+            dropped = False
+        try:
+            line.sendall(answers)
+        except OSError:
+            keep((0.0, 0.0), HUNG_UP, False)
+            return
+
+
+def main() -> None:
+    """Be the process."""
+    with host.raised(), host.undisturbed(), socket.create_server(("127.0.0.1", 0)) as server:
+        sys.stdout.write(f"{server.getsockname()[1]}\n")
+        sys.stdout.flush()
+        record = Path(sys.argv[1]).open("wb", buffering=0) if len(sys.argv) > 1 else None  # noqa: SIM115
+        serve(server, record)
+
+
+if __name__ == "__main__":
+    main()

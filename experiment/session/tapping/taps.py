@@ -1,0 +1,243 @@
+"""Taps on a virtual surface: followed while a question is open, each with its vibration, and each on record.
+
+A thread reads what the hand does. While the hand falls, its touch is predicted, and the vibration of the surface that
+lies there is aimed at it; at the touch itself, what was not aimed sounds at once. The force is the servo's own affair:
+it needs no session for a touch.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from experiment.apparatus import host
+from experiment.apparatus.ports import Actuator, Servo
+from experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
+from experiment.clock import Clock
+from experiment.desk.port import Console
+from experiment.errors import PalpateError
+from experiment.protocol.models import Step
+from experiment.records.stimulus import Onset, Stimulus
+from experiment.records.tapping import Place, Tapped
+from experiment.session.kind import Limits, Log
+from experiment.synthesis.contact import Block
+from experiment.synthesis.tap import Rings
+
+FROM_MM = 10.0
+"""A touch is predicted from this height above the face on, mm. Ours."""
+
+AHEAD_NS = 15_000_000
+"""A vibration is made ready when the touch lies no further ahead than this and the actuator's own lead, ns. Ours."""
+
+SURE_US = 2_000.0
+"""A prediction with a larger standard error aims at nothing, microseconds. Ours."""
+
+ANEW_PART = 0.02
+"""A vibration is made anew where the speed to expect has changed by more than this part: a tenth of what is felt."""
+
+ENDS_NS = 150_000_000
+"""So long after its end a vibration has been heard by the loopback, ns: `audio.actuator` looks 50 ms around it."""
+
+
+@dataclass(frozen=True)
+class Lying:
+    """The surface that the hand meets: of which attempt, at which place of the pair, and its vibrations."""
+
+    trial: int
+    attempt: int
+    place: Place
+    material: str
+    rings: Rings
+
+
+@dataclass
+class _Sounding:
+    """One vibration on its way; `speed_mm_s` is what it was made for."""
+
+    lying: Lying
+    speed_mm_s: float
+    stimulus: Stimulus
+    aimed: Landing | None = None
+    scheduled_ns: int | None = None
+    touch: Touch | None = None
+    touch_mm_s: float = 0.0
+    contact_ns: int = 0
+    fast: bool = False
+
+
+class Taps:
+    """The taps of one session."""
+
+    def __init__(
+        self,
+        *,
+        servo: Servo,
+        actuator: Actuator,
+        block: Block,
+        noise_mm: float,
+        clock: Clock,
+        console: Console,
+        log: Log,
+        limits: Limits,
+    ) -> None:
+        """Follow the hand from now on; nothing lies there yet. `noise_mm` is that of the tracker, mm rms."""
+        self._servo, self._actuator, self._block = servo, actuator, block
+        self._clock, self._console, self._log, self._limits = clock, console, log, limits
+        step = Step(gate_top_mm=FROM_MM, gate_bottom_mm=AGAIN_MM, contact_mm=0.0)
+        self._predictor = LandingPredictor(step, noise_mm=noise_mm)
+        self._state: Falling | None = None
+        self._armed = True
+        self._lying: Lying | None = None
+        self._sounding: _Sounding | None = None
+        self.felt: Felt | None = None
+        """The newest read."""
+        self.failed: PalpateError | None = None
+        """Why nothing is rendered any more; None while all is well."""
+        self._lock = threading.Lock()
+        self._closing = False
+        self._begin()
+
+    def _begin(self) -> None:
+        self._thread = threading.Thread(target=self._run, args=(host.joining(),), name="taps", daemon=True)
+        self._thread.start()
+
+    def lay(self, lying: Lying | None) -> None:
+        """Have the hand meet a surface from now on, or none. What vibrates goes on record first."""
+        with self._lock:
+            self._settle(wait=True)
+            self._withdraw()
+            if (lying is None) != (self._lying is None):
+                self._servo.render(None if lying is None else self._block)
+            self._lying = lying
+
+    def reconnect(self) -> None:
+        """Open what failed anew. Raises `ServoError`."""
+        self._servo.reconnect()
+        self._state = self.failed = self.felt = None
+        self._begin()
+
+    def close(self) -> None:
+        """Follow no longer."""
+        self._closing = True
+        self._thread.join()
+
+    def _run(self, join: Callable[[], None]) -> None:
+        join()
+        while not self._closing:
+            try:
+                felt = self._servo.read()
+                with self._lock:
+                    self._settle(wait=False)
+                    if felt is not None:
+                        self.felt = felt
+                        self._follow(felt)
+            except PalpateError as error:
+                self._fail(error)
+                return
+
+    def _fail(self, error: PalpateError) -> None:
+        self._actuator.withdraw()
+        self._sounding, self.failed = None, error
+        self._console.show(f"Nothing is rendered any more: {error}. This trial is done again, whatever its answer.")
+
+    def _follow(self, felt: Felt) -> None:
+        if self._lying is not None and (over := self._limits.over()):
+            self._servo.render(None)
+            self._lying = None
+            self._withdraw()
+            self._console.show(f"{over}. Nothing more will be felt.")
+        touches = list(felt.touches)
+        for us, mm in zip(felt.device_us, felt.height_mm, strict=True):
+            while touches and touches[0].device_us <= us:
+                self._touched(touches.pop(0), felt)
+            self._armed = self._armed or mm > AGAIN_MM
+            self._state = self._predictor.step(self._state, us, mm) if self._armed else None
+        for touch in touches:
+            self._touched(touch, felt)
+        if self._state is not None and self._lying is not None and self._actuator.lead_ns:
+            self._expect(self._state, self._lying, felt.clock)
+
+    def _expect(self, state: Falling, lying: Lying, clock: ClockMap) -> None:
+        """Aim at a touch that is predicted well and comes soon; take back what was aimed at one that does not come."""
+        landing = self._predictor.landing(state)
+        if landing is None or landing.standard_error_us > SURE_US:
+            if landing is None and self._sounding is not None and self._sounding.touch is None:
+                self._withdraw()
+            return
+        contact_ns = clock.session_ns(landing.us)
+        if contact_ns - self._clock.now_ns() > self._actuator.lead_ns + AHEAD_NS:
+            return
+        sounding = self._ready(lying, max(_speed_mm_s(state, landing.us), 0.0))
+        if sounding.touch is None and self._actuator.aim(contact_ns):
+            sounding.aimed, sounding.scheduled_ns = landing, contact_ns
+
+    def _touched(self, touch: Touch, felt: Felt) -> None:
+        self._armed = False
+        lying, state = self._lying, self._state
+        if lying is None:
+            return
+        speed_mm_s = touch.speed_mm_s if state is None else _speed_mm_s(state, touch.device_us)
+        speed_mm_s = max(speed_mm_s, 0.0)
+        sounding = self._sounding
+        if sounding is None or sounding.aimed is None or sounding.lying is not lying:
+            sounding = self._ready(lying, speed_mm_s)
+        sounding.touch, sounding.touch_mm_s, sounding.fast = touch, speed_mm_s, felt.fast
+        sounding.contact_ns = felt.clock.session_ns(touch.device_us)
+        self._actuator.landed(sounding.contact_ns)
+        self._settle(wait=self._clock.simulated or not self._actuator.lead_ns)
+
+    def _ready(self, lying: Lying, speed_mm_s: float) -> _Sounding:
+        """Return the vibration of a speed, made ready unless one as good is."""
+        self._settle(wait=True)
+        was = self._sounding
+        if was is None or was.lying is not lying or abs(was.speed_mm_s - speed_mm_s) > ANEW_PART * speed_mm_s:
+            played = self._actuator.prepare(lying.rings.at(speed_mm_s * 1e-3))
+            self._sounding = was = _Sounding(lying, speed_mm_s, played.on_record())
+        return was
+
+    def _settle(self, *, wait: bool) -> None:
+        """Put a touch on record whose vibration has ended; wait for its end if asked to."""
+        one = self._sounding
+        if one is None or one.touch is None:
+            return
+        lasts_ns = one.stimulus.samples * 10**9 // one.stimulus.rate_hz
+        if not wait and self._clock.now_ns() < one.contact_ns + lasts_ns + self._actuator.lead_ns + ENDS_NS:
+            return
+        aimed, touch = one.aimed, one.touch
+        onset = Onset(
+            predicted_us=aimed.us if aimed else None,
+            standard_error_ms=aimed.standard_error_us / 1e3 if aimed else None,
+            predicted_from_us=aimed.from_us if aimed else None,
+            prediction_error_ms=(aimed.us - touch.device_us) / 1e3 if aimed else None,
+            contact_ns=one.contact_ns,
+            scheduled_ns=one.scheduled_ns,
+            gate_to_scheduled_ms=None,
+            delivered=self._actuator.delivered(one.contact_ns),
+        )
+        self._sounding = None
+        self._log.write(
+            Tapped(
+                trial=one.lying.trial,
+                attempt=one.lying.attempt,
+                place=one.lying.place,
+                material=one.lying.material,
+                device_us=touch.device_us,
+                speed_mm_s=one.touch_mm_s,
+                fast=one.fast,
+                stimulus=one.stimulus,
+                onset=onset,
+            )
+        )
+
+    def _withdraw(self) -> None:
+        if self._sounding is not None:
+            self._actuator.withdraw()
+            self._sounding = None
+
+
+def _speed_mm_s(state: Falling, us: float) -> float:
+    """Return how fast the hand falls at a device time, mm/s."""
+    return -(state.mm_s + state.mm_s2 * (us - state.us) * 1e-6)

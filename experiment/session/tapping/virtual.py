@@ -1,0 +1,238 @@
+"""Comparisons of virtual surfaces, a kind of trial: the participant taps one, changes to the other, and says which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass
+from math import inf
+from typing import TYPE_CHECKING
+
+from experiment.apparatus import opening
+from experiment.apparatus.ports import Actuator, Servo
+from experiment.apparatus.rig import Rig
+from experiment.apparatus.servo import settings
+from experiment.apparatus.tracker import calibration
+from experiment.apparatus.tracker.landing import QUIETEST_MM
+from experiment.clock import Clock, day
+from experiment.desk.messages import Lamp
+from experiment.desk.port import Console
+from experiment.errors import RigError, TrackerStopped
+from experiment.protocol.models import Protocol, Virtual
+from experiment.records.entries import Header, PlannedTrial
+from experiment.records.tapping import FIRST, SECOND, TIE, Changed, PairLaidOut, Place
+from experiment.session.kind import FarEnds, Limits, Log, Meaning, Measured, Seen
+from experiment.session.tapping.taps import Lying, Taps
+from experiment.synthesis import tap
+from experiment.synthesis.contact import Block
+from experiment.synthesis.tap import Rings, Surface
+
+if TYPE_CHECKING:
+    from experiment.apparatus.audio.stream import AudioStream
+
+PLACES: tuple[Place, Place] = ("first", "second")
+
+
+@dataclass(frozen=True)
+class SurfaceDevices:
+    """Implements `KindDevices`: the servo, the actuator, and the surfaces' vibrations by their materials' ids.
+
+    `opened` closes what a session begins.
+    """
+
+    servo: Servo
+    actuator: Actuator
+    rings: Mapping[str, Rings]
+    block: Block
+    noise_mm: float
+    opened: ExitStack
+
+    def begin(
+        self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log, limits: Limits
+    ) -> VirtualSurfaces:
+        taps = Taps(
+            servo=self.servo,
+            actuator=self.actuator,
+            block=self.block,
+            noise_mm=self.noise_mm,
+            clock=clock,
+            console=console,
+            log=log,
+            limits=limits,
+        )
+        self.opened.callback(taps.close)
+        return VirtualSurfaces(
+            self.rings,
+            taps=taps,
+            protocol=protocol,
+            trials=len(header.order),
+            console=console,
+            clock=clock,
+            log=log,
+            limits=limits,
+        )
+
+
+def open_surfaces(
+    *, protocol: Protocol, rig: Rig, clock: Clock, stream: AudioStream | None, ends: FarEnds, opened: ExitStack
+) -> SurfaceDevices:
+    """Open what virtual surfaces need; arguments and errors are those of `laboratory.open_laboratory`.
+
+    A rig that is not simulated has to bear the protocol's block. Raises `RigError` if it does not, and `ServoError` if
+    the device or the hand's tracker cannot be opened.
+    """
+    virtual = protocol.surfaces
+    device = settings.of(rig.servo, rig=rig.rig.name)
+    if not rig.rig.simulated:
+        settings.refuse_beyond(virtual, device, rig=rig.rig.name)
+        calibration.check_age(rig, day(clock.now_ns()))
+    if rig.actuator.shaping is not None:
+        raise RigError(
+            f"rig '{rig.rig.name}': got an actuator that takes volts (actuator.shaping); allowed for virtual surfaces: "
+            "one that takes accelerations, with full_scale_m_s2; have its amplifier made flat"
+        )
+    limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    address = ends.panel(opened)
+    actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, address=address, stream=stream)
+    opened.callback(actuator.close)
+    rings = {
+        name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)
+        for name, surface in ends.surfaces(surfaces(protocol, virtual)).items()
+    }
+    force = ends.force(opened)
+    port, clock_map = ends.tracker(opened)
+    servo = opening.open_servo(
+        rig,
+        rate_hz=virtual.rate_hz,
+        limit_n=limit_n,
+        fastest_mm_s=virtual.fastest_mm_s,
+        clock=clock,
+        port=port,
+        address=force,
+        clock_map=clock_map,
+    )
+    opened.callback(servo.close)
+    noise_mm = rig.tracker.noise_mm if rig.tracker.noise_mm is not None else QUIETEST_MM
+    return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=rig.tracker.rate_hz), noise_mm, opened)
+
+
+def surfaces(protocol: Protocol, virtual: Virtual) -> dict[str, Surface]:
+    """Return the surfaces of a study, by their materials' ids: how each rings; all have one block."""
+    return {
+        one.id: Surface(
+            name=one.id,
+            stiffness_n_m=virtual.stiffness_n_m,
+            amplitude=one.amplitude or 0.0,
+            attack_hz=one.attack_hz or 0.0,
+            decay_per_s=virtual.decay_per_s,
+        )
+        for one in protocol.materials
+    }
+
+
+def block(virtual: Virtual, *, tracker_hz: int) -> Block:
+    """Return the block of a protocol, below height zero, prepared for a tracker's rate, Hz."""
+    k, c, m = virtual.stiffness_n_m, virtual.damping_n_s_m, inf if virtual.mass_kg is None else virtual.mass_kg
+    return Block((k, k), (c, c), (m, m), into=(-1.0, 0.0), nominal_s=round(1e6 / tracker_hz) * 1e-6)
+
+
+class VirtualSurfaces:
+    """Implements `Kind`: each attempt is one pair of surfaces, of which one is rendered at a time.
+
+    The question is asked from the moment at which the first can be tapped, and response times count from it.
+    """
+
+    def __init__(
+        self,
+        rings: Mapping[str, Rings],
+        *,
+        taps: Taps,
+        protocol: Protocol,
+        trials: int,
+        console: Console,
+        clock: Clock,
+        log: Log,
+        limits: Limits,
+    ) -> None:
+        """Set up before the first attempt; `rings` are the surfaces' vibrations, by their materials' ids."""
+        self._rings, self._taps = rings, taps
+        self._comparison, self._virtual = protocol.comparisons, protocol.surfaces
+        self._trials = trials
+        self._console, self._clock, self._log, self._limits = console, clock, log, limits
+        self._ready: PairLaidOut | None = None
+        self._pair: PairLaidOut | None = None
+        self._at = 0
+
+    def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
+        """Say that a pair comes. Raises `TrackerStopped` if what renders it has failed."""
+        if self._taps.failed is not None:
+            raise TrackerStopped(str(self._taps.failed))
+        if self._limits.over():
+            return
+        self._console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
+        self._ready = PairLaidOut(trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=0)
+
+    def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
+        """Render the first surface of the pair, and return at once: the participant tries both until the answer."""
+        pair, self._ready = self._ready, None
+        if pair is None:
+            raise RuntimeError("no pair is watched before it was made ready")
+        self._pair = pair.model_copy(update={"laid_ns": self._clock.now_ns()})
+        self._lay(0)
+        return Seen(self._pair, answerable_ns=self._pair.laid_ns)
+
+    def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:  # noqa: ARG002
+        """Return what each key names; which surface is which, nobody at the desk has to know."""
+        return {key: Meaning(one, _WORDS[one]) for key, one in self._comparison.answers.items()}
+
+    @property
+    def keys(self) -> Mapping[str, str]:
+        """The key that changes to the other surface."""
+        return {self._virtual.switch_key: f"change to the {PLACES[1 - self._at]} surface"}
+
+    def press(self, key: str) -> None:  # noqa: ARG002
+        """Change to the other surface, and put that on record."""
+        if self._pair is None:
+            raise RuntimeError("no surface is changed before one was rendered")
+        self._lay(1 - self._at)
+        place, material = PLACES[self._at], self._pair.presented[self._at]
+        self._log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
+        self._console.show(f"The {place} surface is there now.")
+
+    def rest(self) -> str:
+        """Render nothing more; return why what was felt does not count, or nothing."""
+        pair, self._pair = self._pair, None
+        if pair is None:
+            return ""
+        self._taps.lay(None)
+        return "" if self._taps.failed is None else str(self._taps.failed)
+
+    def measured(self) -> Measured:
+        """Return the hand's height, mm, and whether it is too fast."""
+        felt = self._taps.felt
+        if felt is None:
+            return Measured(lamps=(Lamp(name="hand", good=False, words="no frame yet"),))
+        words = f"faster than {self._virtual.fastest_mm_s:g} mm/s" if felt.fast else "slow enough"
+        return Measured(
+            trace=felt.height_mm[-1:], unit="mm", lamps=(Lamp(name="hand", good=not felt.fast, words=words),)
+        )
+
+    @property
+    def probe(self) -> None:
+        """There is none: the rules refuse a probe in a study of comparisons."""
+        return
+
+    def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
+        """Open the servo anew."""
+        self._taps.reconnect()
+
+    def _lay(self, place: int) -> None:
+        if self._pair is None:
+            return
+        self._at = place
+        material = self._pair.presented[place]
+        self._taps.lay(Lying(self._pair.trial, self._pair.attempt, PLACES[place], material, self._rings[material]))
+
+
+_WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}

@@ -1,0 +1,112 @@
+"""How the servo keeps its deadlines: run `python -m tests.benchmarks.servo [SECONDS] [BURNERS]`.
+
+A simulated hand taps, by a tracker of 2,500 frames a second on a serial line, a block of 2,500 N/m and 100 N s/m; the
+servo runs in its own process, and the simulated device, in another one, keeps what it pushed. As many processes as
+`BURNERS` use the processor meanwhile. Told are the cycles that the servo made, missed and began more than 2 ms late;
+how often the device dropped its force; the largest force; the time between two messages, at the device; and what one
+cycle's arithmetic costs: a step of rendering that touches.
+
+Not a test: it asserts nothing, because these figures belong to the machine that printed them.
+"""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import tempfile
+import time
+from math import inf
+from pathlib import Path
+
+import numpy as np
+
+from experiment.apparatus import host
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.servo import rendering
+from experiment.apparatus.servo.link import ServoProcess
+from experiment.apparatus.servo.process import Orders
+from experiment.apparatus.servo.rendering import Rendered
+from experiment.clock import MonotonicClock
+from experiment.protocol.files import shipped
+from experiment.rehearsal.footstep.foot import Foot
+from experiment.rehearsal.tapping import hand
+from experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess, pushed
+from experiment.rehearsal.wires.serial_line import SerialLine
+from experiment.synthesis.contact import Block
+
+SECONDS = 30.0
+RATE_HZ, LIMIT_N = 2500, 3.0
+BLOCK = Block((2500.0, 2500.0), (100.0, 100.0), (inf, inf), into=(-1.0, 0.0), nominal_s=1 / RATE_HZ)
+
+
+def measured(seconds: float) -> None:
+    """Tap for so long, and print what came of it."""
+    tracker = rigs.load(shipped("rigs/tapping.toml")).tracker
+    rng = np.random.default_rng(1)
+    with tempfile.TemporaryDirectory() as folder, host.raised() as priority:
+        record = Path(folder) / "pushed.bin"
+        with ForceDeviceProcess(record) as device, SerialLine() as line:
+            foot = Foot(line, tracker, real_time=True, rest_mm=hand.REST_MM, noise_mm=0.001, tick_s=1 / tracker.rate_hz)
+            orders = Orders(
+                port=line.url,
+                baud=tracker.baud,
+                tracker_hz=tracker.rate_hz,
+                stall_ms=2000,
+                counts=tuple(float(point.counts) for point in tracker.calibration),
+                mm=tuple(point.mm for point in tracker.calibration),
+                address=device.address,
+                answer_ms=5000.0,
+                limit_n=LIMIT_N,
+                rate_hz=RATE_HZ,
+                fastest_mm_s=175.0,
+            )
+            servo = ServoProcess(orders, MonotonicClock())
+            servo.render(BLOCK)
+            ends, touches, next_tap = time.monotonic() + seconds, 0, 0.0
+            while time.monotonic() < ends:
+                if time.monotonic() > next_tap:
+                    foot.step(hand.tap(rng), 0)
+                    next_tap = time.monotonic() + 0.5
+                felt = servo.read()
+                touches += len(felt.touches) if felt is not None else 0
+            servo.close()
+            foot.close()
+        kept = [push for push in pushed(record) if push.why == PUSHED]
+    apart_ms = np.diff([push.at_ns for push in kept]) / 1e6
+    print(f"priority: {priority}")
+    print(f"{seconds:g} s at {RATE_HZ} Hz, {touches} touches: {servo.counts}")
+    print(
+        f"largest force {max(push.out_n for push in kept):.6f} N of {LIMIT_N} N; above it: "
+        f"{sum(np.hypot(push.out_n, push.along_n) > LIMIT_N for push in kept)}"
+    )
+    print("between messages, ms: " + ", ".join(f"p{p:g} {np.percentile(apart_ms, p):.3f}" for p in (50, 99, 99.9, 100)))
+
+
+def cost() -> None:
+    """Print what a step of rendering costs while the hand presses, us."""
+    at, took = Rendered(), []
+    for n in range(20_000):
+        mm = 1.0 - n * 0.04 if n < 50 else -1.0 - 0.1 * np.sin(n / 30)
+        begun = time.perf_counter_ns()
+        at, _ = rendering.step(BLOCK, at, n * 400, (float(mm), 0.0))
+        took.append(time.perf_counter_ns() - begun)
+    told = ", ".join(f"p{p:g} {np.percentile(took, p) / 1e3:.1f}" for p in (50, 99.9))
+    print(f"a step of rendering that presses, us: {told}")
+
+
+def main() -> None:
+    """Measure."""
+    seconds = float(sys.argv[1]) if len(sys.argv) > 1 else SECONDS
+    burners = int(sys.argv[2]) if len(sys.argv) > 2 else 0
+    burning = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(burners)]
+    try:
+        cost()
+        measured(seconds)
+    finally:
+        for one in burning:
+            one.kill()
+            one.wait()
+
+
+if __name__ == "__main__":
+    main()

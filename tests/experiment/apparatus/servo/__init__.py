@@ -1,0 +1,1 @@
+"""The servo of a virtual block."""

@@ -1,0 +1,118 @@
+"""What is pushed for a path of the hand, by equation (4) alone, and that nothing unbelievable pushes at all."""
+
+from __future__ import annotations
+
+from math import hypot, inf, nan
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.apparatus.servo.rendering import AGAIN_MM, NO_FORCE, Rendered, Touch, bounded, step
+from experiment.synthesis.contact import Block, Pair
+
+K, C, DT_US = 800.0, 5.0, 500
+BLOCK = Block((K, K), (C, C), (inf, inf), into=(-1.0, 0.0), nominal_s=DT_US * 1e-6)
+ANY = st.floats(allow_nan=True, allow_infinity=True)
+
+
+def followed(heights_mm: list[float], *, block: Block | None = BLOCK) -> tuple[list[Pair], list[Touch], Rendered]:
+    at = Rendered()
+    forces: list[Pair] = []
+    touches: list[Touch] = []
+    for n, mm in enumerate(heights_mm):
+        at, touched = step(block, at, n * DT_US, (mm, 0.0))
+        forces.append(at.force_n)
+        touches += touched
+    return forces, touches, at
+
+
+def falling(speed_mm_s: float = 100.0, *, from_mm: float = 2.0, to_mm: float = -3.0) -> list[float]:
+    step_mm = speed_mm_s * DT_US * 1e-6
+    return [from_mm - n * step_mm for n in range(int((from_mm - to_mm) / step_mm) + 1)]
+
+
+def test_a_held_block_pushes_as_equation_4_says() -> None:
+    heights = falling()
+    forces, touches, _ = followed(heights)
+    # F = -K r - C dr/dt on the block, -F on the hand: out, along +x; the hand goes down by 0.1 m/s.
+    wanted = [K * -mm * 1e-3 + C * 0.1 if mm < -1e-9 else 0.0 for mm in heights]
+    assert np.allclose([out for out, _ in forces], wanted, rtol=1e-9, atol=1e-12)
+    assert [along for _, along in forces] == [0.0] * len(forces)
+    # 2 mm above the face, at 100 mm/s.
+    (touch,) = touches
+    assert touch == pytest.approx((20_000.0, 100.0))
+
+
+def test_nothing_is_pushed_without_a_block_or_beside_it() -> None:
+    assert set(followed(falling(), block=None)[0]) == {NO_FORCE}
+    assert set(followed(falling(to_mm=0.5))[0]) == {NO_FORCE}
+
+
+@pytest.mark.parametrize("bad", [nan, inf, -inf, 1e300, -50.0])
+def test_a_sample_that_cannot_be_silences_until_the_hand_is_outside(bad: float) -> None:
+    down = falling(to_mm=-2.0)
+    forces, touches, _ = followed([*down, bad, *[-2.0] * 5])
+    assert any(forces[len(down) - 1])
+    assert forces[len(down) :] == [NO_FORCE] * 6
+    assert len(touches) == 1
+    up = down[::-1]
+    forces, touches, _ = followed([*down, bad, *[-2.0] * 5, *up, *down])
+    assert any(forces[-1])
+    assert len(touches) == 2
+
+
+@pytest.mark.parametrize("later_us", [0, -500, 10_000, 10**9])
+def test_a_time_that_cannot_be_silences(later_us: int) -> None:
+    _, _, at = followed(falling())
+    assert any(at.force_n)
+    after, touches = step(BLOCK, at, (at.us or 0) + later_us, (-3.0, 0.0))
+    assert (after.force_n, after.state, touches) == (NO_FORCE, None, ())
+
+
+def test_a_hand_that_begins_inside_is_pushed_only_after_it_was_outside() -> None:
+    assert set(followed([-2.0] * 50)[0]) == {NO_FORCE}
+    assert any(followed([-2.0, -1.0, 0.5, *falling(from_mm=0.5)])[0][-1])
+
+
+def test_a_hand_that_trembles_inside_touches_once() -> None:
+    """The damper lets go of a hand that goes back faster than K r / C, and catches it again."""
+    trembling = [-0.2 + 0.05 * (-1) ** n for n in range(100)]
+    _, touches, _ = followed([*falling(to_mm=-0.2), *trembling, *[AGAIN_MM / 2] * 3, *falling(from_mm=0.5)])
+    assert len(touches) == 1
+    assert len(followed([*falling(to_mm=-0.2), AGAIN_MM * 1.5, *falling(from_mm=1.5)])[1]) == 2
+
+
+def test_the_speed_is_a_mean_over_five_milliseconds() -> None:
+    noise = np.random.default_rng(1).normal(0.0, 0.01, 400)
+    heights = [30.0 - n * 0.1 + noise[n] for n in range(400)]
+    assert followed(heights)[2].speed_mm_s == pytest.approx(200.0, abs=10.0)
+
+
+@given(ANY, ANY, st.floats(min_value=1e-3, max_value=50.0))
+def test_no_force_is_above_the_limit_whatever_comes_in(x: float, y: float, limit_n: float) -> None:
+    assert _size(bounded((x, y), limit_n)) <= limit_n
+
+
+@pytest.mark.parametrize("limit_n", [0.0, -1.0, nan])
+def test_a_limit_that_is_none_allows_no_force(limit_n: float) -> None:
+    assert bounded((1.0, 1.0), limit_n) == NO_FORCE
+
+
+def test_a_force_that_is_bounded_keeps_its_direction() -> None:
+    assert bounded((0.3, 0.4), 1.0) == (0.3, 0.4)
+    assert bounded((30.0, 40.0), 1.0) == pytest.approx((0.6, 0.8))
+
+
+@given(st.lists(st.tuples(st.integers(-(2**40), 2**40), ANY, ANY), max_size=30))
+def test_any_samples_at_all_push_no_more_than_the_limit(samples: list[tuple[int, float, float]]) -> None:
+    at = Rendered()
+    for us, x, y in samples:
+        at, _ = step(BLOCK, at, us, (x, y))
+        assert _size(bounded(at.force_n, 2.0)) <= 2.0
+
+
+def _size(force_n: Pair) -> float:
+    """How large a force is in single precision, as the device is given it."""
+    return hypot(float(np.float32(force_n[0])), float(np.float32(force_n[1])))

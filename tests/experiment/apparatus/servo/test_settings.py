@@ -1,0 +1,65 @@
+"""Whether a device bears a block: b > K T / 2 + |C| (Colgate and Schenkel 1997), as the paper's block is judged."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from experiment.apparatus.servo import settings
+from experiment.apparatus.servo.settings import ServoRig
+from experiment.errors import RigError
+from experiment.protocol.models import Virtual
+
+DEVICE: dict[str, Any] = {
+    "driver": "force-tcp",
+    "address": "127.0.0.1:4713",
+    "full_scale_n": 3.0,
+    "damping_n_s_m": 110.0,
+    "delay_ms": 0.0,
+    "answer_ms": 20.0,
+}
+PAPER = Virtual(
+    switch_key="s",
+    rate_hz=2500,
+    stiffness_n_m=2500.0,
+    damping_n_s_m=100.0,
+    full_m_s2=50.0,
+    decay_per_s=100.0,
+    fastest_mm_s=175.0,
+)
+
+
+def device(**changed: Any) -> ServoRig:
+    return ServoRig.model_validate(DEVICE | changed)
+
+
+def test_the_papers_block_needs_100_5_n_s_m() -> None:
+    """2500 N/m * 400 us / 2 + 100 N s/m."""
+    assert settings.judged(PAPER, device(damping_n_s_m=100.51))[0]
+    fits, why = settings.judged(PAPER, device(damping_n_s_m=100.49))
+    assert not fits
+    assert "a device with 100.5 N s/m of its own, and this one has 100.49 N s/m" in why
+
+
+def test_the_largest_stiffness_is_told() -> None:
+    """(110 - 100) * 2 / 400 us."""
+    assert "A stiffness up to 5e+04 N/m is allowed" in settings.judged(PAPER, device())[1]
+
+
+def test_a_force_that_comes_late_asks_for_more() -> None:
+    """A spring alone that comes n periods late asks for K T / 2 (2 n + 1), at low frequencies: 5 * 0.5 N s/m."""
+    spring = PAPER.model_copy(update={"damping_n_s_m": 0.0})
+    assert settings.judged(spring, device(delay_ms=0.8, damping_n_s_m=2.51))[0]
+    assert not settings.judged(spring, device(delay_ms=0.8, damping_n_s_m=2.49))[0]
+
+
+def test_participants_are_refused_beyond_it() -> None:
+    settings.refuse_beyond(PAPER, device(), rig="ours")
+    with pytest.raises(RigError, match=r"rig 'ours': got a block that may give energy.*Take a softer block"):
+        settings.refuse_beyond(PAPER, device(damping_n_s_m=5.0), rig="ours")
+
+
+def test_a_rig_without_a_device_is_refused_in_words() -> None:
+    with pytest.raises(RigError, match=r"got no table \[servo\]"):
+        settings.of(None, rig="ours")

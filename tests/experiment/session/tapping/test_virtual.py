@@ -1,0 +1,183 @@
+"""Virtual surfaces in a session: what lies there, what sounds at a touch, what goes on record, and what ends it."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+import pytest
+
+from experiment.apparatus.servo.rendering import Felt, Touch
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.clock import ManualClock
+from experiment.errors import PalpateError, ServoError
+from experiment.protocol.files import shipped
+from experiment.protocol.models import Protocol
+from experiment.records import transcript
+from experiment.records.entries import Answer, PlannedTrial, Redo
+from experiment.records.tapping import Changed, Tapped
+from experiment.session import attempt, runner
+from experiment.session.tapping import virtual
+from experiment.synthesis import tap
+from experiment.synthesis.contact import Block
+from tests.experiment.protocol.tapping import rendering
+from tests.experiment.session.bench import HEADER
+from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole
+from tests.experiment.session.tapping.bench import contents
+
+PROTOCOL = Protocol.model_validate(rendering())
+PAIRS = (("felt", "tin"), ("cork", "cork"))
+ORDER = tuple(PlannedTrial(trial=n, presented=pair) for n, pair in enumerate(PAIRS, start=1))
+ASKED = HEADER.model_copy(update={"task": "live", "order": ORDER, "block_trials": len(ORDER)})
+CLOCK = ClockMap(0, START_NS)
+RATE_HZ = 5000
+
+One = TypeVar("One")
+
+
+class ScriptedServo:
+    """Implements `Servo`: the hand does what it is told while a question is open."""
+
+    def __init__(self) -> None:
+        self._told: deque[Felt | PalpateError] = deque()
+        self._some = threading.Condition()
+        self.rendered: list[Block | None] = []
+        self.reconnected = 0
+
+    def render(self, block: Block | None) -> None:
+        self.rendered.append(block)
+
+    def tell(self, what: Felt | PalpateError) -> None:
+        """Have the hand do something, and return once the session has dealt with it."""
+        with self._some:
+            self._told.append(what)
+            self._some.notify_all()
+            # The session reads again only once it has followed what came before.
+            self._some.wait_for(lambda: not self._told and self._asked, 5.0)
+
+    _asked = False
+
+    def read(self) -> Felt | None:
+        with self._some:
+            self._asked = True
+            self._some.notify_all()
+            self._some.wait_for(lambda: self._told, 0.05)
+            if not self._told:
+                return None
+            told, self._asked = self._told.popleft(), False
+            if isinstance(told, PalpateError):
+                self._asked = True
+                self._some.notify_all()
+                raise told
+            return told
+
+    def reconnect(self) -> None:
+        self.reconnected += 1
+
+    def close(self) -> None:
+        pass
+
+
+def touch(speed_mm_s: float, us: int = 1_000_000, *, fast: bool = False) -> Felt:
+    """A hand that falls straight to the face, and touches it in the last of its samples."""
+    times = tuple(range(us - 60_000, us, 1000))
+    heights = tuple((us - t) * 1e-6 * speed_mm_s for t in times)
+    return Felt(times, heights, (Touch(us - 1.0, speed_mm_s),), CLOCK, fast)
+
+
+class Session:
+    """One session of virtual surfaces: at each question, what the hand does, and the key that follows."""
+
+    def __init__(self, script: list[tuple[list[Felt | PalpateError], str]], dataset: Path) -> None:
+        clock = ManualClock(START_NS)
+        self.servo, self.actuator, self.dataset = ScriptedServo(), ScriptedActuator(), dataset
+        hands = deque(hand for hand, _ in script)
+
+        def taps() -> None:
+            for what in hands.popleft():
+                self.servo.tell(what)
+
+        self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=taps)
+        surfaces = virtual.surfaces(PROTOCOL, PROTOCOL.surfaces)
+        devices = virtual.SurfaceDevices(
+            servo=self.servo,
+            actuator=self.actuator,
+            rings={name: tap.rings(one, rate_hz=RATE_HZ, aluminum_m_s2=40.0) for name, one in surfaces.items()},
+            block=virtual.block(PROTOCOL.surfaces, tracker_hz=1000),
+            noise_mm=0.01,
+            opened=ExitStack(),
+        )
+        with devices.opened:
+            self.footer = runner.run(
+                protocol=PROTOCOL.model_copy(update={"tasks": (PROTOCOL.tasks[0].model_copy(update={"id": "live"}),)}),
+                header=ASKED,
+                devices=attempt.Devices(kind=devices, console=self.desk, clock=clock, masker=None, reconnect_s=1.0),
+                rig_file=shipped("rigs/rehearsal.toml"),
+                dataset=dataset,
+            )
+
+    def entries(self, kind: type[One]) -> list[One]:
+        return [one for one in contents(self.dataset).entries if isinstance(one, kind)]
+
+
+def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(tmp_path: Path) -> None:
+    script: list[tuple[list[Felt | PalpateError], str]] = [
+        ([touch(100.0)], "s"),
+        ([touch(150.0, 2_000_000)], "s"),
+        ([touch(120.0, 3_000_000)], "1"),
+        ([touch(110.0, 4_000_000, fast=True)], "2"),
+    ]
+    session = Session(script, tmp_path)
+    changed = [(one.trial, one.place, one.material) for one in session.entries(Changed)]
+    assert changed == [(1, "second", "tin"), (1, "first", "felt")]
+    tapped = session.entries(Tapped)
+    assert [(one.trial, one.place, one.material) for one in tapped] == [
+        (1, "first", "felt"),
+        (1, "second", "tin"),
+        (1, "first", "felt"),
+        (2, "first", "cork"),
+    ]
+    assert [one.speed_mm_s for one in tapped] == pytest.approx([100.0, 150.0, 120.0, 110.0], rel=0.01)
+    assert [one.fast for one in tapped] == [False, False, False, True]
+    assert [one.onset.contact_ns - START_NS for one in tapped] == [n * 10**9 - 1000 for n in range(1, 5)]
+    # Equations (1) and (2), written out: L times the full amplitude at 0.2 m/s, and B = 100 /s.
+    t = np.arange(session.actuator.played[0].size) / RATE_HZ
+    for played, one, (hz, part) in zip(
+        session.actuator.played, tapped, [(60.0, 0.1), (900.0, 0.5), (60.0, 0.1), (200.0, 0.2)], strict=True
+    ):
+        wanted = 40.0 * part * one.speed_mm_s / 200.0 * np.exp(-100.0 * t) * np.sin(2 * np.pi * hz * t)
+        assert np.allclose(played, wanted, rtol=1e-9, atol=1e-12)
+    assert [one.answered for one in session.entries(Answer)] == ["first", "second"]
+    told = transcript.text(contents(tmp_path))
+    assert "trial 1.1: changed to the second surface, tin" in told
+    assert "tapped the first surface, cork, at 110.0 mm/s (too fast)" in told
+
+
+def test_a_block_is_there_only_while_a_question_is_open(tmp_path: Path) -> None:
+    session = Session([([], "1"), ([], "2")], tmp_path)
+    assert [one is not None for one in session.servo.rendered] == [True, False, True, False]
+    assert session.footer.reason == "complete"
+
+
+def test_a_touch_while_no_question_is_open_sounds_nothing(tmp_path: Path) -> None:
+    session = Session([([], "1"), ([touch(100.0)], "2")], tmp_path)
+    assert len(session.actuator.played) == len(session.entries(Tapped)) == 1
+
+
+def test_a_servo_that_fails_puts_the_trial_off_whatever_was_answered(tmp_path: Path) -> None:
+    script: list[tuple[list[Felt | PalpateError], str]] = [
+        ([touch(100.0), ServoError("force device at x: no answer for 30 ms")], "1"),
+        ([touch(100.0, 2_000_000)], "2"),
+        ([touch(100.0, 3_000_000)], "1"),
+    ]
+    session = Session(script, tmp_path)
+    (redo,) = session.entries(Redo)
+    assert (redo.trial, redo.put_off) == (1, True)
+    assert "no answer for 30 ms" in redo.reason
+    assert any("Nothing is rendered any more" in shown for shown in session.desk.shown)
+    assert session.servo.reconnected == 1
+    assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(2, "second"), (1, "first")]
