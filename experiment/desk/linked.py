@@ -437,7 +437,8 @@ class LinkedConsole:
 
     def ended(self, words: str, exit_code: int) -> None:
         """Tell that the process ends."""
-        self._now(state="ended", question=None, ended=Ended(words=words, exit_code=exit_code))
+        over = Ended(words=words, exit_code=exit_code)
+        self._now(state="ended", question=None, trial=None, lay_out="", heard="", ended=over)
 
     def _now(self, **changed: object) -> None:
         with self._changed:

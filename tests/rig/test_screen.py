@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import os
+import re
 import shutil
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -21,7 +22,7 @@ from experiment.apparatus.display import ScreenRig, ScreenWords
 from experiment.clock import monotonic_ns
 from experiment.desk import pages
 from experiment.desk.link import Line, Link, answers
-from experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, Stop, View
+from experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, Stop, View, Write
 from experiment.protocol.files import shipped
 from experiment.records import entries, journal, transcript
 from tests.experiment.protocol.small import SMALL
@@ -408,6 +409,80 @@ def test_a_session_opens_its_screen_and_goes_on_without_it(display: Display, rig
     assert all(0 < t_ns - entry.since_ns < 60e9 for t_ns, entry in shows)
     assert sum(isinstance(entry, entries.Answer) for entry in contents.entries) == 2
     assert "the participant's screen shows 'ready'" in transcript.text(contents)
+
+
+SHOWN = {
+    "familiarise": "instructions",
+    "place": "wait",
+    "armed": "ready",
+    "answer": "answer",
+    "confirm": "answer",
+    "write": "wait",
+    "debrief": "wait",
+}
+"""What the participant sees at each step of a practised visit."""
+
+
+@pytest.mark.parametrize("steps", [("familiarise", "armed", "answer", "confirm"), ("place", "write", "debrief")])
+def test_a_screen_that_is_killed_at_every_step_comes_back_there(
+    display: Display, rig: Path, tmp_path: Path, steps: tuple[str, ...]
+) -> None:
+    """The session stands at its question meanwhile, and everything that is answered is on record in the end."""
+    protocol = tmp_path / "small.toml"
+    protocol.write_text(re.sub("repetitions = [0-9]", "repetitions = 1", SMALL), "utf-8")
+    at, data, left = tmp_path / "s.sock", tmp_path / "data", {step: SHOWN[step] for step in steps}
+    command = [sys.executable, "-m", "experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
+    command += ["--dataset", str(data), "--session-at", str(at)]
+    with (tmp_path / "log").open("wb") as log, ExitStack() as opened:
+        session = subprocess.Popen(command, env=display.environment, stdout=log, stderr=log)
+        opened.callback(session.wait)
+        opened.callback(session.kill)
+        wait_until(lambda: answers(at) or session.poll() is not None, "no session")
+        console = Line(at, Hello(role="console", by="console"))
+        opened.callback(console.close)
+        screens: list[subprocess.Popen[str]] = []
+        step, asked, answered, gone = "", -1, -1, False
+        for message in console.messages():
+            if not isinstance(message, View) or message.gauges is None:
+                continue
+            connected = [one.good for one in message.gauges.lamps if one.name == "screen"] == [True]
+            question = message.question
+            now = question.kind if question is not None else message.state
+            if now in left and not step and connected:
+                step, asked, gone = now, question.number if question is not None else -1, False
+                os.kill(screens[-1].pid if screens else _screen_of(session.pid), 9)
+            elif step and not connected and not gone:
+                gone = True
+                screens.append(opened.enter_context(screen(display, rig, at)))
+            elif step and connected and gone:
+                assert asked < 0 or (question is not None and question.number == asked), "the session went on"
+                # The foot may have stepped meanwhile: who is armed is not held up.
+                _wait_for(data, left[step] if asked >= 0 else "answer")
+                left.pop(step)
+                step = ""
+            if step or question is None or question.number == answered or (now in left and now != "armed"):
+                continue
+            answered = question.number
+            if question.kind == "write":
+                console.send(Write(question=question.number, text="nothing"))
+            else:
+                console.send(Choose(question=question.number, key=question.choices[0].key))
+        assert session.wait(BEGINS_S) == 0, (tmp_path / "log").read_text("utf-8")
+    assert not left
+    for file in data.rglob("*_journal.jsonl"):
+        found = journal.read(file).entries
+        assert sum(isinstance(entry, entries.Answer) for entry in found) == 2
+
+
+def _wait_for(data: Path, show: str) -> None:
+    """Wait until this is what the participant's screen showed last, by the journals."""
+
+    def last() -> str:
+        lines = [line for file in data.rglob("*_journal.jsonl") for line in journal.read_if_begun(file).lines]
+        shown = [(line.t_ns, line.entry.show) for line in lines if isinstance(line.entry, entries.Shown)]
+        return max(shown)[1] if shown else ""
+
+    wait_until(lambda: last() == show, f"'{show}' was not shown")
 
 
 def _screen_of(session: int) -> int:

@@ -463,3 +463,14 @@ def test_a_console_is_told_what_the_session_is_for_and_how_far_it_is(bench: Benc
     assert view.gauges == Gauges(left_s=60.0)
     bench.linked.show("one\ntwo \x1b[31m")
     assert shown(bench.linked).lines == ("one two <U+001B>[31m",)
+
+
+def test_what_was_laid_out_is_not_told_after_the_end(bench: Bench) -> None:
+    laid = bench.asks(lambda: bench.linked.place(trial=2, presented=("cork",)))
+    bench.question("place")
+    assert bench.do(Stop())[0]
+    with pytest.raises(PauseAsked):
+        laid.result(10)
+    bench.linked.ended("It ended.", 0)
+    view = shown(bench.linked)
+    assert (view.trial, view.lay_out, view.ended is not None) == (None, "", True)
