@@ -17,6 +17,7 @@ import ctypes
 import json
 import os
 import select
+import signal
 import socket
 import struct
 import sys
@@ -257,6 +258,8 @@ def _tuples(told: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Be the process: its arguments are the number of an open socket, and its orders."""
+    # Ctrl-C at the terminal is the session's, which then ends this process, with the force at zero.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     line = Line(socket.socket(fileno=int(sys.argv[1])))
     with _prompt():
         try:
