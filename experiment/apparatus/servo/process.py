@@ -220,9 +220,11 @@ class Servo:
             ) from error
         if data:
             self._decoder, frames = self._decoder.feed(data)
-            self._line.tell(SAMPLES, data, now_ns)
+            # After the read: a stamp from before a stall would put samples before they were taken, for good.
+            arrived_ns = time.monotonic_ns()
+            self._line.tell(SAMPLES, data, arrived_ns)
             if frames.device_us.size:
-                self._arrived_ns = now_ns
+                self._arrived_ns = arrived_ns
                 heights = np.interp(frames.counts, self._orders.counts, self._orders.mm)
                 for us, mm in zip(frames.device_us.tolist(), heights.tolist(), strict=True):
                     pushed = self._at.state is not None
