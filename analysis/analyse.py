@@ -228,6 +228,8 @@ def _numbers(study: Study, results: Results, comparison: Comparison | None) -> d
         "two_way": [_anova(anova) for anova in results.two_way],
         "two_way_statement": results.two_way_statement,
         "beside": _plain(results.beside),
+        "equivalence": _plain(results.equivalences),
+        "marginal": {"found": _plain(results.marginal[0]), "statement": results.marginal[1]},
         "trials": _plain(results.trials),
         "course": _course(results.course),
         "icc": [asdict(reliability) for reliability in results.reliabilities],

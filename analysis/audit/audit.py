@@ -21,9 +21,11 @@ from analysis.audit.checks import Checks
 from analysis.audit.evidence import FromResults
 from analysis.audit.mistakes import Citation, Line
 from analysis.audit.print_lines import print_lines
-from analysis.documents.tables import WIDTH, Section, Table, text
+from analysis.documents.tables import Section, Table, text
 from analysis.identification.results import Results, TaskResult, compute
+from analysis.published import paper
 from analysis.published.numbers import PrintedIcc, Published
+from analysis.published.paper import Stated
 from analysis.reading.dataset import read
 from analysis.reading.study import nothing_left
 from experiment.errors import DatasetError, PublishedError
@@ -73,6 +75,9 @@ OTHERWISE = {
 }
 """How a sentence counts the verdicts other than agreement: of one number, and of more."""
 
+UNDECIDED = ("cannot be decided", "not in this dataset")
+"""Verdicts that accuse nothing."""
+
 MARKS = {"mean": "", "SD": " ± ", "stars": ""}
 """What stands before each part of a cell."""
 
@@ -99,20 +104,32 @@ class Comparison:
     correlations: tuple[Correlation, ...]
 
 
+WIDTH = 80
+"""Columns of the text: those of most terminals and of paper."""
+
+
 @dataclass(frozen=True)
 class Audit:
-    """What was found; `label` is that of the dataset, `origin` as in `comparison_section`."""
+    """What was found; `label` is that of the dataset, `origin` as in `comparison_section`.
+
+    `passed_over` tells of each table of a paper that was not read.
+    """
 
     study: str
     origin: str
     label: str
     comparison: Comparison
+    passed_over: tuple[str, ...] = ()
 
     def text(self, width: int = WIDTH) -> str:
-        """Return every line by its place in print, then again those that disagree; no line is longer than `width`."""
+        """Return every line by its place in print, then again those that disagree, then those that are undecided.
+
+        No line is longer than `width`.
+        """
         band = [self.label] if self.label else []
         section = text(comparison_section(self.origin, self.comparison), width)
-        return "\n\n".join([*band, section, *self._findings(width)])
+        passed = [textwrap.fill(sentence, width) for sentence in self.passed_over]
+        return "\n\n".join([*band, section, *passed, *self._findings(width)])
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything for JSON, without NaN or infinity; None stands where something is not a number."""
@@ -122,41 +139,58 @@ class Audit:
             "against": "print" if self.origin == PRINT else "dataset",
             "origin": None if self.origin == PRINT else self.origin,
             "label": self.label,
+            "passed_over": list(self.passed_over),
             "lines": [{**asdict(line), "agrees": line.agrees} for line in self.comparison.lines],
         }
 
     def _findings(self, width: int) -> list[str]:
         if self.origin not in HELD:
             return []
-        found = [line for line in self.comparison.lines if line.verdict != "agrees"]
-        if not found:
-            return ["Every printed number agrees as rounded."]
-        title = "What does not agree as rounded"
-        return [f"{title}\n{'=' * len(title)}", "\n".join(_finding(line, width) for line in found)]
+        lines = self.comparison.lines
+        undecided = [line for line in lines if line.verdict in UNDECIDED]
+        found = [line for line in lines if line.verdict != "agrees" and line not in undecided]
+        texts = [] if found else [f"Every printed number{' that can be checked' * bool(undecided)} agrees as rounded."]
+        for title, held in (("What does not agree as rounded", found), ("What cannot be decided", undecided)):
+            if held:
+                texts += [f"{title}\n{'=' * len(title)}", "\n".join(_finding(line, width) for line in held)]
+        return texts
 
 
 def _finding(line: Line, width: int) -> str:
-    said = f"{line.where}, {line.task}, {line.subject}: {_with_name(line)}; recomputed {line.recomputed}"
+    said = f"{line.where}, {line.task}, {line.subject}: {_with_name(line)}"
+    said += f"; recomputed {line.recomputed}" if line.verdict not in UNDECIDED else ""
     reason = f": {line.reason}" if line.reason else ""
     return textwrap.fill(f"{said}; {line.verdict}{reason}", width, subsequent_indent="  ", break_on_hyphens=False)
 
 
-def audit(target: str, against: Path | None = None) -> Audit:
+def audit(target: str, against: Path | None = None, stated: Stated | None = None) -> Audit:
     """Return the audit of a study's printed numbers.
 
     Args:
-        target: id of a study that palpate brings along, a file of printed numbers, or the folder of a dataset.
+        target: id of a study that palpate brings along, a file of printed numbers, a paper's HTML page or CSV tables,
+            or the folder of a dataset.
         against: for a dataset, the file of its paper's printed numbers; by default the study's own, by its id.
+        stated: for a page or CSV tables, what the paper says outside of them.
 
     Raises:
         PublishedError: for a file that cannot be used, with every problem at once.
         DatasetError: for a dataset that cannot be read or has no paper.
     """
     path = Path(target)
+    is_paper = path.suffix.lower() in paper.SUFFIXES and not path.is_dir()
+    if stated is not None and not is_paper:
+        raise PublishedError(
+            f"{target}: got --participants or --trials; allowed: for an HTML page or a CSV file, whose "
+            "tables do not say them; leave them out"
+        )
     if path.is_dir():
         return _dataset(path, against)
     if against is not None:
         raise PublishedError(f"--against {against}: {target} is no dataset; give the folder of one, or leave it out")
+    if is_paper:
+        found = paper.read(path, stated or Stated())
+        comparison = Comparison(found.printed.source, print_lines(found.printed), ())
+        return Audit(path.name, PRINT, "", comparison, found.passed_over)
     printed = published.load(target)
     if printed is None:
         if not path.exists() and path.suffix != ".toml":

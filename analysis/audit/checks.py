@@ -113,8 +113,8 @@ class Checks:
                 return pinned
         return effects
 
-    def _tried(self, found: Iterable[Mistake]) -> Iterable[Mistake]:
-        return found if self._diagnose else ()
+    def _tried(self, found: Iterable[Mistake]) -> Iterable[Mistake] | None:
+        return found if self._diagnose else None
 
     def _citation(self, where: str, task: str, subject: str, statement: str = "") -> Citation:
         return Citation(where, task, subject, self._evidence.missing, statement)
@@ -151,7 +151,7 @@ class Checks:
                 instead = f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
                 why_so = f"its t and P follow from the SD{instead}" if test else "as in the rest of the table"
                 contradiction = "differs", f"it is {misreading}: {why_so}"
-            why = () if misreading else self._tried(mistakes.of_sd(possible()))
+            why = None if misreading else self._tried(mistakes.of_sd(possible()))
             sd = cited.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
             yield replace(sd, reason=_cut(cell.sd, held)) if sd.verdict == "agrees if truncated" and held else sd
         null = test.null if test else None if cell.is_score else self._published.chance
@@ -250,15 +250,18 @@ class Checks:
         if len(found.f) > 1 and (verdict not in AGREES or len(fitting) < len(found.f)):
             remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
         layout = self._layout(printed, found) if self._diagnose else None
-        why = mistakes.of_f(values, layout, printed.df) if layout else ()
+        why = self._tried(mistakes.of_f(values, layout, printed.df) if layout else ())
         line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, why, remark=remark)
-        yield line
         if own is None or not values:
+            yield line
             from_print = [p_of_f(printed.f.either, printed.df)] if cited.missing == "cannot be decided" else []
             yield cited.number("P", printed.p, from_print)
         else:
             narrow = [one.common(printed.f.either) if line.agrees else one for one in fitting]
-            why = mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ()
+            if self._diagnose and line.agrees and (slip := _slip_of_f(printed, narrow, values, own)):
+                line, narrow = replace(line, verdict="differs", reason=slip), values
+            yield line
+            why = self._tried(mistakes.of_p_of_f(values, printed.f, layout, printed.df) if layout else ())
             yield cited.number("P", printed.p, [p_of_f(one, own) for one in narrow], why)
         effect, residual = own or (None, None)
         of_effect = mistakes.of_df_of_effect(layout) if layout else ()
@@ -299,6 +302,18 @@ def _df(cited: Citation, printed: int, found: int | None, other: Iterable[tuple[
     reason = "; or ".join(text for value, text in other if value == printed) if printed != found else ""
     verdict: Verdict = "agrees" if printed == found else "differs"
     return cited.text(name, str(printed), str(found), verdict, reason, float(found))
+
+
+def _slip_of_f(printed: PrintedF, narrow: Sequence[Interval], values: Sequence[Interval], df: tuple[int, int]) -> str:
+    """Return the slip of a digit in F that explains why its P does not follow it, where no slip of P does."""
+    ps = [p_of_f(one, df) for one in narrow]
+    if judge(printed.p, ps)[0] in AGREES or mistakes.slip_of(printed.p, ps) or not printed.f.exact:
+        return ""
+    for slip, text in mistakes.slips(printed.f.text):
+        held = [one.common(Printed(text).either) for one in values if one.meets(Printed(text).either)]
+        if held and judge(printed.p, [p_of_f(one, df) for one in held])[0] in AGREES:
+            return f"{slip}: {text} would stand, and gives the P beside it"
+    return ""
 
 
 def _is_in(printed: PrintedF, cell: PrintedCell) -> bool:

@@ -198,7 +198,7 @@ class FromPrint:
         self._misread = dict(misread or {})
         self._tables = {cell.key: cell for cell in published.tables()}
         self._found: dict[tuple[str, str, str], Sample] = {}
-        self._work = Work(MOST_WORK)
+        self.work = Work(MOST_WORK)
 
     def misreading(self, cell: PrintedCell) -> Misreading | None:
         """Return what the cell's printed SD is read as, or None where it is read as an SD."""
@@ -215,9 +215,26 @@ class FromPrint:
         """Return this evidence with the SDs of `cells` read as `misreading`; None where no values have such moments."""
         changed = {cell.key: misreading for cell in cells}
         found = FromPrint(self._published, self._misread | changed)
-        found._work = self._work
+        found.work = self.work
         found._found = {key: sample for key, sample in self._found.items() if key not in changed}
         return found if all(found.sample(cell).every for cell in cells) else None
+
+    def working_with(
+        self,
+        published: Published,
+        changed: Iterable[tuple[str, str, str]] = (),
+        tasks: Sequence[str] = (),
+        work: Work | None = None,
+    ) -> FromPrint:
+        """Return this evidence of other printed numbers, which differ in the cells with the keys `changed` or in tasks.
+
+        What is tried is taken off `work`, or else off what is left for the file.
+        """
+        found = FromPrint(published, self._misread)
+        found.work = work or self.work
+        gone = set(changed)
+        found._found = {key: one for key, one in self._found.items() if key not in gone and key[0] not in tasks}
+        return found
 
     def mean(self, cell: PrintedCell) -> Known:
         """Return the means near the printed one that whole counts give; in the text, those that the table allows."""
@@ -335,7 +352,7 @@ class FromPrint:
         return found
 
     def _spend(self, amount: int) -> None:
-        if not self._work.spend(amount):
+        if not self.work.spend(amount):
             raise PublishedError(
                 f"{self._published.study}: got printed numbers that {MOST_WORK} means and variances are too few to "
                 "check; divide the file into one for each table and its tests"

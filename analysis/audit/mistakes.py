@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from typing import Literal
 
 from analysis.audit.granularity import Moments
@@ -93,6 +95,43 @@ class Mistake:
     values: tuple[Interval, ...]
     squares: bool = False
 
+    def gives(self, printed: Printed) -> bool:
+        """Return whether the printed number can stand for one of the values."""
+        return judge(printed, self.values, squares=self.squares)[0] in AGREES
+
+    def by_chance(self, printed: Printed) -> float:
+        """Return the share of the numbers from a tenth to ten times the printed one that this would give as well.
+
+        The numbers are spread evenly in their logarithm, as digits of measured numbers are (ours).
+        """
+        size, unit = abs(printed.value), printed.unit
+        if not size:
+            return 0.0
+        ends = []
+        for value in self.values:
+            low, high = (float(end) for end in (value.absolute().low, value.absolute().high))
+            if self.squares:
+                low, high = math.sqrt(max(low, 0.0)), math.sqrt(high)
+            ends.append((max(low - unit, size / 10), min(high + unit, size * 10)))
+        covered, reached = 0.0, 0.0
+        for low, high in sorted(ends):
+            begin = max(low, reached)
+            if begin < high:
+                covered += math.log10(high / begin)
+                reached = high
+        return covered / 2
+
+
+OFTEN = 0.05
+"""Share of random wrong numbers from which on a mistake that gives them is said to fit by chance."""
+
+
+def told(text: str, by_chance: float) -> str:
+    """Return a mistake in words, with the share of wrong numbers that it gives by chance where that is not small."""
+    if by_chance < OFTEN:
+        return text
+    return f"{text} (by chance this would fit {min(100 * by_chance, 99):.0f} % of wrong numbers)"
+
 
 @dataclass(frozen=True)
 class Layout:
@@ -113,9 +152,55 @@ class Layout:
 
 def explain(printed: Printed, mistakes: Iterable[Mistake]) -> str:
     """Return the mistakes that give the printed number, in words and in their order; empty where none does."""
-    return "; or ".join(
-        mistake.text for mistake in mistakes if judge(printed, mistake.values, squares=mistake.squares)[0] in AGREES
-    )
+    return "; or ".join(told(one.text, one.by_chance(printed)) for one in mistakes if one.gives(printed))
+
+
+SWAPPED, ONE_DIGIT, TENFOLD = "two digits are swapped", "one digit is wrong", "it is off by a power of ten"
+
+
+def _places(printed: str) -> list[int]:
+    """Return where the digits of a number stand, without a 0 alone before the point and the power of ten."""
+    number = printed.partition("e")[0]
+    bare = {i for i in range(len(number)) if number[i : i + 2] == "0." and not number[:i].strip("-<").isdigit()}
+    return [i for i, sign in enumerate(number) if sign.isdigit() and i not in bare]
+
+
+def slips(printed: str) -> Iterator[tuple[str, str]]:
+    """Yield what a slip of one digit makes `printed` of, as the slip in words and the number, the rarest slip first."""
+    places = _places(printed)
+    for i, j in pairwise(places):
+        if printed[i] != printed[j]:
+            yield SWAPPED, printed[:i] + printed[j] + printed[i + 1 : j] + printed[i] + printed[j + 1 :]
+    for i in places:
+        for sign in "0123456789":
+            if sign != printed[i]:
+                yield ONE_DIGIT, printed[:i] + sign + printed[i + 1 :]
+
+
+FEW = 50
+"""Values up to which a slip is compared with each of them, and beyond with the interval around them all."""
+
+
+def slip_of(printed: Printed, values: Sequence[Interval], *, squares: bool = False) -> str:
+    """Return the slip of a digit or of the point by which one of `values` becomes the printed number; or nothing."""
+    for power in (-1, 1, -2, 2):
+        factor = Fraction(10) ** (power * (1 + squares))
+        moved = Mistake(TENFOLD, tuple(value.times(factor) for value in values), squares)
+        if moved.gives(printed):
+            return told(TENFOLD, moved.by_chance(printed))
+    if len(values) > FEW:
+        values = [hull(values)]
+    found: dict[str, list[str]] = {}
+    tried: Counter[str] = Counter()
+    for slip, text in slips(printed.text):
+        tried[slip] += 1
+        if judge(Printed(text), values, squares=squares)[0] in AGREES:
+            found.setdefault(slip, []).append(text)
+    digits = len(_places(printed.text))
+    for slip, texts in found.items():
+        by_chance = len(texts) * tried[slip] / 10 ** max(digits, 1)
+        return told(f"{slip}: {' or '.join(texts[:3])} would stand", by_chance)
+    return ""
 
 
 def of_mean(means: Sequence[Interval], n: int, sizes: Iterable[int]) -> Iterator[Mistake]:
@@ -166,6 +251,7 @@ def of_t(
             yield Mistake(text, tuple(t_of(one, size) for one in effects))
     from_zero = [of_zero for one in moments if (of_zero := effect(one, Fraction(0))) is not None]
     yield Mistake("it is the t against 0", tuple(t_of(one, n) for one in from_zero))
+    yield Mistake("it is the square of t, an F", tuple(one.absolute().squared() for one in correct))
 
 
 def of_p(
@@ -202,7 +288,6 @@ def of_lone_p(t: Printed, df: int) -> Iterator[Mistake]:
 
 def of_any_f(f: Sequence[Interval], df: tuple[int, int]) -> Iterator[Mistake]:
     """Yield what else could have been printed in the place of an F with these df."""
-    yield Mistake("it is one over F", tuple(image(lambda one: 1 / one if one > 0 else math.inf, f_) for f_ in f))
     yield Mistake("it is the root of F, a t", tuple(image(lambda one: math.sqrt(max(one, 0.0)), f_) for f_ in f))
     eta = tuple(image(lambda one: df[0] / (df[0] + df[1] / one) if one > 0 else 0.0, f_) for f_ in f)
     yield Mistake("what is printed as F is eta squared", eta)
@@ -303,7 +388,7 @@ class Citation:
         quantity: str,
         printed: Printed,
         values: Sequence[Interval],
-        why: Iterable[Mistake] = (),
+        why: Iterable[Mistake] | None = (),
         *,
         squares: bool = False,
         remark: str = "",
@@ -311,8 +396,9 @@ class Citation:
     ) -> Line:
         """Return the line of a number that can have `values`; `squares` is as in `judge`.
 
-        `why` holds the mistakes to try, and `remark` stands after the recomputed number. `otherwise` is the verdict
-        where no value fits, with the reason where no mistake gives the number.
+        `why` holds the mistakes to try before slips of a digit, or is None where nothing is to be explained, and
+        `remark` stands after the recomputed number. `otherwise` is the verdict where no value fits, with the reason
+        where no mistake gives the number.
         """
         if not values:
             return self.text(quantity, printed.text, "-", self.missing, self.statement)
@@ -323,7 +409,8 @@ class Citation:
             text = " to ".join(dict.fromkeys(_above_zero(part) for part in text.split(" to ")))
         reason = ""
         if verdict == "differs":
-            verdict, reason = otherwise[0], explain(printed, why) or otherwise[1]
+            explained = "" if why is None else explain(printed, why) or slip_of(printed, values, squares=squares)
+            verdict, reason = otherwise[0], explained or otherwise[1]
         found = text + remark
         return Line(self.where, self.task, self.subject, quantity, printed.text, found, low, high, verdict, reason)
 

@@ -21,10 +21,12 @@ from operator import attrgetter
 
 import numpy as np
 
+from analysis.audit import causes
+from analysis.audit.causes import CONFLICTS
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
 from analysis.audit.granularity import MOST_COLUMNS, Row, Undecided, Work, examine
-from analysis.audit.mistakes import AGREES, Citation, Line, Mistake, Verdict, judge, of_any_f
+from analysis.audit.mistakes import AGREES, TENFOLD, Citation, Line, Mistake, Verdict, judge, of_any_f, slips
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.documents.tables import plural
 from analysis.published.numbers import (
@@ -36,8 +38,6 @@ from analysis.published.numbers import (
     Published,
 )
 from analysis.published.printed import Interval, Printed, hull, sum_of
-
-CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
 
 
 def read_print(published: Published) -> FromPrint:
@@ -237,7 +237,11 @@ UNDECIDED: Verdict = "cannot be decided"
 
 def print_lines(published: Published) -> tuple[Line, ...]:
     """Return every line of a study whose printed numbers are compared with one another."""
-    evidence = read_print(published)
+    right, evidence, found = causes.find(published, read_print(published))
+    return tuple(causes.accused(_lines(right, evidence), published, found))
+
+
+def _lines(published: Published, evidence: FromPrint) -> tuple[Line, ...]:
     checks = Checks(published, evidence, diagnose=True)
     lines = list(checks.lines())
     work = Work(MOST_COLUMNS)
@@ -274,7 +278,7 @@ def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Seque
         row = examine(cells, task.participants, task.trials, pinned, work)
     except Undecided as reason:
         return cited.text("row", printed, "-", UNDECIDED, str(reason))
-    return _judged(cited, printed, cells, row, given=", given the printed t" if pinned else "")
+    return _judged(published, cited, printed, cells, row, given=", given the printed t" if pinned else "")
 
 
 def _pinned(published: Published, checks: Checks, evidence: FromPrint, cell: PrintedCell) -> Interval | None:
@@ -291,7 +295,9 @@ def _pinned(published: Published, checks: Checks, evidence: FromPrint, cell: Pri
     return hull(held) if held else None
 
 
-def _judged(cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Row, *, given: str) -> Line:
+def _judged(
+    published: Published, cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Row, *, given: str
+) -> Line:
     if row.stands:
         found = f"{row.trials} of {row.trials} trials"
         if not row.truncated:
@@ -307,12 +313,27 @@ def _judged(cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Ro
         less = f" ({fewer} would, if means are truncated)" if fewer else ""
         reasons.append(f"{plural(gaps, 'trial')} without an answer would explain it{less}")
     if row.misprinted:
-        names = ", ".join(f"-> {cells[i].answered}" for i in row.misprinted)
+        names = ", ".join(f"-> {cells[i].answered}{_slip_in(published, cells, i)}" for i in row.misprinted)
         besides = "so would" if gaps else "a possible cause is"
         reasons.append(f"{besides} a misprint of one of {names}")
     possible = row.fewest <= row.trials <= row.most
     first = f"no whole counts give all means and SDs at once{given}" if possible else "the ratios cannot sum to 1"
     return cited.text("row", printed, found, "impossible", "; ".join([first, *reasons]))
+
+
+def _slip_in(published: Published, cells: Sequence[PrintedCell], index: int) -> str:
+    """Return the slip of a digit in a mean without which its row would add up, in brackets; or nothing."""
+    left = causes.left_by(published, cells, cells[index].key)
+    if left is None:
+        return ""
+    printed = cells[index].mean
+    for power in (-1, 1, 2):
+        if left.times(Fraction(10) ** power).meets(printed.rounded) and printed.exact:
+            return f" ({TENFOLD})"
+    for slip, text in slips(printed.text):
+        if left.meets(Printed(text).rounded):
+            return f" ({slip}: {text} would stand)"
+    return ""
 
 
 def _choices(choices: PrintedChoices) -> Iterator[Line]:

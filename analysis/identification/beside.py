@@ -20,7 +20,7 @@ from scipy.special import fdtrc
 from analysis.identification.confusion import Confusion
 from analysis.reading.study import Study
 from analysis.statistics import mixed_logit
-from analysis.statistics.exact import Floats, NotDefined
+from analysis.statistics.exact import Floats, Integers, NotDefined
 from analysis.statistics.inference import EffectSize, TTest, cohens_d, t_against_chance
 from analysis.statistics.participants import Repeated, SignFlip, repeated, sign_flip
 
@@ -156,17 +156,25 @@ def _mean_ratios(matrix: Confusion, people: Sequence[str]) -> list[Fraction]:
     return [sum((ratios[label] for ratios in each), Fraction(0)) / len(each) for label in people]
 
 
-def _logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
-    """Return the logit of every participant's counts; who lacks a task or a material has no trials there."""
-    people = list(dict.fromkeys(label for matrix in tasks.values() for label in matrix.participants))
-    if len(people) < LEAST:
-        raise NotDefined(f"it needs {LEAST} participants, got {len(people)}")
+def right_answers(tasks: Mapping[str, Confusion]) -> tuple[tuple[str, ...], Integers, Integers]:
+    """Return everybody, right answers and trials, shape (participants, tasks, materials); 0 of what is lacking."""
+    people = tuple(dict.fromkeys(label for matrix in tasks.values() for label in matrix.participants))
+    place = {label: row for row, label in enumerate(people)}
     names = next(iter(tasks.values())).materials
     right, trials = (np.zeros((len(people), len(tasks), len(names)), dtype=np.int64) for _ in range(2))
     for k, matrix in enumerate(tasks.values()):
-        rows = [people.index(label) for label in matrix.participants]
+        rows = [place[label] for label in matrix.participants]
         right[rows, k] = np.diagonal(matrix.counts[:, :, :-1], axis1=1, axis2=2)
         trials[rows, k] = matrix.trials
+    return people, right, trials
+
+
+def _logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
+    """Return the logit of every participant's counts; who lacks a task or a material has no trials there."""
+    people, right, trials = right_answers(tasks)
+    if len(people) < LEAST:
+        raise NotDefined(f"it needs {LEAST} participants, got {len(people)}")
+    names = next(iter(tasks.values())).materials
     for what, of, axes in (("task", list(tasks), (0, 2)), ("material", list(names), (0, 1))):
         for level, hits, total in zip(of, right.sum(axis=axes), trials.sum(axis=axes), strict=True):
             if hits in (0, total):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from typing import TypeVar
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
 from analysis.identification.maps import Choice, Mantel, Scaling
+from analysis.statistics import lapses
 from analysis.statistics.exact import NotDefined, mean
 from analysis.statistics.inference import (
     CONFIDENCE,
@@ -71,6 +72,21 @@ class ChoiceIntervals:
 
 
 @dataclass(frozen=True)
+class BiasedLapses:
+    """The lapse model of all trials, with the jackknife of lapses and of biases by material; None where it has none.
+
+    `known` is the share of trials that each participant knew, and `guessing` are those not shown to have known any.
+    """
+
+    model: lapses.Lapses
+    lapse: Jackknife | None
+    lapses: tuple[Jackknife | None, ...]
+    biases: tuple[Jackknife | None, ...]
+    known: Mapping[str, float]
+    guessing: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Identification:
     """What the confusion matrix of one task says beyond its ratios; `statements` say why something is not defined."""
 
@@ -80,6 +96,7 @@ class Identification:
     jackknife: Jackknife | None
     detection: Detection | None
     choice: ChoiceIntervals | None
+    lapses: BiasedLapses | None
     scaling: Scaling | None
     mantel: Mantel | None
     statements: Mapping[str, str]
@@ -102,6 +119,7 @@ def identify(
     bits = told("information", lambda: information(counts.sum(axis=0)))
     bits_jackknife = told("information interval", lambda: _jackknife(counts, bits)) if bits else None
     found_choice = told("choice", lambda: _choice(matrix, rng))
+    found_lapses = told("lapses", lambda: _lapses(matrix))
     found_scaling = told("scaling", lambda: maps.classical(maps.from_confusions(matrix.means()[:, :-1])))
     found_mantel = None
     if dissimilarities is not None:
@@ -113,10 +131,41 @@ def identify(
         bits_jackknife,
         _detection(matrix, rng),
         found_choice,
+        found_lapses,
         found_scaling,
         found_mantel,
         said,
     )
+
+
+def _lapses(matrix: Confusion) -> BiasedLapses:
+    """Return the lapse model of named materials; a participant's knowledge takes the biases of everybody."""
+    counts = matrix.counts[:, :, :-1]
+    pooled = counts.sum(axis=0)
+    model = lapses.fit(pooled)
+    guessed, biases = lapses.fits(pooled - counts)
+    trials = pooled.sum(axis=1) - counts.sum(axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        by_material = guessed / trials
+        whole = guessed.sum(axis=1) / trials.sum(axis=1)
+    right = np.diagonal(counts, axis1=1, axis2=2)
+    known, ratio = lapses.knowing(right, counts.sum(axis=2), model.biases)
+    return BiasedLapses(
+        model,
+        _limits(model.lapse, whole),
+        tuple(_limits(float(one), of) for one, of in zip(model.lapses, by_material.T, strict=True)),
+        tuple(_limits(float(one), of) for one, of in zip(model.biases, biases.T, strict=True)),
+        dict(zip(matrix.participants, known.tolist(), strict=True)),
+        tuple(who for who, one in zip(matrix.participants, ratio, strict=True) if one < lapses.GUESSES),
+    )
+
+
+def _limits(observed: float, left_out: NDArray[np.float64]) -> Jackknife | None:
+    try:
+        found = jackknife(observed, left_out) if np.isfinite(left_out).all() else None
+        return found and replace(found, low=max(found.low, 0.0))
+    except NotDefined:
+        return None
 
 
 def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:

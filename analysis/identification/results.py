@@ -11,6 +11,7 @@ import numpy as np
 from analysis.documents.tables import plural
 from analysis.identification.beside import Beside, beside
 from analysis.identification.confusion import Confusion, confusion_of
+from analysis.identification.contrasts import Equivalences, Marginal, equivalences, marginal
 from analysis.identification.identify import Identification, identify
 from analysis.identification.time_course import TimeCourse, course_of
 from analysis.identification.trial_models import TrialLevel, trial_level
@@ -115,7 +116,7 @@ class TaskResult:
 
 @dataclass(frozen=True)
 class Results:
-    """The results of a study; a statement says why something is not defined."""
+    """The results of a study; a statement says why something is not defined, beside `marginal` why it is None."""
 
     tasks: tuple[TaskResult, ...]
     identifications: tuple[Identification, ...]
@@ -126,6 +127,8 @@ class Results:
     components: ComponentReliability | None
     reliabilities: tuple[Reliability, ...]
     beside: Beside
+    marginal: tuple[Marginal | None, str]
+    equivalences: Equivalences
     trials: TrialLevel
     course: TimeCourse
 
@@ -144,6 +147,7 @@ def compute(
     table = dissimilarities.table(study.materials)
     tasks = _tasks(study)
     data, statement = _crossed(tasks)
+    matrices = {task.task.id: task.confusion for task in tasks}
     return Results(
         tasks=tasks,
         identifications=tuple(
@@ -156,7 +160,9 @@ def compute(
         two_way_statement=statement,
         components=_components(data, tasks) if data else None,
         reliabilities=tuple(_reliabilities(study, tasks)),
-        beside=beside(study, {task.task.id: task.confusion for task in tasks}),
+        beside=beside(study, matrices),
+        marginal=_marginal(study, matrices),
+        equivalences=equivalences(study, matrices),
         trials=trial_level(study),
         course=course_of(study, SEED),
     )
@@ -195,6 +201,13 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
         )
         for k, (task, (matrix, guessed), family) in enumerate(zip(tasks, found, corrections, strict=True))
     )
+
+
+def _marginal(study: Study, tasks: Mapping[str, Confusion]) -> tuple[Marginal | None, str]:
+    try:
+        return marginal(study, tasks), ""
+    except NotDefined as reason:
+        return None, str(reason)
 
 
 def _tests(matrix: Confusion, guessed: Fraction) -> list[TTest]:

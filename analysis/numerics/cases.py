@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from analysis.numerics import oracle
-from analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
+from analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
 from experiment.errors import SynthesisError
 from experiment.synthesis import waveforms
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
@@ -26,6 +26,10 @@ ALL_SPEEDS_MM_S = (0.0, 1e-6, 20.0, 50.0, 75.0, 100.0, 150.0, 170.0, 200.0, 250.
 """Extremes, the measured speeds, the speeds halfway between them, where the sign may change, and others."""
 
 BINS = 60
+"""Of the cases that the printed sum is tried on: of as many bins as a study has it would take minutes."""
+
+FEET_MM_S = (0.0, 20.0, 75.0, 100.0, 170.0, 299.0, 301.0, 650.0, 1e4)
+"""The speeds at which extreme spectra of as many bins as a study has are tried."""
 
 AT_SPEED_ROUNDINGS = 8
 """Allowed for equation (3): `crinkle.at_speed` rounds a bin at most seven times, and one covers the second order."""
@@ -171,23 +175,30 @@ def material(amplitudes: NDArray[np.float64]) -> CrinkleSpectra:
     return CrinkleSpectra(np.array(SPEEDS_MM_S), RATE_HZ, amplitudes, signs)
 
 
+def ways_of(spectra: CrinkleSpectra) -> tuple[Way, ...]:
+    """Return the ways that a case is tried on."""
+    return WAYS if spectra.samples <= BINS else (BASIS, INVERSE_DCT)
+
+
 def within_claims(
-    spectra: CrinkleSpectra, speeds_mm_s: Sequence[float] = ALL_SPEEDS_MM_S, *, denormal: bool = False
+    spectra: CrinkleSpectra, speeds_mm_s: Sequence[float] | None = None, *, denormal: bool = False
 ) -> Seen:
-    """Compare every way at every output rate with the oracle: error, length, and the counts and flags of a stimulus.
+    """Compare ways at every output rate with the oracle: error, length, and the counts and flags of a stimulus.
 
     With `denormal`, floored bins are not compared, because a bin that rounds to zero is not floored.
     """
-    worst = 0.0
+    worst, ways = 0.0, ways_of(spectra)
+    if speeds_mm_s is None:
+        speeds_mm_s = ALL_SPEEDS_MM_S if spectra.samples <= BINS else FEET_MM_S
     for rate_hz in OUTPUT_RATES_HZ:
         exact = {v: oracle.stimulus(spectra, speed_mm_s=v, output_rate_hz=rate_hz) for v in speeds_mm_s}
         if not exact[speeds_mm_s[0]].samples.size:
-            calls = [(f"{way.name}, {rate_hz} Hz, no sample", partial(way.prepare, spectra, rate_hz)) for way in WAYS]
+            calls = [(f"{way.name}, {rate_hz} Hz, no sample", partial(way.prepare, spectra, rate_hz)) for way in ways]
             holds, seen = refused(calls)
             if not holds:
                 return False, seen
             continue
-        for way in WAYS:
+        for way in ways:
             claim, (render, _) = way.claim(spectra.grid(rate_hz)), way.prepare(spectra, rate_hz)
             for v, wanted in exact.items():
                 samples = render(v)
@@ -224,15 +235,15 @@ ROUND_TRIP, TRANSCRIBED, PARSEVAL = 1e-13, 1e-12, 1e-13
 
 
 def cases() -> list[Case]:
-    """Return every case."""
+    """Return every case of a stimulus in m/s^2."""
     return [*_speeds(), *_spectra(), *_lengths(), *_oracle()]
 
 
 def _speeds() -> list[Case]:
-    spectra = material(some())
-    claims = "every way keeps the error it claims, and counts floored and dropped bins"
-    exact = "the measured spectrum bit for bit, nothing floored; every way keeps the error it claims"
-    near = "the same spectrum to 1e-13 of it; every way keeps the error it claims"
+    spectra = material(some(PAPER_SAMPLES))
+    claims = "each way keeps the error it claims, and counts floored and dropped bins"
+    exact = "the measured spectrum bit for bit, nothing floored; each way keeps the error it claims"
+    near = "the same spectrum to 1e-13 of it; each way keeps the error it claims"
     places = list(enumerate(SPEEDS_MM_S))
     beside = "one rounding below and above"
     return [
@@ -262,18 +273,19 @@ def _beside(spectra: CrinkleSpectra, i: int) -> Seen:
 
 
 def _spectra() -> list[Case]:
-    one, falling, loud = np.zeros((4, BINS)), some(), some()
+    one, falling, loud = np.zeros((4, PAPER_SAMPLES)), some(PAPER_SAMPLES), some(PAPER_SAMPLES)
     one[:, 5] = [1.0, 2.0, 1.5, 3.0]
     falling[:, 4] = [3.0, 2.0, 1.0, 0.0]
     loud *= 1e300
-    mixed = np.outer([1e300, 1e-300, 1e300, 1e-300], some()[0])
-    denormals = np.asarray(np.random.default_rng(5).integers(0, 50, size=(4, BINS)) * oracle.LEAST, dtype=np.float64)
-    falls = "on its line to 0, counted as floored beyond; every way keeps the error it claims"
+    mixed = np.outer([1e300, 1e-300, 1e300, 1e-300], some(PAPER_SAMPLES)[0])
+    few = np.random.default_rng(5).integers(0, 50, size=(4, PAPER_SAMPLES))
+    denormals = np.asarray(few * oracle.LEAST, dtype=np.float64)
+    falls = "on its line to 0, counted as floored beyond; each way keeps the error it claims"
     nothing = "nothing is left: every sample is 0 at every speed"
-    keeps = "finite; every way keeps the error it claims at every speed"
+    keeps = "finite; each way keeps the error it claims at every speed"
     tiny = f"{keeps}, apart from the rounding of denormals"
     return [
-        Case("spectrum", "zeros", "every sample of every way is 0 at every speed", partial(_silent, one * 0)),
+        Case("spectrum", "zeros", "every sample of each way is 0 at every speed", partial(_silent, one * 0)),
         Case("spectrum", "one bin", "the cosine of that bin, to 1e-13; and the errors claimed", partial(_cosine, one)),
         Case("spectrum", "denormals", tiny, partial(within_claims, material(denormals), denormal=True)),
         Case("spectrum", "1e300 m/s^2", keeps, partial(within_claims, material(loud))),
@@ -286,7 +298,7 @@ def _spectra() -> list[Case]:
 
 def _silent(amplitudes: NDArray[np.float64]) -> Seen:
     spectra = material(amplitudes)
-    for way in WAYS:
+    for way in ways_of(spectra):
         render, _ = way.prepare(spectra, OUTPUT_RATES_HZ[0])
         for v in ALL_SPEEDS_MM_S:
             if np.any(render(v) != 0):
@@ -298,9 +310,10 @@ def _cosine(amplitudes: NDArray[np.float64]) -> Seen:
     spectra, v, rate_hz = material(amplitudes), 150.0, OUTPUT_RATES_HZ[0]
     k = int(np.flatnonzero(amplitudes[0])[0])
     amplitude = (amplitudes[1, k] + amplitudes[2, k]) / 2 * spectra.signs[1, k]
-    t_s = (np.arange(BINS * rate_hz // RATE_HZ) + 0.5) / rate_hz
-    wanted = amplitude * np.cos(2 * np.pi * (RATE_HZ * k / (2 * BINS)) * t_s)
-    for way in WAYS:
+    n = spectra.samples
+    t_s = (np.arange(n * rate_hz // RATE_HZ) + 0.5) / rate_hz
+    wanted = amplitude * np.cos(2 * np.pi * (RATE_HZ * k / (2 * n)) * t_s)
+    for way in ways_of(spectra):
         render, _ = way.prepare(spectra, rate_hz)
         off = float(np.max(np.abs(render(v) - wanted))) / abs(amplitude)
         if not off <= max(ROUND_TRIP, way.claim(spectra.grid(rate_hz))):
@@ -309,9 +322,9 @@ def _cosine(amplitudes: NDArray[np.float64]) -> Seen:
 
 
 def _overflowing() -> Seen:
-    takes = np.random.default_rng(2).choice([-1.7e308, 1.7e308], size=(4, 3, BINS))
-    loud = "amplitudes", lambda: material(np.full((4, BINS), 1.7e308))
-    return refused([loud, ("takes", lambda: _subtracted(takes, np.zeros((4, 3, BINS))))])
+    takes = np.random.default_rng(2).choice([-1.7e308, 1.7e308], size=(4, 3, PAPER_SAMPLES))
+    loud = "amplitudes", lambda: material(np.full((4, PAPER_SAMPLES), 1.7e308))
+    return refused([loud, ("takes", lambda: _subtracted(takes, np.zeros_like(takes)))])
 
 
 def _falls(spectra: CrinkleSpectra) -> Seen:
@@ -330,7 +343,7 @@ def _subtracted(panel_object: NDArray[np.float64], panel: NDArray[np.float64]) -
 
 
 def _louder_panel() -> Seen:
-    takes = np.random.default_rng(4).normal(size=(4, 3, BINS))
+    takes = np.random.default_rng(4).normal(size=(4, 3, PAPER_SAMPLES))
     spectra = _subtracted(takes, 2 * takes)
     if np.any(spectra.amplitudes != 0):
         return False, f"{np.count_nonzero(spectra.amplitudes)} bins are left"
@@ -341,7 +354,7 @@ def _lengths() -> list[Case]:
     named = {1: "N = 1", 2: "N = 2", 9: "N = 9, odd", 15: "N = 15, odd", 59: "N = 59, prime", BINS: f"N = {BINS}"}
     invariant = (
         f"(1) as printed to {TRANSCRIBED:g}; (1) and (5) undo each other to {ROUND_TRIP:g} but for the mean; Parseval "
-        f"to {PARSEVAL:g}; every way keeps the error it claims"
+        f"to {PARSEVAL:g}; each way, the printed sum too, keeps the error it claims"
     )
     return [Case("length", name, invariant, partial(_length, n)) for n, name in named.items()]
 

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 
 from analysis.numerics import oracle
 from analysis.numerics.cases import Case, Seen
+from analysis.numerics.played import Condition
 from experiment.synthesis import contact
 from experiment.synthesis.contact import FREE, Advance, Block, Motion, Switch
 from experiment.synthesis.stepping import stability
-from experiment.synthesis.stepping.impact import Collision, closed_form
+from experiment.synthesis.stepping.impact import Collision, closed_form, condition
 from experiment.synthesis.stepping.steppers import STEPPERS
 
 SERVO_S = 400e-6
@@ -106,16 +107,15 @@ def contact_s(*, stiffness: float, mass: float) -> float:
     return float(oracle.impact(stiffness=stiffness, **given).release_s)
 
 
-def order(steps_s: Sequence[float], found: Sequence[float]) -> float | None:
-    """Return the order of convergence: the slope of ln error over ln step, where errors are neither rounding nor all.
-
-    None where fewer than three are.
-    """
-    between = [(h, error) for h, error in zip(steps_s, found, strict=True) if 1e-12 < error < 0.3]
-    if len(between) < 3:
-        return None
-    h, error = np.log(np.array(between)).T
-    return float(np.polyfit(h, error, 1)[0])
+def conditions() -> tuple[Condition, ...]:
+    """Return the condition number of an impact, the largest of the diagrams."""
+    found = []
+    for stiffness, mass in DIAGRAMS:
+        damping = 2 * DAMPING_RATIO * sqrt(stiffness * mass)
+        found.append((condition(Collision(stiffness, damping, mass, SPEED_M_S)), f"{stiffness:g} N/m, {mass:g} kg"))
+    number, where = max(found)
+    of, on = "release, rebound, penetration of an impact", "stiffness, damping, mass, speed"
+    return (Condition(of, on, number, where),)
 
 
 RATIOS = (0.0, 0.02, 0.3, 0.9, 1.0, 2.0, 5.0)

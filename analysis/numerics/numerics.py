@@ -1,4 +1,4 @@
-"""Error against run time of synthesis, resampling, shaping, noise and contact, and whether everything holds."""
+"""Error against run time of synthesis, voltages, samples, resampling, shaping, noise and contact; and what holds."""
 
 from __future__ import annotations
 
@@ -14,9 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from analysis.numerics import cases, contact, oracle
+from analysis.numerics import cases, contact, oracle, played
 from analysis.numerics.cases import PRINTED_SUM, WAYS, Outcome, Way, settle
 from analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
+from analysis.numerics.played import Condition, Played
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
 from experiment.synthesis.shaping import Response, shape
@@ -28,6 +29,12 @@ LABEL = "SIMULATED spectra"
 """The label on everything: no recording is measured here."""
 
 MOST_REPEATS = 2000
+
+MATERIALS = {"dull": (60.0, 2, 2.0), "middle": (120.0, 2, 1.5), "bright": (240.0, 1, 1.0), "loud": (120.0, 2, 30.0)}
+"""The SIMULATED materials: beyond which frequency, Hz, their spectra fall, with which power of f^2, and their level."""
+
+QUIET_BELOW_HZ = 30.0
+"""Below it they fall too, with f^2."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +87,7 @@ QUICK = replace(
     lengths=(250, 1000, 2500),
     most_terms=10_000_000,
     table_sizes=(8, 30, 120, 480),
-    table_levels=(3, 7),
+    table_levels=(3, 15),
     noise_s=(0.1, 0.5, 2.0),
     budget_s=0.05,
     contact_steps=(2, 8, 32, 128),
@@ -102,7 +109,7 @@ class Measured:
 
     `way` is one curve of the plot, `given` the sizes by the name of a quantity with its unit. `claimed` is the bound
     that the way states on its error; then come the time and the memory of its preparation, where it has one, and errors
-    of other quantities by their names.
+    of other quantities by their names. Where the error is the worst of many, `worst_at` says of what.
     """
 
     subject: str
@@ -114,6 +121,7 @@ class Measured:
     prepared_s: float | None = None
     memory_bytes: int | None = None
     others: dict[str, float] = field(default_factory=dict)
+    worst_at: str = ""
 
     @property
     def holds(self) -> bool:
@@ -145,21 +153,34 @@ OUTPUT_RATE_HZ = 48_000
 BETWEEN_MM_S, BEYOND_MM_S = 170.0, 1000.0
 """A speed between the measured ones, and one so far beyond them that bins are floored."""
 
+WITHIN_MM_S = (50.0, 75.0, 100.0, 130.0, 170.0, 250.0, 300.0)
+OUTSIDE_MM_S = (0.0, 1e-6, 20.0, 301.0, 400.0, 650.0, 1000.0)
+"""Measured speeds, the middle of two and others; and those outside of them. An error is the worst over either."""
+
 DB_PER_OCTAVE: dict[Colour, float] = {"pink": 0.0, "white": 10 * float(np.log10(10**0.3))}
 Measurement = Callable[[], Measured]
 
 
 def measurements(extent: Extent) -> list[Measurement]:
     """Return everything to measure, in the order of the tables."""
-    return [*synthesis(extent, WAYS), *resampling(extent), *shaping(extent), *noises(extent), *contacts(extent)]
+    return [
+        *synthesis(extent, WAYS),
+        *voltages(extent),
+        *samples_of(extent),
+        *resampling(extent),
+        *shaping(extent),
+        *noises(extent),
+        *contacts(extent),
+    ]
 
 
-@lru_cache(maxsize=8)
-def made_to_order(samples: int) -> CrinkleSpectra:
-    """Return SIMULATED spectra, N = `samples`: random under an envelope that falls beyond 120 Hz like a crinkle's."""
-    rng = np.random.default_rng(samples)
-    f = bin_frequencies_hz(bins=samples, rate_hz=RATE_HZ)
-    envelope = np.outer([0.5, 1.0, 1.4, 2.0], 1 / (1 + (f / 120.0) ** 2) ** 2)
+@lru_cache(maxsize=32)
+def made_to_order(samples: int, material: str = "middle") -> CrinkleSpectra:
+    """Return SIMULATED spectra, N = `samples`: random under an envelope that falls like that of one of `MATERIALS`."""
+    rng = np.random.default_rng([samples, list(MATERIALS).index(material)])
+    f, (corner_hz, power, level) = bin_frequencies_hz(bins=samples, rate_hz=RATE_HZ), MATERIALS[material]
+    rises = (f / QUIET_BELOW_HZ) ** 2 / (1 + (f / QUIET_BELOW_HZ) ** 2)
+    envelope = level * np.outer([0.5, 1.0, 1.4, 2.0], rises / (1 + (f / corner_hz) ** 2) ** power)
     shape_ = (len(SPEEDS_MM_S), samples)
     return CrinkleSpectra(
         speeds_mm_s=np.array(SPEEDS_MM_S),
@@ -180,6 +201,17 @@ def synthesis(extent: Extent, of: Sequence[Way]) -> list[Measurement]:
         for samples, rate_hz, v in points
         if way is not PRINTED_SUM or samples * samples * rate_hz // RATE_HZ <= extent.most_terms
     ]
+
+
+def voltages(extent: Extent) -> list[Measurement]:
+    """Return the measurements of what a rig in volts plays, at every length and at the rate of the recordings."""
+    points = [*((n, OUTPUT_RATE_HZ) for n in extent.lengths), (extent.usual, RATE_HZ)]
+    return [partial(_voltages, way, n, rate_hz, extent) for way in played.WAYS for n, rate_hz in points]
+
+
+def samples_of(extent: Extent) -> list[Measurement]:
+    """Return the measurements of samples as a device takes them, beside the steps of its converter."""
+    return [partial(_samples, way, extent) for way in SAMPLES]
 
 
 def resampling(extent: Extent) -> list[Measurement]:
@@ -217,17 +249,86 @@ def contacts(extent: Extent) -> list[Measurement]:
 def _synthesis(way: Way, samples: int, rate_hz: int, v: float, extent: Extent) -> Measured:
     spectra = made_to_order(samples)
     render, nbytes = way.prepare(spectra, rate_hz)
-    exact = oracle.stimulus(spectra, speed_mm_s=v, output_rate_hz=rate_hz)
     prepared = timed(lambda: way.prepare(spectra, rate_hz), budget_s=extent.budget_s / 5, least_repeats=3)
+    found = []
+    # A printed sum takes seconds: its error is that of one material at one speed.
+    for name in [*MATERIALS] if way is not PRINTED_SUM else ["middle"]:
+        of = made_to_order(samples, name)
+        render_of, _ = way.prepare(of, rate_hz)
+        for speed in (v,) if way is PRINTED_SUM else WITHIN_MM_S if v == BETWEEN_MM_S else OUTSIDE_MM_S:
+            exact = oracle.stimulus(of, speed_mm_s=speed, output_rate_hz=rate_hz)
+            found.append((float(oracle.error(render_of(speed), exact) / exact.scale), f"{name}, {speed:g} mm/s"))
+    error, worst_at = max(found)
     return Measured(
         subject="synthesis",
         way=way.name,
         given={"samples": samples, "output_rate_hz": rate_hz, "speed_mm_s": v},
-        timed=_timed(lambda: render(v), extent),
-        error=float(oracle.error(render(v), exact) / exact.scale),
+        timed=_timed(lambda: render(v), extent if way is not PRINTED_SUM else replace(extent, least_repeats=1)),
+        error=error,
         claimed=way.claim(spectra.grid(rate_hz)),
         prepared_s=prepared.median_s,
         memory_bytes=nbytes,
+        worst_at=worst_at,
+    )
+
+
+def _voltages(way: str, samples: int, rate_hz: int, extent: Extent) -> Measured:
+    rig, found, claims, prepared = replace(played.RIG, rate_hz=rate_hz), [], [], 0
+    for name in MATERIALS:
+        basis = rig.basis(made_to_order(samples, name))
+        drive = rig.drive(way, basis)
+        for v in (20.0, *WITHIN_MM_S, 400.0):
+            one = played.compare(drive, basis, rig, speed_mm_s=v)
+            # A broken claim of one place is not hidden by the larger claim of another.
+            found.append((one.error_v / one.rms_v, f"{name}, {v:g} mm/s"))
+            claims.append(one.claim_v / one.rms_v if one.error_v <= one.claim_v else 0.0)
+            prepared += one.driven.prepared
+    basis = rig.basis(made_to_order(samples))
+    drive = rig.drive(way, basis)
+    preparing = timed(lambda: rig.drive(way, basis), budget_s=extent.budget_s / 5, least_repeats=1)
+    error, worst_at = max(found)
+    return Measured(
+        subject="voltages",
+        way=way,
+        given={"samples": samples, "output_rate_hz": rate_hz},
+        timed=_timed(lambda: drive(basis.at(BETWEEN_MM_S)), extent),
+        error=error,
+        claimed=max(claims) if all(claims) else 0.0,
+        prepared_s=preparing.median_s,
+        memory_bytes=drive.nbytes,
+        others={"prepared_share": prepared / len(found)},
+        worst_at=worst_at,
+    )
+
+
+SAMPLES: dict[str, int | None] = {"float32 samples": None, "24-bit converter": 24, "16-bit converter": 16}
+"""How a stimulus is rounded on its way: as palpate hands it over, and by the steps of a converter behind it."""
+
+
+def _samples(way: str, extent: Extent) -> Measured:
+    bits, found, claims = SAMPLES[way], [], []
+    step = 0.0 if bits is None else 2.0 ** (1 - bits)
+
+    def rounded(samples: NDArray[np.float64]) -> NDArray[np.float64]:
+        single = samples.astype(np.float32)
+        return np.rint(single / np.float32(step)) * step if step else single.astype(np.float64)
+
+    for name in MATERIALS:
+        basis = played.RIG.basis(made_to_order(extent.usual, name))
+        for v in WITHIN_MM_S:
+            wanted = basis.at(v).waveform_m_s2 / played.FULL_SCALE_M_S2
+            rms = float(np.sqrt(np.mean(wanted**2)))
+            found.append((float(np.sqrt(np.mean((rounded(wanted) - wanted) ** 2))) / rms, f"{name}, {v:g} mm/s"))
+            claims.append(2.0**-24 + step / 2 / rms)
+    error, worst_at = max(found)
+    return Measured(
+        subject="samples",
+        way=way,
+        given={"samples": extent.usual, "output_rate_hz": RATE_HZ},
+        timed=_timed(lambda: rounded(wanted), extent),
+        error=error,
+        claimed=max(claims),
+        worst_at=worst_at,
     )
 
 
@@ -317,9 +418,52 @@ def _timed(call: Callable[[], object], extent: Extent) -> Timed:
     return timed(call, budget_s=extent.budget_s, least_repeats=extent.least_repeats)
 
 
+NO_ANSWER = 0.5
+"""An error of half of all is none that somebody would choose for its time."""
+
+AS_GOOD = 2.0
+"""Errors within this factor count as equal: roundings differ by chance."""
+
+
+def dominated(one: Measured, rows: Sequence[Measured]) -> bool | None:
+    """Return whether another of the rows does the same in less time, quartiles apart, and errs as little or less.
+
+    Impacts are the same whatever the step; None for what no two ways do.
+    """
+    if one.subject in ("samples", "shaping", "noise"):
+        return None
+    same = {name: value for name, value in one.given.items() if name != "step_s"}
+    return one.error >= NO_ANSWER or any(
+        other.subject == one.subject
+        and same.items() <= other.given.items()
+        and other.timed.quartiles_s[1] < one.timed.quartiles_s[0]
+        and other.error <= AS_GOOD * one.error
+        for other in rows
+    )
+
+
+def order(steps: Sequence[float], found: Sequence[float], *, below: float = 0.3) -> float | None:
+    """Return the order of convergence: the slope of ln error over ln step, where errors are neither rounding nor large.
+
+    None where fewer than three are.
+    """
+    between = [(h, error) for h, error in zip(steps, found, strict=True) if 1e-12 < error < below]
+    if len(between) < 3:
+        return None
+    h, error = np.log(np.array(between)).T
+    return float(np.polyfit(h, error, 1)[0])
+
+
+def shaping_order(rows: Sequence[Measured]) -> float | None:
+    """Return the order of shaping in the spacing of frequencies, of the table with the most levels."""
+    most = max(one.given["drive_levels"] for one in rows)
+    finest = [one for one in rows if one.given["drive_levels"] == most]
+    return order([1 / (one.given["frequencies"] - 1) for one in finest], [one.error for one in finest], below=0.05)
+
+
 @dataclass(frozen=True)
 class Numerics:
-    """What was measured, in the order of the tables, and the outcome of every extreme case.
+    """What was measured, in the order of the tables, the outcome of every extreme case, and what was played.
 
     `software` maps names to versions, and also holds the rounding of the oracle.
     """
@@ -327,6 +471,9 @@ class Numerics:
     software: dict[str, str]
     measured: tuple[Measured, ...]
     outcomes: tuple[Outcome, ...]
+    played: tuple[Played, ...]
+    conditions: tuple[Condition, ...]
+    materials: dict[str, CrinkleSpectra]
 
     @property
     def failed(self) -> bool:
@@ -343,13 +490,23 @@ class Numerics:
             if not one.holds
         ]
         invariants = [f"{one.group}, {one.given}: {one.seen}" for one in self.outcomes if not one.holds]
-        return (*claims, *invariants)
+        budgets = [
+            f"budget, {one.unit}, {one.material}, {one.speed_mm_s:g} mm/s: {one.budget.total:.2%}, not {one.truth:.2%}"
+            for one in self.played
+            if not one.holds
+        ]
+        return (*claims, *invariants, *budgets)
+
+    @property
+    def jump(self) -> float:
+        """How far a stimulus jumps in the middle of two speeds, as a part of its rms: the most of all materials."""
+        return max(map(played.jump, self.materials.values()))
 
     @property
     def verdict(self) -> str:
         """One sentence, and a line for each thing that does not hold."""
         claimed = sum(one.claimed is not None for one in self.measured)
-        every = f"{claimed} claimed bounds on errors and {len(self.outcomes)} invariants"
+        every = f"{claimed} claimed bounds on errors, {len(self.outcomes)} invariants and {len(self.played)} budgets"
         if not self.failed:
             return f"All of {every} hold."
         return "\n".join([f"{len(self.broken)} of {every} do not hold:", *(f"  {line}" for line in self.broken)])
@@ -359,15 +516,21 @@ def run(
     extent: Extent, *, total: Callable[[int], None] = lambda _: None, tick: Callable[[], None] = lambda: None
 ) -> Numerics:
     """Measure everything and settle every case; `total` is told the number of steps, `tick` is called after each."""
-    wanted, extremes = measurements(extent), [*cases.cases(), *contact.cases()]
-    total(len(wanted) + len(extremes))
-    measured, outcomes = [], []
+    wanted, extremes = measurements(extent), [*cases.cases(), *played.cases(), *contact.cases()]
+    total(len(wanted) + len(extremes) + len(MATERIALS))
+    measured, outcomes, budgets = [], [], list[Played]()
     for measure in wanted:
         measured.append(measure())
         tick()
     for case in extremes:
         outcomes.append(settle(case))
         tick()
+    materials = {name: made_to_order(PAPER_SAMPLES, name) for name in MATERIALS}
+    for name, spectra in materials.items():
+        for unit in (played.IN_VOLTS, played.IN_M_S2):
+            budgets += played.play(name, spectra, unit=unit)
+        tick()
+    hangs = (*played.conditions(materials, (20.0, *WITHIN_MM_S, 301.0, 400.0)), *contact.conditions())
     packages = {name: metadata.version(name) for name in ("palpate", "numpy", "scipy")}
     software = {**packages, "python": platform.python_version(), "oracle_epsilon": f"{oracle.extended_epsilon():.1e}"}
-    return Numerics(software, tuple(measured), tuple(outcomes))
+    return Numerics(software, tuple(measured), tuple(outcomes), tuple(budgets), hangs, materials)

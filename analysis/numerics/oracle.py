@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
 from experiment.synthesis.crinkle import CrinkleSpectra
+from experiment.synthesis.shaping import Response
 
 Extended = NDArray[np.longdouble]
 
@@ -27,13 +28,13 @@ PI = 4 * np.arctan(np.longdouble(1))
 LEAST = 5e-324
 """The smallest float64, m/s^2."""
 
-PEAK_HZ, DAMPING, GAIN_M_S2_PER_V, SOFT_V = 360.0, 0.12, 4.0, 5.0
+SUSPENSION_HZ, SUSPENSION_DAMPING, PEAK_HZ, DAMPING, GAIN_M_S2_PER_V, SOFT_V = 35.0, 0.5, 360.0, 0.12, 4.0, 5.0
 """The simulated response: the peak is that of Figure 9 of Okamoto et al., the other values are plausible choices."""
 
 
 @dataclass(frozen=True)
 class Exact:
-    """A stimulus in extended precision: samples in m/s^2, shape (n,), of recordings with N = `bins`.
+    """A stimulus in extended precision: samples in m/s^2, or V, shape (n,), of recordings with N = `bins`.
 
     `scale` divides a relative error, as `experiment.synthesis.waveforms` defines it. The line of equation (3) makes
     `floored` bins negative, and the output rate cannot carry `dropped` bins of the recordings.
@@ -87,8 +88,51 @@ def stimulus(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int)
     )
 
 
+def voltages(
+    spectra: CrinkleSpectra,
+    *,
+    speed_mm_s: float,
+    output_rate_hz: int,
+    response: Response,
+    gain_limit_v_per_m_s2: float,
+    scale: float,
+) -> Exact:
+    """Return the voltages of equation (7) for a stimulus that is taken down by `scale`; samples and scale are in V.
+
+    W(f, a) is a sum over the segments between the levels measured, each as far as it is passed. Bins count as measured
+    by their frequencies in float64, as `shaping.at_bins` defines it.
+    """
+    wanted, floored, nearest = spectrum_at(spectra, speed_mm_s)
+    places = Fraction(spectra.samples * output_rate_hz, spectra.rate_hz)
+    carried = min(wanted.size, ceil(places))
+    k, table_hz = np.arange(carried), response.frequencies_hz
+    in_float64 = k * (spectra.rate_hz / (2 * spectra.samples))
+    measured = np.flatnonzero((k > 0) & (table_hz[0] <= in_float64) & (in_float64 <= table_hz[-1]))
+    f = measured.astype(np.longdouble) * spectra.rate_hz / (2 * spectra.samples)
+    above = np.clip(np.searchsorted(table_hz, f, side="left"), 1, table_hz.size - 1)
+    before_hz, after_hz = (table_hz[row].astype(np.longdouble) for row in (above - 1, above))
+    before, after = (response.accelerations_m_s2[row].astype(np.longdouble).T for row in (above - 1, above))
+    reached = (before * (after_hz - f) + after * (f - before_hz)) / (after_hz - before_hz)
+    a = np.abs(wanted[measured]) * np.longdouble(scale)
+    volts, bottom, bottom_v = np.zeros_like(a), np.zeros_like(a), np.longdouble(0)
+    for top, top_v in zip(reached, response.levels_v.astype(np.longdouble), strict=True):
+        passed = np.divide(a - bottom, top - bottom, out=np.where(a > bottom, 1.0, 0.0).astype(a.dtype), where=top > 0)
+        volts += (top_v - bottom_v) * np.clip(passed, 0, 1)
+        bottom, bottom_v = top, top_v
+    signed = np.zeros(carried, dtype=np.longdouble)
+    signed[measured] = np.minimum(volts, a * np.longdouble(gain_limit_v_per_m_s2)) * np.sign(wanted[measured])
+    return Exact(
+        samples=_inverse(signed, places),
+        scale=_length(signed) / np.sqrt(np.longdouble(2)),
+        floored=floored,
+        extrapolated=nearest is not None,
+        dropped=max(0, spectra.samples - ceil(places)),
+        bins=spectra.samples,
+    )
+
+
 def error(made: NDArray[np.float64], exact: Exact) -> np.longdouble:
-    """Return the rms of the difference from the exact stimulus, m/s^2."""
+    """Return the rms of the difference from the exact samples, in their unit."""
     return np.longdouble(_length(made - exact.samples) / np.sqrt(np.longdouble(made.size)))
 
 
@@ -114,7 +158,7 @@ def forward(samples: ArrayLike) -> Extended:
 
 
 def answered_m_s2(frequencies_hz: NDArray[np.float64], voltages_v: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return A(f, e) = G(f) E asinh(e / E): a SIMULATED resonance that saturates softly."""
+    """Return A(f, e) = G(f) E asinh(e / E): a SIMULATED panel on springs, whose resonance saturates softly."""
     return np.asarray(_gain(frequencies_hz) * SOFT_V * np.arcsinh(voltages_v / SOFT_V))
 
 
@@ -147,8 +191,9 @@ def _length(values: Extended) -> np.longdouble:
 
 
 def _gain(frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
-    part = frequencies_hz / PEAK_HZ
-    return np.asarray(GAIN_M_S2_PER_V / np.hypot(1 - part**2, 2 * DAMPING * part))
+    low, part = frequencies_hz / SUSPENSION_HZ, frequencies_hz / PEAK_HZ
+    passed = low**2 / np.hypot(1 - low**2, 2 * SUSPENSION_DAMPING * low)
+    return np.asarray(GAIN_M_S2_PER_V * passed / np.hypot(1 - part**2, 2 * DAMPING * part))
 
 
 def _inverse(coefficients: Extended, places: Fraction) -> Extended:

@@ -1,48 +1,75 @@
-"""What `palpate numerics` prints and writes: tables, JSON, and the plot of error against run time."""
+"""What `palpate numerics` prints and writes: tables, JSON, plots of error against run time and of the budget."""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from itertools import groupby
-from math import ceil, floor, log10
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
-from analysis.documents.drawing import STYLE, colour, marker, png, svg
+from analysis.documents.drawing import png, svg
 from analysis.documents.output import check, publish
 from analysis.documents.tables import WIDTH, Section, Table, comma_separated, markdown
 from analysis.documents.tables import text as section_text
-from analysis.numerics import contact, contact_report
+from analysis.numerics import contact, figures, played
 from analysis.numerics.cases import Outcome
-from analysis.numerics.numerics import BETWEEN_MM_S, LABEL, OUTPUT_RATE_HZ, Measured, Numerics, usual_length
+from analysis.numerics.figures import time_text
+from analysis.numerics.numerics import (
+    BETWEEN_MM_S,
+    LABEL,
+    MATERIALS,
+    NO_ANSWER,
+    OUTPUT_RATE_HZ,
+    OUTSIDE_MM_S,
+    WITHIN_MM_S,
+    Measured,
+    Numerics,
+    dominated,
+    shaping_order,
+    usual_length,
+)
+from analysis.numerics.oracle import PAPER_SAMPLES
+from analysis.numerics.played import FULL_SCALE_M_S2, Played
 from experiment.errors import DatasetError
-from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
+from experiment.synthesis.noise import CLAIMED_FROM_S
 from experiment.synthesis.stepping.stability import of_the_paper
 
+SLUGS = ("synthesis", "voltages", "samples", "resampling", "shaping", "noise", "contact")
 FILES = (
-    *(f"{slug}.csv" for slug in ("synthesis", "resampling", "shaping", "noise", "contact", "cases")),
-    *(f"numerics.{kind}" for kind in ("md", "svg", "png")),
-    *(f"contact.{kind}" for kind in ("svg", "png")),
+    *(f"{slug}.csv" for slug in (*SLUGS, "conditions", "budget", "cases")),
+    *(f"{name}.{kind}" for name in ("numerics", "contact", "budget") for kind in ("svg", "png")),
+    *("numerics.md", "methods.md", "played.npz"),
 )
 """The files that `write` writes."""
 
 TITLES = {
     "synthesis": "Synthesis: equations (3) to (5)",
+    "voltages": "Voltages: equations (3) to (5) and (7)",
+    "samples": "Samples: what a device is handed",
     "resampling": "Resampling of a recording",
     "shaping": "Frequency shaping: the inverse (7) of a response",
     "noise": "Noise of the masker",
     "contact": "Contact with a virtual block: equations (4) and (5) of Wellman and Howe",
 }
+USUAL_FREQUENCIES = 120
+"""Of a response table: every 5 Hz to 600 Hz."""
+
 SAYS = {
-    "synthesis": "The error is the rms of the difference from the oracle, divided by the rms of the exact stimulus. "
-    "Preparation is done once for each material; the table gives its time and the memory that it holds.",
+    "synthesis": "The error is the rms of the difference from the oracle, divided by the rms of the exact stimulus: "
+    f"the worst of {len(MATERIALS)} materials at {len(WITHIN_MM_S)} speeds within those measured, or at "
+    f"{len(OUTSIDE_MM_S)} outside of them, as the speed that the time is of. Of the printed sum, which takes seconds, "
+    "it is that of one material at one speed. Preparation is done once for each material; the table gives its time and "
+    "the memory that it holds.",
+    "voltages": "The error is the same, in volts, on a rig whose response is measured from 10 to 600 Hz, with limits "
+    f"of gain, panel and amplifier: the worst of {len(MATERIALS)} materials at {len(WITHIN_MM_S) + 2} speeds. The "
+    "oracle inverts the table in extended precision, and takes a stimulus down as far as the way did. Where a material "
+    "bends too often for the memory that it may take, or the foot is slow, the voltages are shaped for the step "
+    "by either way; `prepared` is the share of the stimuli that are not.",
+    "samples": "The error is the rms of the rounding, divided by that of the stimulus, at a full scale of "
+    f"{FULL_SCALE_M_S2:g} m/s^2: the worst of all materials at speeds within those measured. A float32 sample is "
+    "always nearer than half a step of a 24-bit converter, so the converter decides, and never the sample.",
     "resampling": "The error is the same, at samples between both ends. palpate uses the inverse DCT; the two other "
     "ways are there for comparison.",
     "shaping": "The error is the rms of the relative difference from the closed inverse of a response that saturates "
@@ -69,14 +96,15 @@ HEADS = {
     "release_error": "of release",
     "penetration_error": "of penetration",
     "energy_error": "of energy",
+    "prepared_share": "prepared",
 }
 
 
 def sections(result: Numerics) -> tuple[Section, ...]:
-    """Return the measurements by subject, then the cases."""
+    """Return the measurements by subject, condition numbers, the budget, and the cases."""
     by_subject = groupby(result.measured, key=lambda one: one.subject)
     measured = [_measured(subject, list(rows), result) for subject, rows in by_subject]
-    return (*measured, _cases(result.outcomes))
+    return (*measured, _conditions(result), _budget(result.played), _cases(result.outcomes))
 
 
 def text(result: Numerics, width: int = WIDTH) -> str:
@@ -106,24 +134,21 @@ def check_out(out: Path) -> None:
 
 def write(result: Numerics, out: Path) -> tuple[Path, ...]:
     """Write tables (CSV, Markdown) and the plot (PNG, SVG) into a folder; return the files. Errors as `check_out`."""
+    check(out, FILES, "numerics")
     parts = sections(result)
     files = {f"{part.slug}.csv": comma_separated(part, LABEL).encode() for part in parts}
     page = [f"**{LABEL}**\n", *(markdown(part, "") for part in parts), result.verdict, ""]
     files["numerics.md"] = "\n".join(page).encode()
-    drawn, diagrams = figure(result), contact_report.diagrams(_subject(result, "contact"))
-    files["numerics.svg"], files["numerics.png"] = svg(drawn), png(drawn)
-    files["contact.svg"], files["contact.png"] = svg(diagrams), png(diagrams)
+    drawn = {
+        "numerics": figures.numerics(result),
+        "contact": figures.diagrams(_subject(result, "contact")),
+        "budget": figures.budget(result.played),
+    }
+    files |= {f"{name}.svg": svg(each) for name, each in drawn.items()}
+    files |= {f"{name}.png": png(each) for name, each in drawn.items()}
+    files["methods.md"] = markdown(methods(result), "").encode()
+    files["played.npz"] = played.arrays(result.played, result.materials)
     return publish(out, files, LABEL, "numerics")
-
-
-def time_text(seconds: float | None) -> str:
-    """Return a time to three digits; `-` for None."""
-    if seconds is None:
-        return "-"
-    for unit, size in (("s", 1.0), ("ms", 1e-3)):
-        if seconds >= size:
-            return f"{seconds / size:.3g} {unit}"
-    return f"{seconds * 1e6:.3g} µs"
 
 
 def usual(rows: list[Measured]) -> list[Measured]:
@@ -152,8 +177,13 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
         size = "N = {samples:g} at {output_rate_hz:g} Hz, {speed_mm_s:g} mm/s".format(**shown[0].given)
         brief = (_table(f"{size} (all {len(rows)} rows: --out)", shown, given=False),)
         tables = [_table(size, shown, given=False), replace(tables[0], title="Every size, rate and speed")]
+    if subject == "shaping" and (fitted := shaping_order(rows)) is not None:
+        paragraphs.append(
+            f"Between the frequencies of the table the error falls with the power {fitted:.2f} of their spacing, "
+            "fitted where it is below 0.05; straight lines give 2."
+        )
     if subject == "contact":
-        paragraphs += [contact_report.orders(rows), of_the_paper()]
+        paragraphs += [figures.orders(rows), of_the_paper()]
         shown = [one for one in rows if one.given["step_s"] == contact.SERVO_S]
         title = f"At the servo's step of {contact.SERVO_S * 1e6:g} µs (all {len(rows)} rows: --out)"
         brief = (_table(title, shown, given=True),)
@@ -167,9 +197,10 @@ def _table(title: str, rows: list[Measured], *, given: bool) -> Table:
     unit = "error (dB)" if rows[0].subject == "noise" else "error"
     claims = any(one.claimed is not None for one in rows)
     others = tuple(rows[0].others)
+    compared = dominated(rows[0], rows) is not None
     header = ["way", *(HEADS[name] for name in sizes), "median time", unit, *(["claimed"] * claims)]
     header += [HEADS[name] for name in others]
-    header += ["prepared in", "memory"] * prepared
+    header += ["prepared in", "memory"] * prepared + ["dominated"] * compared
     kibibytes = ["-" if one.memory_bytes is None else f"{one.memory_bytes / 1024:.0f} KiB" for one in rows]
     cells = [
         [
@@ -178,8 +209,9 @@ def _table(title: str, rows: list[Measured], *, given: bool) -> Table:
             time_text(one.timed.median_s),
             _error(one, one.error),
             *([_error(one, one.claimed)] * claims),
-            *(_error(one, one.others[name]) for name in others),
+            *(f"{one.others[name]:.0%}" if "share" in name else _error(one, one.others[name]) for name in others),
             *([time_text(one.prepared_s), held] * prepared),
+            *([_dominated(one, rows)] * compared),
         ]
         for one, held in zip(rows, kibibytes, strict=True)
     ]
@@ -205,6 +237,7 @@ def _record(one: Measured) -> dict[str, object]:
         "error": one.error,
         "claimed_error": one.claimed,
         **one.others,
+        "worst_at": one.worst_at or None,
         "holds": one.holds,
         "prepared_s": one.prepared_s,
         "memory_bytes": one.memory_bytes,
@@ -222,10 +255,131 @@ def _cases(outcomes: tuple[Outcome, ...]) -> Section:
         full.append(Table(title, header, cells, left=frozenset({0, 1, 2, 3}), marked=broken))
         brief.append(_brief(title, rows))
     about = (
-        "The cases test every way at every output rate, what a stimulus states about itself, and the oracle against "
-        "itself."
+        f"Stimuli have as many bins as a study, N = {PAPER_SAMPLES}, but for other lengths and the printed sum. The "
+        "cases test ways at every output rate, what a stimulus states about itself, what a rig in volts plays, and the "
+        "oracle against itself."
     )
     return Section("cases", "Extreme cases", (about,), tuple(full), tuple(map(asdict, outcomes)), tuple(brief))
+
+
+def _budget(result: Sequence[Played]) -> Section:
+    speeds = played.BUDGET_SPEEDS_MM_S
+    about = (
+        "How far what a device is handed is from what equations (1) to (5) ask for, cause by cause: percent of the rms "
+        f"asked for, least and most over {len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} mm/s. Squares of "
+        "the shares add up to that of all. The truth is how the simulated panel moves, which answers by a closed form "
+        "and not by the table; the rig in m/s^2 moves as it is told. The total lies within "
+        f"{played.TRUE:.0%} of it, or the command fails.",
+        "What was played is in played.npz, so that the truth can be found by other means; `tests/README.md` says how.",
+    )
+    tables = []
+    for unit in dict.fromkeys(one.unit for one in result):
+        names = list(dict.fromkeys(one.material for one in result))
+        of = {name: [one for one in result if (one.unit, one.material) == (unit, name)] for name in names}
+        rows = [
+            (figures.CAUSES[cause], *(_range([getattr(one.budget, cause) for one in of[name]]) for name in names))
+            for cause in played.CAUSES
+        ]
+        rows.append(("all of it", *(_range([one.budget.total for one in of[name]]) for name in names)))
+        rows.append(("truth", *(_range([one.truth for one in of[name]]) for name in names)))
+        tables.append(Table(f"A rig in {unit}", ("cause", *names), tuple(rows)))
+    records = tuple(
+        {
+            "unit": one.unit,
+            "material": one.material,
+            "speed_mm_s": one.speed_mm_s,
+            **asdict(one.budget),
+            "left_out": one.budget.left_out,
+            "total": one.budget.total,
+            "truth": one.truth,
+            "holds": one.holds,
+        }
+        for one in result
+    )
+    return Section("budget", "Error budget of what is played", about, tuple(tables), records)
+
+
+def _range(shares: Sequence[float]) -> str:
+    low, high = (f"{100 * share:.1g}" if share < 1e-5 else f"{100 * share:.3g}" for share in (min(shares), max(shares)))
+    return low if low == high else f"{low} to {high}"
+
+
+def _conditions(result: Numerics) -> Section:
+    about = (
+        "How a relative error of the one grows in the other, rms to rms: the largest over the materials at speeds from "
+        "20 to 400 mm/s, and over the stiffnesses of a contact. By the amplitudes recorded every stimulus has the "
+        "condition number 1.",
+        "In the middle of two speeds measured, where by equation (4) signs change, a stimulus has none: the next speed "
+        f"plays a waveform that differs by {result.jump:.0%} (rms).",
+    )
+    cells = tuple((one.of, one.on, f"{one.number:.3g}", one.where) for one in result.conditions)
+    table = Table("", ("of", "on", "condition number", "largest at"), cells, left=frozenset({0, 1, 3}))
+    return Section("conditions", "Condition numbers", about, (table,), tuple(map(asdict, result.conditions)))
+
+
+def methods(result: Numerics) -> Section:
+    """Return the table of methods that `tests/README.md` holds: each at the usual sizes, and contact by the servo."""
+    of_contact = _subject(result, "contact")
+    rows = [one for one in result.measured if one.subject != "contact"]
+    shown = [one for subject, each in groupby(rows, key=lambda one: one.subject) for one in _usual(subject, list(each))]
+    header = ("of", "way", "at", "median time", "error", "claimed", "dominated")
+    table = Table("", header, tuple(_method(one, shown) for one in shown), left=frozenset({0, 1, 2}))
+    diagrams = dict.fromkeys((one.given["stiffness_n_m"], one.given["mass_kg"]) for one in of_contact)
+    by_place = {
+        (one.way, one.given["stiffness_n_m"]): f"{_wrong(one)}{time_text(one.timed.median_s)}"
+        for one in of_contact
+        if one.given["step_s"] == contact.SERVO_S
+    }
+    heads = ("method", *(f"{stiffness:g} N/m, {mass:g} kg" for stiffness, mass in diagrams))
+    steps = [(way, *(by_place[way, k] for k, _ in diagrams)) for way in dict.fromkeys(one.way for one in of_contact)]
+    servo = Table(f"Contact in steps of {contact.SERVO_S * 1e6:g} µs", heads, tuple(steps))
+    return Section("methods", "Methods", tables=(table, servo))
+
+
+def _wrong(one: Measured) -> str:
+    return "wrong, " if one.error >= NO_ANSWER else f"{one.error:.1e}, "
+
+
+def _usual(subject: str, rows: list[Measured]) -> list[Measured]:
+    """Return the rows of a subject at the usual sizes, which stand for all."""
+    if subject == "synthesis":
+        return usual(rows)
+    usual_samples = usual_length(one.given.get("samples", 0) for one in rows)
+    wanted: dict[str, dict[str, float]] = {
+        "voltages": {"samples": usual_samples},
+        "resampling": {"output_rate_hz": OUTPUT_RATE_HZ},
+        "shaping": {"frequencies": USUAL_FREQUENCIES},
+        "noise": {"length_s": CLAIMED_FROM_S},
+    }
+    sizes = wanted.get(subject, {}).items()
+    return [one for one in rows if sizes <= one.given.items()]
+
+
+def _method(one: Measured, rows: Sequence[Measured]) -> tuple[str, ...]:
+    unit = " dB" if one.subject == "noise" else ""
+    claimed = "-" if one.claimed is None else f"{_error(one, one.claimed)}{unit}"
+    return (
+        one.subject,
+        one.way,
+        ", ".join(f"{value:g} {UNITS[name]}" for name, value in one.given.items() if name in UNITS),
+        time_text(one.timed.median_s),
+        f"{_error(one, one.error)}{unit}",
+        claimed,
+        _dominated(one, rows),
+    )
+
+
+def _dominated(one: Measured, rows: Sequence[Measured]) -> str:
+    return "-" if (found := dominated(one, rows)) is None else "yes" if found else "no"
+
+
+UNITS = {
+    "samples": "bins",
+    "output_rate_hz": "Hz",
+    "speed_mm_s": "mm/s",
+    "frequencies": "frequencies",
+    "length_s": "s",
+}
 
 
 def _outcome(one: Outcome) -> str:
@@ -240,107 +394,3 @@ def _brief(title: str, rows: list[Outcome]) -> Table:
     seen = "seen" if shared else "must hold -> seen"
     cells = tuple((one.given, _outcome(one), one.seen if shared else f"{one.invariant} -> {one.seen}") for one in rows)
     return Table(title, ("given", "outcome", seen), cells, left=frozenset({0, 1, 2}))
-
-
-QUIET = "#57606a"
-RULE: Any = {"color": "#d5d9de", "linewidth": 0.6}
-
-
-def figure(result: Numerics) -> Figure:
-    """Return the plot: synthesis above; resampling, shaping and noise below it."""
-    with mpl.rc_context(STYLE):
-        drawn = Figure(figsize=(8.4, 7.4))
-        drawn.suptitle(f"{LABEL}: error against median run time", fontsize=10, fontweight="bold", y=0.985)
-        synthesis = _subject(result, "synthesis")
-        above = drawn.add_gridspec(1, 1, left=0.09, right=0.985, top=0.9, bottom=0.47)
-        _synthesis(drawn.add_subplot(above[0]), synthesis)
-        below = drawn.add_gridspec(1, 3, left=0.09, right=0.985, top=0.36, bottom=0.075, wspace=0.34)
-        for place, panel in enumerate((_resampling, _shaping, _noise)):
-            panel(drawn.add_subplot(below[place]), result.measured)
-        return drawn
-
-
-def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
-    point = {"output_rate_hz": OUTPUT_RATE_HZ, "speed_mm_s": BETWEEN_MM_S}
-    shown = [one for one in rows if point.items() <= one.given.items()]
-    _curves(axes, shown)
-    decades = [log10(one.error) for one in shown if one.error > 0]
-    _logarithmic(axes)
-    if decades:
-        axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
-    axes.grid(visible=True, **RULE)
-    axes.tick_params(labelsize=8)
-    _times(axes, "from the speed of the foot to the waveform")
-    axes.set_ylabel("relative error", fontsize=9)
-    axes.legend(loc="upper center", frameon=False, fontsize=9)
-    lengths = ", ".join(f"{n:g}" for n in sorted({one.given["samples"] for one in shown}))
-    axes.set_title(f"Synthesis at 48 kHz; points: N = {lengths}", fontsize=9, loc="left", pad=5)
-
-
-def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
-    _curves(axes, _below(axes, measured, "resampling", "Resampling, 44.1 to 192 kHz"))
-    _times(axes, "median run time")
-    axes.set_ylabel("relative error", fontsize=9)
-    axes.legend(loc="center", frameon=False, fontsize=8)
-
-
-def _shaping(axes: Axes, measured: Sequence[Measured]) -> None:
-    rows = _below(axes, measured, "shaping", "")
-    _curves(axes, rows, x=lambda one: one.given["frequencies"])
-    taken = [one.timed.median_s for one in rows]
-    axes.set_title(f"Shaping: {time_text(min(taken))} to {time_text(max(taken))}", fontsize=9)
-    axes.set_xlabel("frequencies in the table", fontsize=9)
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.legend(loc="lower left", frameon=False, fontsize=8)
-
-
-def _noise(axes: Axes, measured: Sequence[Measured]) -> None:
-    rows = _below(axes, measured, "noise", "Noise: octave bands")
-    _curves(axes, rows)
-    first = [one for one in rows if one.way == rows[0].way]
-    for one in (first[0], first[-1]):
-        length, at = f"{one.given['length_s']:g} s", (one.timed.median_s, one.error)
-        axes.annotate(length, at, (0, 6), textcoords="offset points", ha="center", fontsize=8)
-    axes.margins(x=0.12)
-    axes.set_ylim(top=4.0)
-    axes.axhline(CLAIMED_DB, color=QUIET, linestyle=":", linewidth=1.2)
-    bound, beside = f"bound from {CLAIMED_FROM_S:g} s on", axes.get_yaxis_transform()
-    axes.text(0.98, CLAIMED_DB, bound, transform=beside, ha="right", va="bottom", fontsize=8, color=QUIET)
-    _times(axes, "median run time")
-    axes.set_ylabel("error (dB)", fontsize=9, labelpad=1)
-    axes.legend(loc="upper right", frameon=False, fontsize=8)
-
-
-def _below(axes: Axes, measured: Sequence[Measured], subject: str, title: str) -> list[Measured]:
-    axes.set_xscale("log")
-    _logarithmic(axes)
-    axes.grid(visible=True, **RULE)
-    axes.set_title(title, fontsize=9)
-    axes.tick_params(labelsize=8)
-    return [one for one in measured if one.subject == subject]
-
-
-def _logarithmic(axes: Axes) -> None:
-    axes.set_yscale("log")
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda error, _: f"{error:g}"))
-    axes.yaxis.set_minor_formatter(NullFormatter())
-
-
-def _curves(
-    axes: Axes, rows: Sequence[Measured], x: Callable[[Measured], float] = lambda one: one.timed.median_s
-) -> None:
-    """Draw the error of each way over `x`."""
-    for i, way in enumerate(dict.fromkeys(one.way for one in rows)):
-        points = [one for one in rows if one.way == way]
-        errors = [one.error for one in points]
-        style: Any = {"marker": marker(i), "color": colour(i), "linewidth": 1.1, "markersize": 4.5}
-        axes.plot([x(one) for one in points], errors, label=way, **style)
-
-
-def _times(axes: Axes, label: str) -> None:
-    axes.set_xscale("log")
-    axes.xaxis.set_major_locator(LogLocator(numticks=12))
-    axes.xaxis.set_major_formatter(FuncFormatter(lambda seconds, _: time_text(seconds)))
-    axes.xaxis.set_minor_formatter(NullFormatter())
-    axes.set_xlabel(label, fontsize=9)

@@ -68,14 +68,9 @@ def find(name: str, protocol: Protocol) -> ChoiceModel:
     The name is `published`, the id of a published study, the folder of a dataset, or a TOML file.
 
     Raises:
-        PowerError: there is no such model, it lacks a task or a material, or the study is of comparisons.
+        PowerError: there is no such model, or it lacks a task or a material.
         DatasetError, ProtocolError: the dataset or the file cannot be read.
     """
-    if protocol.comparison is not None:
-        raise PowerError(
-            f"study {protocol.study.id}: got comparisons of pairs; allowed: trials in which a material is named; "
-            "palpate cannot simulate the power of comparisons yet"
-        )
     if printed := published.load(protocol.study.id if name == OWN else name):
         return from_print(printed, protocol)
     path = Path(name)

@@ -81,11 +81,25 @@ def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: floa
 
 def not_simulated(planned: Design) -> tuple[str, ...]:
     """Return one sentence for each planned test that cannot be simulated."""
-    return tuple(
-        f"The planned {test.test} of the form '{test.form}' is not simulated: its form names neither variance "
-        "components nor a form of Shrout and Fleiss or of McGraw and Wong."
-        for test in planned.tests
-        if test.test == "ICC" and _form(test) is None
+    return (
+        *(
+            f"The planned {test.test} of {' and '.join(test.tasks)} is not simulated; the Bradley-Terry scale of the "
+            "same choices is."
+            for test in planned.tests
+            if test.test in ("Thurstone", "Davidson")
+        ),
+        *(
+            f"The planned equivalence of {' and '.join(test.tasks)} is not simulated: where everybody guesses, "
+            "tasks and materials are equivalent, so that the control is none of it."
+            for test in planned.tests
+            if test.test == "equivalence"
+        ),
+        *(
+            f"The planned {test.test} of the form '{test.form}' is not simulated: its form names neither variance "
+            "components nor a form of Shrout and Fleiss or of McGraw and Wong."
+            for test in planned.tests
+            if test.test == "ICC" and _form(test) is None
+        ),
     )
 
 
@@ -102,7 +116,7 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
         elif test.test == "two-way ANOVA":
             found |= dict(_two_way(number, test, every))
             found |= dict(_repeated(number, test, planned, drawn))
-        else:
+        elif test.test == "ICC":
             found |= _icc(number, test, planned, every, drawn)
     return found
 

@@ -17,6 +17,7 @@ from analysis.documents.drawing import COLUMN_STYLE, LINES, Sheet, colour, key, 
 from analysis.documents.output import publish
 from analysis.documents.tables import WIDTH, Section, Table, number
 from analysis.documents.tables import text as in_terminal
+from analysis.power.comparisons import PairModel
 from analysis.power.planned_tests import ADJUSTED, Question
 from analysis.power.simulate import Kind, Power, Row, software
 
@@ -34,14 +35,20 @@ ABOUT_GUESSING = (
     "that is chosen after looking at the answers, and the ratios of one presented material are not independent values."
 )
 
+ABOUT_ALIKE = (
+    "The same studies when materials are alike and being first adds nothing on average, while participants differ as "
+    "much as in the model. Every null hypothesis then holds, and the share with P below alpha is the type I error."
+)
+
 
 def sections(result: Power) -> tuple[Section, ...]:
     """Return what was simulated, the participants needed, then every number."""
+    pairs = isinstance(result.model, PairModel)
     return (
         _studies(result),
         _needed(result),
         _by_size(result, "model", "power", "Power by number of participants", ABOUT_POWER),
-        _by_size(result, "guessing", "control", "Control: type I error", ABOUT_GUESSING),
+        _by_size(result, "guessing", "control", "Control: type I error", ABOUT_ALIKE if pairs else ABOUT_GUESSING),
         *_estimates(result),
         _undefined(result),
     )
@@ -69,6 +76,8 @@ def _studies(result: Power) -> Section:
         "independent given the model.",
         *(f"{note[0].upper()}{note[1:]}." if not note.endswith(".") else note for note in result.notes),
     )
+    if isinstance(result.model, PairModel):
+        return Section("model", "Simulated studies", *_pairs(result.model, result, paragraphs))
     header = ("task", "presented", *result.design.materials, "none", "spread")
     rows, records = [], []
     for task in result.model.tasks:
@@ -79,6 +88,28 @@ def _studies(result: Power) -> Section:
     note = "Mean share of each answer; spread is the intraclass correlation of one participant's answers to a material."
     table = Table("Choice model", header, tuple(rows), left=frozenset({0, 1}), notes=(note,))
     return Section("model", "Simulated studies", paragraphs, (table,), tuple(records))
+
+
+def _pairs(
+    model: PairModel, result: Power, said: tuple[str, ...]
+) -> tuple[tuple[str, ...], tuple[Table, ...], tuple[Mapping[str, object], ...]]:
+    """Return the paragraphs, table and records of a model of comparisons."""
+    paragraphs = (
+        said[0],
+        f"Observers compare by Bradley and Terry's law. Among participants each value has an SD of {model.spread:.3f} "
+        f"logits, and what being first adds one of {model.order_spread:.3f} around {model.order:.3f}. Each pair, in "
+        f"either order alike, comes {', '.join(str(task.repetitions) for task in result.design.tasks)} times. Nobody "
+        "withdraws, and no exclusion rule is applied.",
+        *said[2:],
+    )
+    values = model.values.tolist()
+    rows = tuple((name, f"{value:.3f}") for name, value in zip(result.design.materials, values, strict=True))
+    records = tuple(
+        {"material": name, "value": value, "spread": model.spread, "order": model.order,
+         "order_spread": model.order_spread}
+        for name, value in zip(result.design.materials, values, strict=True)
+    )  # fmt: skip
+    return paragraphs, (Table("Model of comparisons, in logits", ("material", "value"), rows),), records
 
 
 def _needed(result: Power) -> Section:
@@ -214,7 +245,7 @@ def _undefined_line(result: Power, row: Row) -> tuple[str, ...]:
 def _reason(result: Power, row: Row) -> str:
     sizes = zip(result.design.tasks, result.design.sizes(row.participants), strict=True)
     alone = all(size < 2 for task, size in sizes if task.id in row.question.tasks)
-    return "one participant" if alone else "no variance"
+    return "one participant" if alone else "no finite scale" if isinstance(result.model, PairModel) else "no variance"
 
 
 def _record(row: Row) -> Mapping[str, object]:

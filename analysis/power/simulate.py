@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import signal
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from functools import cached_property
@@ -19,7 +19,9 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
+from analysis.power import comparisons
 from analysis.power.choice_models import ChoiceModel, draw, guessing
+from analysis.power.comparisons import PairModel
 from analysis.power.planned_tests import Answer, Design, Question, answer, not_simulated
 from analysis.statistics.inference import wilson
 from experiment.errors import PowerError
@@ -45,7 +47,7 @@ class Chunk:
     """Studies of one size under one model that are simulated in one go."""
 
     design: Design
-    model: ChoiceModel
+    model: ChoiceModel | PairModel
     kind: Kind
     participants: int
     number: int
@@ -117,7 +119,7 @@ class Power:
 
     study: str
     design: Design
-    model: ChoiceModel
+    model: ChoiceModel | PairModel
     participants: tuple[int, ...]
     studies: int
     seed: int
@@ -161,7 +163,7 @@ Runner = Callable[
 def run(
     protocol: Protocol,
     planned: Design,
-    model: ChoiceModel,
+    model: ChoiceModel | PairModel,
     *,
     participants: Sequence[int],
     studies: int,
@@ -180,7 +182,8 @@ def run(
     """
     sizes = tuple(sorted(set(participants)))
     _check(sizes, studies, planned)
-    chunks = list(_chunks(planned, {"model": model, "guessing": guessing(protocol)}, sizes, studies, seed))
+    control = comparisons.alike(model) if isinstance(model, PairModel) else guessing(protocol)
+    chunks = list(_chunks(planned, {"model": model, "guessing": control}, sizes, studies, seed))
     total(len(chunks))
     done: dict[int, dict[Question, Tally]] = {}
     for place, tallies in runner(simulate, chunks):
@@ -204,6 +207,9 @@ def simulate(chunk: Chunk) -> dict[Question, Tally]:
     """Draw the studies of one chunk, and return the tally of each question."""
     key = (KINDS.index(chunk.kind), chunk.participants, chunk.number)
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(chunk.seed, spawn_key=key)))
+    if isinstance(chunk.model, PairModel):
+        answers = comparisons.answers(chunk.design, chunk.model, chunk.participants, chunk.studies, random)
+        return {question: _tally(question, found) for question, found in answers.items()}
     sizes = chunk.design.sizes(chunk.participants)
     drawn = {
         task.id: draw(answers, trials=task.repetitions, participants=size, studies=chunk.studies, random=random)
@@ -213,7 +219,7 @@ def simulate(chunk: Chunk) -> dict[Question, Tally]:
 
 
 def _chunks(
-    planned: Design, models: dict[Kind, ChoiceModel], sizes: Sequence[int], studies: int, seed: int
+    planned: Design, models: Mapping[Kind, ChoiceModel | PairModel], sizes: Sequence[int], studies: int, seed: int
 ) -> Iterator[Chunk]:
     materials = len(planned.materials)
     for kind, model in models.items():

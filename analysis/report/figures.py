@@ -35,6 +35,7 @@ from analysis.documents.tables import plural
 from analysis.identification.identify import Identification
 from analysis.identification.results import Results, TaskResult
 from analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window
+from analysis.report.contrast_figure import contrast_sheet
 from experiment.records.events import NO_ANSWER
 
 ACROSS = 5
@@ -317,7 +318,7 @@ def sheets(results: Results, label: str, *, titles: bool = False) -> tuple[Sheet
     """
     head = _Head(label, titles)
     with mpl.rc_context(COLUMN_STYLE):
-        return (*_answers(results, head), *_course(results, head))
+        return (*_answers(results, head), *_contrasts(results, head), *_course(results, head))
 
 
 @dataclass(frozen=True)
@@ -405,6 +406,12 @@ def _confusing(results: Results) -> dict[str, list[tuple[float, float]]]:
             if i != j
         ]
     return found
+
+
+def _contrasts(results: Results, head: _Head) -> Iterator[Sheet]:
+    if found := results.marginal[0]:
+        chances = {task.task.id: task.chance for task in results.tasks}
+        yield contrast_sheet(found, list(chances), head.label, list(chances.values()), head.titles)
 
 
 def _course(results: Results, head: _Head) -> Iterator[Sheet]:

@@ -55,7 +55,9 @@ def intervals_section(results: Results) -> Section:
     about = (
         "All intervals are 95 % intervals. Those of Wilson and of Clopper and Pearson treat all trials as independent, "
         "although the trials of one participant are not. The BCa interval is that of the mean among participants, from "
-        f"{RESAMPLES} resamples of whole participants; it is the one to report."
+        f"{RESAMPLES} resamples of whole participants. It is the one to report, although it is short where few take "
+        "part: of 60 SIMULATED studies of each size it held the truth in 82 to 93 % with 6 participants, and in 85 to "
+        "97 % with 10 to 25."
     )
     return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), tuple(records), tuple(brief))
 
@@ -74,6 +76,7 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
         "information": "The information",
         "information interval": "The interval of the information",
         "choice": "The similarity-choice model",
+        "lapses": "The bias and lapse model",
         "scaling": "The map",
         "mantel": "Mantel's test",
     }

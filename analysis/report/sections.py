@@ -15,6 +15,7 @@ from analysis.identification.results import SEED, ComponentReliability, Reliabil
 from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
 from analysis.reading.study import Study, sentences
 from analysis.report.beside_tables import beside_records, beside_tables
+from analysis.report.contrast_tables import MARGINAL, contrasts_section, equivalence_section, lapses_section
 from analysis.report.found import found_section
 from analysis.report.identification_sections import (
     ARBITRARY,
@@ -131,7 +132,10 @@ def sections(study: Study, results: Results, comparison: Comparison | None) -> t
         tests_section(results),
         intervals_section(results),
         confusions_section(results, study.materials, remark),
+        lapses_section(results, study.materials, remark),
         anova_section(results, remark),
+        contrasts_section(results),
+        equivalence_section(results),
         icc_section(results),
         trials_section(results),
         course_section(results.course),
@@ -405,6 +409,7 @@ Logit with participants by material and task (ours)
     logit P(right) = intercept + task + material + u_participant + u_participant,material + u_participant,task, with
     normal u, is fitted by maximum likelihood with Laplace's approximation (Bates et al. 2015). Wald's statistic / q is
     taken as F on q and q (n - 1) df.
+{MARGINAL.strip()}
 Interval of d
     The limits are the noncentralities at which the observed t stands at the tails of noncentral t, divided by √n
     (Steiger and Fouladi 1997).

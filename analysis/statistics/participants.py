@@ -3,7 +3,8 @@
 The sign-flip test is Fisher's (1935, The Design of Experiments, section 21): where answers are no better and no worse
 than chance, each participant's distance from it is as likely to have the other sign. Repeated measures are tested on
 orthonormal contrasts of each participant's values, with the epsilon of Greenhouse and Geisser (1959, Psychometrika 24,
-95-112). The jackknife leaves out one participant at a time (Tukey 1958, Ann. Math. Stat. 29, 614).
+95-112). Equivalence is shown by two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657-680). The
+jackknife leaves out one participant at a time (Tukey 1958, Ann. Math. Stat. 29, 614).
 """
 
 from __future__ import annotations
@@ -14,10 +15,10 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from scipy.special import fdtrc, stdtrit
+from scipy.special import fdtrc, stdtr, stdtrit
 
 from analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
-from analysis.statistics.inference import CONFIDENCE
+from analysis.statistics.inference import CONFIDENCE, log_bayes_factor
 
 MOST_STEPS = 200_000_000
 """Participants times the steps of their sum beyond which sign flips are not counted."""
@@ -171,6 +172,54 @@ def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     epsilon = np.asarray(trace**2 / (df1 * (spread**2).sum(axis=(-2, -1))))
     df2 = df1 * (people - 1)
     return f, epsilon, fdtrc(epsilon * df1, epsilon * df2, f), fdtrc(df1, df2, f)
+
+
+@dataclass(frozen=True)
+class Equivalence:
+    """Two one-sided t-tests that the mean of `n` values lies within `margin` of 0, either way, on n - 1 df.
+
+    `p` is the larger of both, below 0.05 exactly where the 90 % interval, `low` to `high`, lies within the margin.
+    `log_bf01` is the natural logarithm of the JZS Bayes factor for a mean of 0 over one that differs.
+    """
+
+    n: int
+    mean: float
+    sd: float
+    margin: float
+    p: float
+    low: float
+    high: float
+    log_bf01: float
+
+
+def equivalence(values: Floats, margin: float) -> Equivalence:
+    """Return the equivalence test of participants' values, shape (participants,), with a margin above 0.
+
+    Raises:
+        NotDefined: with fewer than two participants, or where all have the same value.
+    """
+    people = values.size
+    if people < 2:
+        raise NotDefined(f"it needs two participants, got {people}")
+    mean, sd = float(values.mean()), float(values.std(ddof=1))
+    if sd <= 1e-12 * max(1.0, abs(mean)):
+        raise NotDefined("no variance among participants")
+    error = sd / math.sqrt(people)
+    reach = float(stdtrit(people - 1, 0.95)) * error
+    log_bf01 = -log_bayes_factor(mean / error, people)
+    p = float(equivalence_tests(values, margin))
+    return Equivalence(people, mean, sd, margin, p, mean - reach, mean + reach, log_bf01)
+
+
+def equivalence_tests(values: Floats, margin: float) -> Floats:
+    """Return P of `equivalence` of many studies, shape (...), from values of shape (..., participants).
+
+    NaN stands where participants do not differ at all.
+    """
+    people = values.shape[-1]
+    sd = values.std(axis=-1, ddof=1)
+    error = np.where(sd > 1e-12, sd, np.nan) / math.sqrt(people)
+    return np.asarray(stdtr(people - 1, (abs(values.mean(axis=-1)) - margin) / error))
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,14 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, ProtocolFile
-from experiment.errors import Interrupted, PalpateError, PowerError
+from experiment.errors import Interrupted, PalpateError, PowerError, PublishedError
 
 if TYPE_CHECKING:
+    from analysis.power.choice_models import ChoiceModel
+    from analysis.power.comparisons import PairModel
+    from analysis.power.planned_tests import Design
     from experiment.dataset.status import Status
+    from experiment.protocol.models import Protocol
 
 commands = options.room()
 
@@ -75,7 +79,9 @@ def audit(
     target: Annotated[
         str,
         typer.Argument(
-            metavar="STUDY|FILE|DATASET", help="Id of a shipped study, TOML file of printed numbers, or dataset folder."
+            metavar="STUDY|FILE|DATASET",
+            help="Id of a shipped study, a paper's tables (.html, .csv), TOML file of printed numbers, or dataset "
+            "folder.",
         ),
     ],
     against: Annotated[
@@ -84,22 +90,42 @@ def audit(
             "--against", help="TOML file of the paper to compare a dataset with [default: that of its study's id]."
         ),
     ] = None,
+    participants: Annotated[
+        str | None,
+        typer.Option(
+            "--participants",
+            help="Beside .html or .csv: participants of the confusion tables, one number, or one for each as 15,10.",
+        ),
+    ] = None,
+    trials: Annotated[
+        int | None,
+        typer.Option(
+            "--trials", min=1, max=10_000, help="The same: trials of a participant with a material, if known and equal."
+        ),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Check whether printed numbers agree with one another or a dataset.
 
     The audit recomputes every statistic as the interval that rounding or truncation of the other numbers allows, asks
     whether whole counts can stand behind means, SDs and rows, and names the simplest mistake that explains a number
-    that disagrees. A disagreement is a finding and not an error, so the exit code is 0.
+    that disagrees. Where one wrong number explains several that disagree, it alone is accused.
+
+    Of an HTML page or a CSV file the confusion tables, the ANOVA tables and the tables of t-tests are read, and what
+    was not read is told. A TOML file holds more: analysis/published/README.md says how to write one. A disagreement is
+    a finding and not an error, so the exit code is 0.
     """
     from analysis.audit import audit as audits
+    from analysis.published.paper import Stated
 
     _believe(Path(target))
-    result = audits.audit(target, against)
+    people = tuple(_sizes(participants, PublishedError)) if participants else ()
+    stated = Stated(people, trials) if people or trials else None
+    result = audits.audit(target, against, stated)
     if as_json:
         options.put(result.as_dict())
     else:
-        typer.echo(result.text())
+        typer.echo(result.text(options.columns(audits.WIDTH)))
 
 
 @commands.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")
@@ -125,6 +151,17 @@ def power(
     jobs: Annotated[
         int, typer.Option("--jobs", min=0, help="How many processes simulate at a time; 0 means one for each core.")
     ] = 0,
+    looks: Annotated[
+        str | None,
+        typer.Option("--looks", help="Look at the answers of so many participants, such as 10,15,20, and stop early."),
+    ] = None,
+    rule: Annotated[
+        str, typer.Option("--rule", help="What stops a design with looks: obrien-fleming, pocock or bayes.")
+    ] = "obrien-fleming",
+    alike: Annotated[
+        float,
+        typer.Option("--alike", help="With looks: the share of participants' spread common to tasks and materials."),
+    ] = 0.5,
     scheduler: Annotated[
         str | None,
         typer.Option("--scheduler", metavar="ADDRESS", help="Simulate on the cluster of this Dask scheduler instead."),
@@ -138,11 +175,12 @@ def power(
 
     Whole studies are simulated from a choice model, and each is tested as the protocol plans. The result is the power
     by number of participants, with its Monte Carlo error, and the type I error when everybody guesses. The same seed
-    gives the same result on any number of cores or machines.
+    gives the same result on any number of cores or machines. With --looks the answers are looked at more than once, and
+    power, type I error and the participants on average are those of stopping early.
     """
     from analysis import published
     from analysis.documents import output
-    from analysis.power import choice_models, planned_tests, report, simulate
+    from analysis.power import choice_models, comparisons, planned_tests, report, simulate
     from experiment.protocol import files
 
     for name, share in (("--alpha", alpha), ("--target", target)):
@@ -153,9 +191,12 @@ def power(
         output.check(out, (), "power")
     protocol = files.load(protocol_file)
     _believe(Path(model))
-    chosen = choice_models.find(model, protocol)
+    chosen = (choice_models if protocol.comparison is None else comparisons).find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
     planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
+    if looks is not None:
+        _look(protocol, planned, chosen, looks, rule, alike, studies, seed, out, as_json)
+        return
     runner = (
         partial(simulate.on_cores, jobs=jobs) if scheduler is None else partial(simulate.on_cluster, address=scheduler)
     )
@@ -183,18 +224,76 @@ def power(
         typer.echo(report.text(result))
 
 
+def _look(
+    protocol: "Protocol",
+    planned: "Design",
+    model: "ChoiceModel | PairModel",
+    looks: str,
+    rule: str,
+    alike: float,
+    studies: int,
+    seed: int,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Simulate a design with looks, and show or write it."""
+    from typing import cast, get_args
+
+    from analysis.documents import output, page
+    from analysis.documents.tables import text
+    from analysis.power import sequential, simulate
+    from analysis.power.choice_models import ChoiceModel
+
+    if not isinstance(model, ChoiceModel):
+        raise PowerError(
+            f"--looks: got comparisons of study {protocol.study.id}; allowed: trials in which a material is named; "
+            "leave --looks out"
+        )
+    if rule not in get_args(sequential.Rule):
+        raise PowerError(f"--rule: got {rule}; allowed: {', '.join(get_args(sequential.Rule))}; give one")
+    if not 0 <= alike <= 1:
+        raise PowerError(f"--alike: got {alike}; allowed: a number from 0 to 1; give one")
+    if not 1 <= studies <= simulate.MOST_STUDIES:
+        raise PowerError(f"--studies: got {studies}; allowed: 1 to {simulate.MOST_STUDIES}; give a number between them")
+    try:
+        with options.progress(simulate.LABEL, quiet=as_json) as (total, tick):
+            total(2 * -(-studies // sequential.CHUNK))
+            found = sequential.run(
+                planned,
+                model,
+                study=protocol.study.id,
+                rule=cast("sequential.Rule", rule),
+                looks=_sizes(looks, option="--looks"),
+                alike=alike,
+                studies=studies,
+                seed=seed,
+                tick=tick,
+            )
+    except KeyboardInterrupt:
+        raise Interrupted("the simulation was interrupted; nothing was written") from None
+    label = f"{simulate.LABEL}, after: {model.label}" if model.label else simulate.LABEL
+    section = sequential.section(found)
+    if out is not None:
+        output.publish(out, page.tables([section], label), label, "power")
+    if as_json:
+        options.put({"label": label, "levels": list(found.levels), "looks_rows": [dict(r) for r in section.records]})
+    else:
+        typer.echo("\n\n\n".join([label, text(section), label]))
+
+
 @commands.command(epilog="Example: palpate numerics --quick --out numerics")
 def numerics(
     quick: Annotated[bool, typer.Option("--quick", help="Try fewer sizes and repeats.")] = False,
     out: Annotated[
-        Path | None, typer.Option("--out", help="Folder for the tables (CSV, Markdown) and the plot.")
+        Path | None, typer.Option("--out", help="Folder for tables (CSV, Markdown), plots, and what was played (.npz).")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Measure error against run time of every way to compute a stimulus.
 
-    Every way to compute a stimulus is measured, and the extreme cases are tried, each with the invariant that must
-    hold. The exit code is 1 if an invariant does not hold.
+    Every way to compute a stimulus or voltages is measured, extreme cases are tried, each with the invariant that must
+    hold, and the error budget of what a rig plays is held against the truth. The exit code is 1 if an invariant, a
+    claimed bound or a budget does not hold.
     """
     from analysis.numerics import numerics as measured
     from analysis.numerics import report
@@ -399,15 +498,14 @@ def _believe(*datasets: Path) -> None:
             tell(f"palpate: {dataset}: no journal stands behind these tables, so a changed cell would not show")
 
 
-def _sizes(text: str) -> list[int]:
+def _sizes(text: str, error: type[PalpateError] = PowerError, option: str = "--participants") -> list[int]:
     """Return the sizes that `5,10,15`, `5-30` or both together name."""
     found: list[int] = []
     for part in text.split(","):
         match = re.fullmatch(r"\s*([0-9]{1,6})(?:\s*-\s*([0-9]{1,6}))?\s*", part)
         if match is None or (match[2] and int(match[2]) < int(match[1])):
-            raise PowerError(
-                f"--participants: got {text!r}; allowed: whole numbers and rising ranges between commas, such as "
-                "5,10,20-30"
+            raise error(
+                f"{option}: got {text!r}; allowed: whole numbers and rising ranges between commas, such as 5,10,20-30"
             )
         found += range(int(match[1]), int(match[2] or match[1]) + 1)
     return found

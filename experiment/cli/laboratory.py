@@ -30,11 +30,18 @@ Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a st
 
 def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = False) -> None:
     """Return when nothing in the dataset contradicts its roster, to which a line is about to be added."""
+    from experiment.clock import day, wall_ns
     from experiment.dataset import beliefs
     from experiment.protocol import files
     from experiment.study import enrolment
 
-    beliefs.check_roster(dataset or enrolment.default_root(files.load(protocol_file), pilot=pilot))
+    last_ns = beliefs.check_roster(dataset or enrolment.default_root(files.load(protocol_file), pilot=pilot))
+    if wall_ns() < last_ns:
+        typer.echo(
+            f"palpate: this machine's clock says {day(wall_ns())}, and the roster's last line is of {day(last_ns)}: "
+            "one of the two is wrong, and days are held against the clock; set it before you go on",
+            err=True,
+        )
 
 
 @commands.command(epilog="Example: palpate enrol study.toml --participant 01 --consent-on 2026-05-04")
@@ -352,7 +359,7 @@ def withdraw(
         typer.echo("Their data stay and are not analysed. To delete them for good, add --erase to the same command.")
     root = path.parent.parent
     typer.echo(
-        f"For the lab book: {beliefs.keep_anchor(root).line}\n"
+        f"For the lab book: {beliefs.keep_anchor(root)[0].line}\n"
         f"Enter it in the register too: palpate anchor {root} --to REGISTER."
     )
 
@@ -399,7 +406,7 @@ def anchor(
 
     if key and not to:
         raise DatasetError("got --sign without --to; allowed: both, or --to alone; name the register too")
-    made = beliefs.keep_anchor(dataset)
+    made, _ = beliefs.keep_anchor(dataset)
     entered = f"\n{register.enter(made, dataset, to, key)}" if to else ""
     typer.echo(f"For the lab book: {made.line}{entered}")
 

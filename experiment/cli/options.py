@@ -47,6 +47,15 @@ Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
 
+MADE_BY_PALPATE = (
+    b'<meta name="generator" content="palpate">',
+    b"<dc:title>palpate</dc:title>",
+    b"Software\0palpate",
+    b"/Creator (palpate)",
+)
+"""What its pages, and its figures as SVG, PNG and PDF, say of who made them."""
+
+
 def put_file(path: Path, content: bytes) -> None:
     """Write a figure or a page where an option says, over nothing but another that palpate made.
 
@@ -54,7 +63,7 @@ def put_file(path: Path, content: bytes) -> None:
     """
     from experiment import storage
 
-    if path.exists() and not (path.is_file() and b"palpate" in storage.read_bytes(path)):
+    if path.exists() and not (path.is_file() and any(mark in storage.read_bytes(path) for mark in MADE_BY_PALPATE)):
         raise PalpateError(f"{path}: stands there already, and palpate did not make it; name another file")
     storage.write_bytes(path, content)
 

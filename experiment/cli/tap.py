@@ -88,18 +88,18 @@ def contact(
     The mass meets the block at r = 0. Release, rebound, largest penetration and energies are printed, or why there are
     none; whether the method is stable at this rate; and the condition number, by which errors of the input grow.
     """
-    from analysis.numerics import contact_report
+    from analysis.numerics import figures
     from experiment.synthesis.stepping import impact
 
     if law not in ("clamped", "printed"):
         raise PalpateError(f"--law: got {law!r}; allowed: clamped, printed; choose one of them")
-    drawn = contact_report.KINDS
+    drawn = figures.KINDS
     if plot is not None and plot.suffix.lower() not in drawn:
         raise PalpateError(f"--plot {plot}: got the suffix '{plot.suffix}'; allowed: {', '.join(drawn)}; give one")
     of = impact.Collision(stiffness, damping, mass, speed, force, "printed" if law == "printed" else "clamped")
     made = impact.answer(of, method=method, rate_hz=rate)
     if plot is not None:
-        options.put_file(plot, drawn[plot.suffix.lower()](contact_report.course(of, rate_hz=rate)))
+        options.put_file(plot, drawn[plot.suffix.lower()](figures.course(of, rate_hz=rate)))
     if as_json:
         options.put({**made.as_dict(), "plot": str(plot) if plot else None})
     else:

@@ -27,6 +27,7 @@ from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.entries import Armed, Header, Purpose, Withdrawal
 from experiment.records.journal import Contents
+from experiment.records.progress import progress
 from experiment.study import enrolment, schedule
 from experiment.study import roster as rosters
 from experiment.study.allocation import allocate, allocated
@@ -41,7 +42,8 @@ class Believed:
     """A dataset whose journals were all held against what stands beside them.
 
     `tasks` are those of every participant in order, concealed until they begin. `roster` is None in a rehearsal and in
-    practice. `sessions` are the headers of those that began, by journal.
+    practice. `sessions` are the headers of those that began, by journal. Those `under_way` have no footer at their end:
+    they are running, or were cut off and not continued yet.
     """
 
     protocol: Protocol
@@ -49,6 +51,7 @@ class Believed:
     tasks: Mapping[str, tuple[str, ...]]
     roster: Roster | None
     sessions: tuple[tuple[Path, Header], ...]
+    under_way: frozenset[Path]
 
 
 class Plan(BaseModel):
@@ -131,26 +134,35 @@ def doubted(root: Path) -> tuple[Believed, list[PalpateError]]:
     Raises what `examined` raises.
     """
     dataset, doubts = examined(root)
-    return dataset, [*_unlike_anchors(root, dataset.roster), *doubts]
+    return dataset, [*(doubt for _, doubt in _unlike_anchors(root, dataset.roster)), *doubts]
 
 
-def check_roster(root: Path) -> None:
-    """Return when nothing in a dataset knows of more than its roster, so that a line may be added to it.
+def check_roster(root: Path) -> int:
+    """Return the time of a roster's last line, ns of wall time, 0 without one, if a line may be added to it.
 
-    Anchors in the dataset's log know of lines, and journals and files of withdrawals. Raises `RosterError` or
-    `DatasetError`: an older roster was put back, or it was cut.
+    Nothing in the dataset must know of more than the roster does.
+
+    Anchors in the dataset's log know of its lines, journals of those that they began under, and journals and files of
+    withdrawals. Raises `RosterError` or `DatasetError`: an older roster was put back, or it was cut.
     """
     file = storage.roster_path(root)
     roster = Roster.load(file)
-    for doubt in _unlike_anchors(root, roster, only=file.relative_to(root).as_posix()):
-        raise doubt
+    for name, doubt in _unlike_anchors(root, roster):
+        if root / name == file:
+            raise doubt
     marks: dict[str, Path] = {}
     for path in storage.journals(root):
-        # Somebody withdraws from a dataset with a damaged journal too.
-        with collected([]):
-            if any(isinstance(entry, Withdrawal) for entry in journal.read_if_begun(path).entries):
-                marks[path.parent.name.removeprefix("sub-")] = path
+        try:
+            contents = journal.read_if_begun(path)
+        except PalpateError:
+            # Somebody withdraws from a dataset with a damaged journal too; `build` and `verify` tell of it.
+            continue
+        if contents.lines:
+            roster.as_of(contents.header.roster_sha256)
+        if any(isinstance(entry, Withdrawal) for entry in contents.entries):
+            marks[path.parent.name.removeprefix("sub-")] = path
     _check_withdrawals(roster, root, marks)
+    return roster.lines.links[-1].t_ns if roster.lines.links else 0
 
 
 def anchor(root: Path) -> Anchor:
@@ -181,21 +193,18 @@ def seal_sha256(root: Path) -> str | None:
     return hashlib.sha256(storage.read_bytes(path)).hexdigest() if path.exists() else None
 
 
-def keep_anchor(root: Path) -> Anchor:
-    """Anchor a dataset in its own log, and return the anchor. Raises as `anchor`, and if the log cannot be written."""
-    made = anchor(root)
-    register.append(root / LOG, Kept(anchor=made))
-    return made
+def keep_anchor(root: Path) -> tuple[Anchor, bool]:
+    """Anchor a dataset in its own log, and return the anchor, and whether it is a new one.
 
-
-def keep_new_anchor(root: Path) -> Anchor | None:
-    """Return what `keep_anchor` does; do nothing and return None if nothing was added since the log's last anchor."""
+    Where nothing was added since the log's last anchor, that is returned. Raises as `anchor`, and if the log cannot be
+    written.
+    """
     made = anchor(root)
     kept, _ = register.read(root / LOG) if (root / LOG).exists() else ((), ())
-    if kept and kept[-1].anchor.prefixes == made.prefixes:
-        return None
+    if kept and kept[-1].anchor == made.model_copy(update={"anchored_utc": kept[-1].anchor.anchored_utc}):
+        return kept[-1].anchor, False
     register.append(root / LOG, Kept(anchor=made))
-    return made
+    return made, True
 
 
 def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
@@ -206,6 +215,7 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     study = _study(root)
     sessions: list[tuple[Path, Header]] = []
     withdrawals: dict[str, Path] = {}
+    open_ended: set[Path] = set()
     doubts: list[PalpateError] = []
     paths = journals(root)
     begun = set(paths)
@@ -225,6 +235,8 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
             sessions.append((path, header := contents.header))
             if any(isinstance(entry, Withdrawal) for entry in contents.entries):
                 withdrawals[header.participant] = path
+            elif progress(contents.entries).footer is None:
+                open_ended.add(path)
     with collected(doubts):
         _refuse_frames(root, set(paths))
     with collected(doubts):
@@ -236,7 +248,8 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     if study.roster is not None:
         with collected(doubts):
             _check_withdrawals(study.roster, root, withdrawals)
-    return Believed(study.protocol, study.purpose, study.tasks, study.roster, tuple(sessions)), doubts
+    dataset = Believed(study.protocol, study.purpose, study.tasks, study.roster, tuple(sessions), frozenset(open_ended))
+    return dataset, doubts
 
 
 @contextmanager
@@ -274,18 +287,15 @@ def _study(root: Path) -> _Study:
     return _Study(root, protocol, sha256, plan.label, plan.seed, tasks, plan, None, None)
 
 
-def _unlike_anchors(root: Path, roster: Roster | None, only: str | None = None) -> Iterator[DatasetError]:
-    """Give an error for each file that was not erased and does not begin as an anchor in the dataset's log has it.
-
-    `only` names the one file that is asked about.
-    """
+def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[tuple[str, DatasetError]]:
+    """Give each file that was not erased and does not begin as an anchor in the dataset's log has it, with an error."""
     kept, broken = register.read(root / LOG) if (root / LOG).exists() else ((), ())
     if broken and not kept:
-        yield DatasetError(f"{root / LOG}: holds no anchor that can be read; restore it from a backup")
+        yield LOG.as_posix(), DatasetError(f"{root / LOG}: holds no anchor that can be read; restore it from a backup")
     known: dict[str, tuple[str, ...]] = {}
     for one in kept:
         for prefix in one.anchor.prefixes:
-            if only not in (None, prefix.file) or (roster is not None and roster.has_erased(prefix.file)):
+            if roster is not None and roster.has_erased(prefix.file):
                 continue
             if prefix.file not in known:
                 known[prefix.file] = register.line_hashes(root / prefix.file)
@@ -293,10 +303,8 @@ def _unlike_anchors(root: Path, roster: Roster | None, only: str | None = None) 
                 found = f"now has {len(hashes)}" if len(hashes) < prefix.lines else "now begins with others"
                 day = one.anchor.anchored_utc[:10]
                 lines = "1 line" if prefix.lines == 1 else f"{prefix.lines} lines"
-                yield DatasetError(
-                    f"{root / prefix.file}: had {lines} by the anchor of {day} in {LOG}, and "
-                    f"{found if hashes else 'is missing'}; restore it from a backup"
-                )
+                had = f"had {lines} by the anchor of {day} in {LOG}, and {found if hashes else 'is missing'}"
+                yield prefix.file, DatasetError(f"{root / prefix.file}: {had}; restore it from a backup")
 
 
 def _refuse_erased(root: Path, erased: set[str]) -> None:

@@ -34,7 +34,6 @@ from experiment.records.entries import (
 )
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
-from experiment.records.progress import progress
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.storage import foot_path, rig_path
 
@@ -151,7 +150,7 @@ def check_tables(root: Path) -> Believed:
 def edited(root: Path, dataset: Believed, under_way: Collection[Path] = ()) -> list[PalpateError]:
     """Return an error for each table on disk that the journals do not give, and for frames that they do not name.
 
-    The journals `under_way` may also have the tables, or none, that they had at their last footer.
+    The journals `under_way` may also have the tables of any moment since their last footer, or none if there is none.
     """
     doubts: list[PalpateError] = []
 
@@ -170,25 +169,20 @@ def edited(root: Path, dataset: Believed, under_way: Collection[Path] = ()) -> l
     for session in _sessions(dataset):
         found = unlike(_events(root, dataset, session))
         if found and session.path in under_way:
-            earlier = _session(session.path, until_footer(session.contents))
-            if earlier.contents.lines:
-                found = unlike(_events(root, dataset, earlier))
-            elif not _has_table(root, session.contents.header):
-                found = []
+            earlier = (unlike(_events(root, dataset, then)) for then in _since_footer(session))
+            unmade = not until_footer(session.contents).lines and not _has_table(root, session.contents.header)
+            found = [] if unmade else min([found, *earlier], key=len)
         doubts += found
         with collected(doubts):
             raw_frames(session.path, [placed.step for placed in session.steps])
     return doubts
 
 
-def under_way(dataset: Believed) -> frozenset[Path]:
-    """Return the journals that no footer ends: their session is running, or was cut off and not continued yet."""
-    withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}
-    return frozenset(
-        path
-        for path, header in dataset.sessions
-        if header.participant not in withdrawn and progress(journal.read(path).entries).footer is None
-    )
+def _since_footer(session: _Session) -> Iterator[_Session]:
+    """Yield a session as it was after each line since its last footer, the latest first, and at that footer."""
+    lines, ended = session.contents.lines, len(until_footer(session.contents).lines)
+    for count in range(len(lines) - 1, max(ended, 1) - 1, -1):
+        yield _session(session.path, replace(session.contents, lines=lines[:count]))
 
 
 def until_footer(contents: journal.Contents) -> journal.Contents:

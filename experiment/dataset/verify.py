@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import re
 import tomllib
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import ne
 from pathlib import Path
@@ -20,12 +20,13 @@ from experiment.apparatus import rig as rigs
 from experiment.dataset import beliefs, bids, build, register
 from experiment.dataset.beliefs import Believed
 from experiment.dataset.register import DIGITS, LOG, Anchor, Signer
-from experiment.errors import DatasetError, PalpateError, RecordingError
+from experiment.errors import DatasetError, PalpateError, RecordingError, RosterError
 from experiment.protocol import approval
 from experiment.protocol.page import count
 from experiment.records import journal
 from experiment.records.entries import Header, Purpose
 from experiment.records.footstep import BrokenOff, FootStep
+from experiment.records.progress import progress
 from experiment.study import enrolment
 from experiment.study.roster import Roster
 
@@ -85,6 +86,8 @@ def verify(
     be read, a number that differs from an anchor's in `MISTYPED` digits at most, or a key other than the one that
     signed.
     """
+    if not root.is_dir():
+        raise DatasetError(f"{root}: is no folder; allowed: that of a dataset, which holds sourcedata; give that one")
     if signer is not None and not registers:
         raise DatasetError("got --signer without --register; allowed: both, or --register alone; name the register too")
     if signer is not None:
@@ -120,19 +123,20 @@ def verify(
 
 def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound: bool) -> Iterator[Finding]:
     """Tell what several files show together, but for what is `told` already; `sound` if each file by itself holds."""
-    under_way: Collection[Path] = ()
     try:
         dataset, doubts = beliefs.examined(root)
         if doubts or not sound:
             yield Finding("note", "tables", "were not compared with the journals, because not every journal holds")
         elif dataset.sessions:
-            under_way = build.under_way(dataset)
-            doubts = [*build.edited(root, dataset, under_way), *_lost_traces(root, dataset, under_way)]
+            doubts = [*build.edited(root, dataset, dataset.under_way), *_lost_traces(root, dataset)]
     except PalpateError as error:
         doubts = [error]
     for doubt in doubts:
-        finding = _refused(root, doubt)
+        # A roster that was cut is told once, and not for each session that began under it.
+        by_roster = isinstance(doubt.__cause__, RosterError) and str(doubt.__cause__).startswith(f"{root}/")
+        finding = _refused(root, doubt.__cause__ if by_roster else doubt)  # type: ignore[arg-type]
         if finding.text not in told:
+            told.add(finding.text)
             yield finding
     if doubts or not sound:
         return
@@ -147,8 +151,8 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound
         if dataset.roster and not (root / LOG).exists():
             text = "is missing: each session that ends adds an anchor to it; it was deleted, or no session ended"
             yield Finding("note", LOG.as_posix(), text)
-        for path in sorted(under_way):
-            text = "no footer ends it: its session is running or was cut off; tables of what came since are not missed"
+        for path in sorted(dataset.under_way):
+            text = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
             yield Finding("note", path.relative_to(root).as_posix(), text)
         yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
 
@@ -166,11 +170,11 @@ def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     yield Finding(word, "board", " ".join(seal.board.split()))
 
 
-def _lost_traces(root: Path, dataset: Believed, under_way: Collection[Path]) -> Iterator[PalpateError]:
+def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
     for journal_file, header in dataset.sessions:
         participant, task = header.participant, header.task
         contents = journal.read(journal_file)
-        ended = build.until_footer(contents) if journal_file in under_way else contents
+        ended = build.until_footer(contents) if journal_file in dataset.under_way else contents
         stepped = any(isinstance(entry, FootStep) for entry in ended.entries)
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
@@ -213,10 +217,20 @@ def _session(path: Path, headers: list[Header]) -> str:
         rigs.response_table(rig_file.parent, rig.actuator.shaping)
     steps = [entry for entry in contents.entries if isinstance(entry, FootStep | BrokenOff)]
     build.raw_frames(path, steps)
+    end = max((step.trace.offset + step.trace.length for step in steps), default=0)
+    more = storage.size(storage.foot_path(path)) - end
+    if more and progress(contents.entries).complete:
+        raise DatasetError(
+            f"{storage.foot_path(path)}: {count(more, 'byte')} follow the last step that the journal of this complete "
+            "session names; restore the file from a backup"
+        )
     torn = f"; {count(len(contents.torn), 'byte')} at its end: a line that was never finished" if contents.torn else ""
     told = f"{count(len(contents.lines), 'line')} in an unbroken chain up to its head{torn}"
     frames = f" and the frames of {count(len(steps), 'step')} are those" if steps else " is the one"
-    return f"{told}; its rig{frames} that it names"
+    unnamed = (
+        f"; {count(more, 'byte')} of frames that no line names follow, as of a step that was cut off" if more else ""
+    )
+    return f"{told}; its rig{frames} that it names{unnamed}"
 
 
 def _roster(path: Path, rosters: list[Roster]) -> str:
@@ -227,7 +241,9 @@ def _roster(path: Path, rosters: list[Roster]) -> str:
         if enrolled.lines.end.torn
         else ""
     )
-    return f"{len(enrolled.consent_on)} enrolled, {len(enrolled.withdrawn)} of them withdrawn{torn}"
+    times = [link.t_ns for link in enrolled.lines.links]
+    back = "; a line is older than the one before it: the clock was wrong" if times != sorted(times) else ""
+    return f"{len(enrolled.consent_on)} enrolled, {len(enrolled.withdrawn)} of them withdrawn{torn}{back}"
 
 
 def _recordings(root: Path, named: set[str | None]) -> str:
@@ -406,9 +422,11 @@ def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evide
 
 def _is_foreign(place: Evidence, files: Mapping[str, Sequence[str]]) -> bool:
     """Return whether a place outside agrees with no line of a dataset: it is of another, or all was made anew."""
-    prefixes = [prefix for anchor in place.anchors for prefix in anchor.prefixes if files.get(prefix.file)]
-    same = any(prefix.begins(files[prefix.file]) for prefix in prefixes)
-    return bool(place.guard and prefixes) and not same
+    told = [(files.get(prefix.file, ()), prefix) for anchor in place.anchors for prefix in anchor.prefixes]
+    same = any(prefix.begins(hashes) for hashes, prefix in told)
+    # A file that has fewer lines than were anchored is an older state.
+    other = any(len(hashes) >= prefix.lines for hashes, prefix in told)
+    return bool(place.guard) and other and not same
 
 
 def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
@@ -438,11 +456,14 @@ def _verdict(
     yield "Nothing speaks against this dataset: an accident that changed what is listed above would have been noticed."
     outside = [place for place in evidence if place.guard]
     for place in outside:
-        anchored = sum(_most(name, hashes, [place]) for name, hashes in files.items())
-        day = max(anchor.anchored_utc for anchor in place.anchors)[:10]
+        best = [same[-1] for name in files if (same := [one for one in _of(name, files[name], [place]) if one.same])]
+        if not best:
+            continue
+        anchored, days = sum(one.lines for one in best), sorted(one.day for one in best)
+        when = f"on {days[0]}" if days[0] == days[-1] else f"when they were anchored, from {days[0]} to {days[-1]}"
         are = "is as it was" if anchored == 1 else "are as they were"
         yield (
-            f"PROVEN by {place.place}: {anchored} of {count(total, 'line')} {are} on {day}. To change one of these "
+            f"PROVEN by {place.place}: {anchored} of {count(total, 'line')} {are} {when}. To change one of these "
             f"unseen, a person would have had to {place.guard} too."
         )
     left = total - sum(_most(name, hashes, outside) for name, hashes in files.items())

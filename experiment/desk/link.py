@@ -18,6 +18,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Protocol
 
+from experiment.apparatus import host
 from experiment.desk.messages import (
     LONGEST,
     Command,
@@ -139,6 +140,8 @@ class Link:
         self._path.unlink(missing_ok=True)
 
     def _serve(self) -> None:
+        # Whoever keys waits for this thread, and a session for what it holds while another process has its core.
+        host.favour()
         try:
             self._listen()
         except Exception as error:

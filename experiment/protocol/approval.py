@@ -71,8 +71,9 @@ def _document(protocol: Protocol) -> dict[str, Any]:
         if table is not None and (table[key] is None or table[key] is False):
             del table[key]
     for planned in document["analysis"]:
-        if planned["correction"] is None:
-            del planned["correction"]
+        for key in ("correction", "margin"):
+            if planned[key] is None:
+                del planned[key]
     for kind in ("footstep", "comparison"):
         if document[kind] is None:
             del document[kind]

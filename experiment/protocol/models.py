@@ -417,6 +417,7 @@ class PlannedTest(Confined):
         question: what it is to answer, and how.
         chance: the share of right answers of somebody who guesses.
         form: the form of the intraclass correlation.
+        margin: the difference in shares of right answers, or of a pair told apart, below which they count as the same.
         alpha: the level of significance.
         correction: the family of tests over which Holm's method adjusts the P that stars follow: the materials of a
             task, or those of all `tasks`; without it stars follow the P that is not adjusted.
@@ -424,11 +425,21 @@ class PlannedTest(Confined):
 
     RULES: ClassVar[Rules] = rules.planned_test
 
-    test: Literal["t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "Bradley-Terry", "Thurstone", "Davidson"]
+    test: Literal[
+        "t against chance",
+        "one-way ANOVA",
+        "two-way ANOVA",
+        "ICC",
+        "equivalence",
+        "Bradley-Terry",
+        "Thurstone",
+        "Davidson",
+    ]
     tasks: Annotated[tuple[Label, ...], Field(min_length=1)]
     question: Text
     chance: Annotated[float, Field(gt=0, lt=1)] | None = None
     form: Text | None = None
+    margin: Annotated[float, Field(gt=0, lt=1)] | None = None
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     correction: Literal["materials", "materials and tasks"] | None = None
 

@@ -570,7 +570,8 @@ def _planned(planned: PlannedTest) -> str:
     asked = "Question:" if planned.form is None else "Form and question:"
     tasks = f"task{'s' if len(planned.tasks) > 1 else ''} {' and '.join(planned.tasks)}"
     family = "" if planned.correction is None else f"; P adjusted by Holm's method over the {planned.correction}"
-    return f"{planned.test}{chance}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
+    within = "" if planned.margin is None else f" within {number(planned.margin)}"
+    return f"{planned.test}{chance}{within}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
 
 
 def _left_empty(protocol: Protocol) -> Iterator[Block]:

@@ -26,7 +26,7 @@ MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
 """What programs read as a missing value, ours and those of who reads our tables."""
 
 TESTS: Mapping[str, tuple[str, ...]] = {
-    "footstep": ("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"),
+    "footstep": ("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "equivalence"),
     "comparison": ("Bradley-Terry", "Thurstone", "Davidson"),
 }
 """The planned tests of each kind of trial."""
@@ -116,7 +116,9 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
 
 
 def planned_test(table: Table) -> Iterator[Broken]:
-    """`t against chance` needs `chance`, `ICC` needs `form`, and no other test has them, or `correction`.
+    """`t against chance` needs `chance`, `ICC` needs `form`, `equivalence` needs `margin`, and no other test has them.
+
+    `correction` is of `t against chance` alone.
 
     `tasks` names each task once, and at least two for a `two-way ANOVA`.
     """
@@ -124,6 +126,7 @@ def planned_test(table: Table) -> Iterator[Broken]:
     for key, owner, what in (
         ("chance", "t against chance", "a number between 0 and 1"),
         ("form", "ICC", "the name of one form of the coefficient"),
+        ("margin", "equivalence", "a number between 0 and 1"),
     ):
         given = table.get(key) is not None
         if test == owner and not given:

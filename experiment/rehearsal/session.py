@@ -147,7 +147,8 @@ def _without_waiting(protocol: Protocol) -> Protocol:
 class SimulatedEnds:
     """Implements `FarEnds`: a simulated participant, foot and panel, each set up when its port is opened."""
 
-    reconnect_s = 2.0
+    reconnect_s = 30.0
+    """Nobody has to plug anything in: a foot that is silent waits for its turn on a busy machine."""
 
     job: Job
     protocol: Protocol

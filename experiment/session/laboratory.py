@@ -73,7 +73,7 @@ def open_laboratory(
             opened=opened,
         )
         console = ends.console()
-        if priority:
+        if priority and not rig.rig.simulated:
             console.show(f"Priority: {priority}.")
         microphone: Microphone | None = None
         computing: Executor | None = None

@@ -322,8 +322,8 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
     """
     again = f"palpate anchor {root}"
     try:
-        anchor = beliefs.keep_new_anchor(root)
-        if anchor is None:
+        anchor, is_new = beliefs.keep_anchor(root)
+        if not is_new:
             return False
         console.show(f"For the lab book: {anchor.line}")
         if anchored_in:

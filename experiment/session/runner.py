@@ -38,6 +38,9 @@ SLICE_S = 5.0
 """A pause that is asked for while a device is silent is met after so long, s. A driver may open its port anew in each
 slice, and a board that restarts when its port is opened needs 2 s until it speaks."""
 
+FAMILIARISED = "familiarised"
+"""The state that goes on record when the participant is familiar with the materials."""
+
 MOST_UNDELIVERED = 8
 """After so many attempts in a row whose stimulus the loopback did not hear as intended, the rig must be at fault."""
 
@@ -415,7 +418,7 @@ class _Session:
         self._devices.console.attend(self._attendance)
         if priority := self._devices.priority:
             self._log.write(Phase(state=self._state, detail=f"priority: {priority}"))
-        if done.attempts:
+        if done.attempts or FAMILIARISED in (entry.state for entry in contents.entries if isinstance(entry, Phase)):
             self._follow(Event.RESUME)
         else:
             self._follow(Event.BEGIN)
@@ -434,4 +437,4 @@ class _Session:
             if left_s <= 0:
                 break
         lasted_s = (clock.now_ns() - begun_ns) / 1e9
-        self._log.write(Phase(state="familiarised", detail=f"{lasted_s:.1f} s"))
+        self._log.write(Phase(state=FAMILIARISED, detail=f"{lasted_s:.1f} s"))

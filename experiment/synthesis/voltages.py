@@ -313,6 +313,11 @@ class Drive:
             for material, basis in materials.items()
         }
 
+    @property
+    def nbytes(self) -> int:
+        """Memory of the voltages that are prepared."""
+        return sum(held.nbytes for held in self._held.values())
+
     def __call__(self, stimulus: Stimulus) -> Driven:
         """Return the voltages of a stimulus. Errors are those of `shaping.drive`."""
         held = self._held.get(stimulus.material)

@@ -26,12 +26,14 @@ from scipy.special import expit
 from analysis.identification import maps, trial_models
 from analysis.identification.beside import beside
 from analysis.identification.confusion import Confusion, most_confused, transmitted
+from analysis.identification.contrasts import MARGIN, marginal
 from analysis.identification.trial_models import Design
 from analysis.reading.study import Study, Task
+from analysis.statistics import lapses
 from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests
 from analysis.statistics.exact import NotDefined, of_counts
 from analysis.statistics.inference import clopper_pearson, mean_interval, resamples, t_tests, wilson
-from analysis.statistics.participants import contrasts, jackknife, repeated_tests, sign_flip_tests
+from analysis.statistics.participants import contrasts, equivalence_tests, jackknife, repeated_tests, sign_flip_tests
 
 SIZES = (6, 10, 15, 25)
 MATERIALS, TRIALS, ALPHA = ("a", "b", "c", "d"), 10, 0.05
@@ -74,12 +76,17 @@ Key = tuple[str, int]
 Found = dict[str, dict[Key, tuple[int, int]]]
 
 
-def draw(spread: Spread, people: int, studies: int, log_odds: float, random: np.random.Generator) -> Counts:
-    """Counts of answers, shape (2, studies, people, 4, 4): the mean shares of all wrong answers are the same."""
+def draw(
+    spread: Spread, people: int, studies: int, log_odds: float | tuple[float, float], random: np.random.Generator
+) -> Counts:
+    """Counts of answers, shape (2, studies, people, 4, 4): the mean shares of all wrong answers are the same.
+
+    `log_odds` are those of both tasks, or of each.
+    """
     own = random.normal(0, spread.level, (1, studies, people, 1))
     by_material = random.normal(0, spread.material, (1, studies, people, 4))
     by_task = random.normal(0, spread.task, (2, studies, people, 1))
-    right = random.binomial(TRIALS, expit(log_odds + own + by_material + by_task))
+    right = random.binomial(TRIALS, expit(np.reshape(log_odds, (-1, 1, 1, 1)) + own + by_material + by_task))
     shares = np.full((studies, people, 4, 3), 1 / 3)
     if spread.answers < math.inf:
         shares = random.dirichlet([spread.answers] * 3, size=shares.shape[:-1])
@@ -97,12 +104,12 @@ def mean_share(log_odds: float, sd: float) -> float:
     return float(weights @ expit(log_odds + sd * nodes) / weights.sum())
 
 
-def at_chance(sd: float) -> float:
-    """The log odds at which the mean share of right answers is chance."""
-    low, high = -6.0, 2.0
+def at_share(wanted: float, sd: float) -> float:
+    """The log odds at which the mean share of right answers is the one wanted."""
+    low, high = -6.0, 6.0
     while high - low > 1e-10:
         middle = (low + high) / 2
-        low, high = (middle, high) if mean_share(middle, sd) < CHANCE else (low, middle)
+        low, high = (middle, high) if mean_share(middle, sd) < wanted else (low, middle)
     return low
 
 
@@ -132,6 +139,23 @@ def at_once(null: Counts, shown: Counts) -> Iterator[tuple[str, Iterable[float]]
     yield "similarity-choice, G² as chi-squared (not printed)", stats.chi2.sf(g2, 3)
 
 
+def at_the_margin(
+    spread: Spread, people: int, studies: int, share: float, random: np.random.Generator
+) -> Iterator[tuple[str, Iterable[float]]]:
+    """Yield P of equivalence in studies whose tasks, or pairs of materials, differ by exactly the margin.
+
+    Where all wrong answers are as frequent, a share of right answers of p tells a pair apart by (4 p - 1) / 3.
+    """
+    low, high = (at_share(share + step * MARGIN / 2, spread.whole) for step in (-1, 1))
+    ratios = np.diagonal(draw(spread, people, studies, (low, high), random), axis1=3, axis2=4) / TRIALS
+    gaps = ratios[0] - ratios[1]
+    yield "equivalence of tasks, true difference the margin (ours)", equivalence_tests(gaps.mean(axis=-1), MARGIN)
+    odds = at_share((1 + 3 * MARGIN) / 4, spread.whole)
+    pair = draw(spread, people, studies, odds, random)[0, :, :, :2, :2] / TRIALS
+    apart = (pair[..., 0, 0] - pair[..., 1, 0] + pair[..., 1, 1] - pair[..., 0, 1]) / 2
+    yield "equivalence of a pair, told apart by the margin (ours)", equivalence_tests(apart, MARGIN)
+
+
 def intervals(shown: Counts, share: float) -> Iterator[tuple[str, Iterable[bool]]]:
     """Yield whether each study's intervals hold the share of right answers, and the bits that it transmits."""
     wrong = (1 - share) / 3
@@ -147,6 +171,15 @@ def intervals(shown: Counts, share: float) -> Iterator[tuple[str, Iterable[bool]
         own = jackknife(float(transmitted(pooled)), transmitted(pooled - study))
         found.append(own.low <= bits <= own.high)
     yield "jackknife, information (ours)", found
+    # Wrong answers are as frequent, so that a share of right answers is 1 - 3/4 of the lapses.
+    lapse, held_lapses = (1 - share) * 4 / 3, []
+    for study in shown[0]:
+        pooled = study.sum(axis=0)
+        guessed = lapses.fits(np.concatenate([pooled[None], pooled - study]))[0].sum(axis=1)
+        left = (people - 1) * 4 * TRIALS
+        own = jackknife(float(guessed[0]) / (people * 4 * TRIALS), guessed[1:] / left)
+        held_lapses.append(own.low <= lapse <= own.high)
+    yield "jackknife, lapses (ours)", held_lapses
 
 
 def one_by_one(shown: Counts, share: float, random: np.random.Generator) -> Iterator[tuple[str, bool]]:
@@ -161,6 +194,7 @@ def one_by_one(shown: Counts, share: float, random: np.random.Generator) -> Iter
     for name in ("task", "material"):
         hits = [term.p < ALPHA for term in logit.terms if term.name == name] if logit else []
         yield f"logit by participant, material and task, {name} (ours)", any(hits)
+    yield from _contrasts(shown)
     people = shown.shape[1]
     for name, fit in (("GEE logit", trial_models.gee), ("mixed logit with intercepts", trial_models.mixed)):
         try:
@@ -174,6 +208,18 @@ def one_by_one(shown: Counts, share: float, random: np.random.Generator) -> Iter
                 wald = term.statistic * term.df * (people - 1) / (people - term.df) if term else 0.0
                 p = float(stats.chi2.sf(wald, term.df)) if term else 1.0
                 yield f"GEE logit, {of}, as chi-squared (not printed)", p < ALPHA
+
+
+def _contrasts(shown: Counts) -> Iterator[tuple[str, bool]]:
+    """Yield every contrast of a study, each counted as one, and whether Holm's P shows any of a family."""
+    try:
+        found = marginal(_study(), _matrices(shown))
+    except NotDefined:
+        return
+    for name, of in (("materials within a task", found.materials), ("tasks within a material", found.tasks)):
+        yield from ((f"contrast of {name} (ours)", one.p < ALPHA) for one in of)
+        family = [one for one in of if name[0] == "t" or one.within == "one"]
+        yield f"any contrast of {name}, Holm (ours)", any(one.p_holm < ALPHA for one in family)
 
 
 def _matrices(counts: Counts) -> dict[str, Confusion]:
@@ -212,9 +258,11 @@ def measure(studies: int, fitted: int) -> Found:
         share = mean_share(SHOWN, spread.whole)
         for people in SIZES:
             key, random = (spread.name, people), np.random.default_rng([s, people])
-            null = draw(spread, people, studies, at_chance(spread.whole), random)
+            null = draw(spread, people, studies, at_share(float(CHANCE), spread.whole), random)
             shown = draw(spread, people, studies, SHOWN, random)
             for name, p in at_once(null, shown):
+                count(name, key, int(np.count_nonzero(np.asarray(p) < ALPHA)), studies)
+            for name, p in at_the_margin(spread, people, studies, share, np.random.default_rng([s, people, 3])):
                 count(name, key, int(np.count_nonzero(np.asarray(p) < ALPHA)), studies)
             for name, held in intervals(shown, share):
                 count(f"coverage: {name}", key, sum(held), studies)

@@ -1,10 +1,11 @@
-"""Onset at contact through the real parts: run `python -m tests.benchmarks.landings [STEPS [SESSIONS [SEED [BUSY]]]]`.
+"""Onset at contact through real parts: `python -m tests.benchmarks.landings [STEPS [SESSIONS [SEED [BUSY]]]] [--desk]`.
 
 Feet step in real time behind a serial line; stimuli sound on a JACK server of the rehearsal's, and the loopback hears
 them. Of each step: how far the predicted contact, and the onset that was heard, are from where the simulated foot
 truly met the panel, both on the session's clock. So clock mapping, prediction and sound all stand in the figure. And
 how long after the arrival of the gate's frame the stimulus was scheduled, as trial records have it. BUSY processes do
-nothing but compute meanwhile.
+nothing but compute meanwhile. With --desk, and one session, a console, the participant's screen and the microphone are
+open and at work beside it (`attended.py`).
 
 Once of all steps, and once of those that the session counts as delivered: a machine that stands still for a moment
 spoils a step, which is then known and done again. 2,000 steps take somewhat over half an hour; SESSIONS side by side,
@@ -45,6 +46,7 @@ from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from experiment.session.masker import open_sound
+from tests.benchmarks import attended
 from tests.benchmarks.scheduling import loaded, spread
 from tests.experiment.session.scripted import Endless
 
@@ -73,6 +75,7 @@ class Landed:
         delivered: whether the session counts it so.
         reasons: why stimuli were not delivered or steps broke, and how often.
         priority: of the session.
+        desk: what was open beside it.
     """
 
     speeds_mm_s: list[float] = field(default_factory=list)
@@ -83,9 +86,10 @@ class Landed:
     delivered: list[bool] = field(default_factory=list)
     reasons: Counter[str] = field(default_factory=Counter)
     priority: str = ""
+    desk: str = "none"
 
 
-def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
+def session(folder: Path, steps: int, number: int, seed: int, with_desk: bool = False) -> Landed:
     """Step, in real time; `folder` holds a rehearsal. Sessions open one after the other: opening takes a core."""
     time.sleep(number * APART_S)
     protocol = files.load(shipped("okamoto2012.toml"))
@@ -94,6 +98,7 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     rng = np.random.default_rng([seed, number])
     with ExitStack() as opened:
+        there = opened.enter_context(attended.desk(folder)) if with_desk else None
         landed.priority = opened.enter_context(host.raised())
         planned, rate_hz = scene.plan(protocol=protocol, task_id="virtual"), rig.actuator.rate_hz
         recordings = folder / storage.RECORDINGS
@@ -107,6 +112,8 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
         card = opened.enter_context(WiredCard(rig))
         sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
         card.wire()
+        ear = opened.enter_context(attended.listening(rig, sound.stream, clock, there)) if there is not None else None
+        landed.desk = there.says if there is not None else "none"
         drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
         actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(actuator.close)
@@ -126,11 +133,16 @@ def session(folder: Path, steps: int, number: int, seed: int) -> Landed:
             parts.feed.drain()
             speed_mm_s = float(rng.uniform(50, 400))
             step = trajectory(rng, speed_mm_s, rest_mm=REST_MM, hesitation="none")
+            if there is not None:
+                there.console.arm(trial=done + 1, attempt=1, trials=steps)
             foot.step(step, foot.free_us)
             found = watch(parts, protocol.materials[done % 4].id)
             if not isinstance(found, WatchedStep):
                 landed.reasons[found.reason] += 1
                 continue
+            if ear is not None:
+                ear.stop()
+                ear.listen(done + 1, 1, clock.now_ns())
             onset = found.onset
             delivered = onset.delivered if onset is not None else None
             if onset is None or onset.scheduled_ns is None or delivered is None:
@@ -161,10 +173,9 @@ def shown(name: str, errors_ms: list[float], speeds_mm_s: list[float], some: NDA
 
 
 def main() -> None:
-    steps = int(sys.argv[1]) if len(sys.argv) > 1 else STEPS
-    sessions = int(sys.argv[2]) if len(sys.argv) > 2 else SESSIONS
-    seed = int(sys.argv[3]) if len(sys.argv) > 3 else 0
-    busy = int(sys.argv[4]) if len(sys.argv) > 4 else 0
+    numbers = [int(word) for word in sys.argv[1:] if word != "--desk"]
+    steps, sessions, seed, busy = (*numbers, *(STEPS, SESSIONS, 0, 0)[len(numbers) :])
+    with_desk = "--desk" in sys.argv
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name) / "rehearsal"
         study.rehearse(
@@ -176,11 +187,13 @@ def main() -> None:
         )
         with loaded(busy), ProcessPoolExecutor(sessions, mp_context=multiprocessing.get_context("spawn")) as pool:
             shares = [steps // sessions + (number < steps % sessions) for number in range(sessions)]
-            found = list(pool.map(session, [folder] * sessions, shares, range(sessions), [seed] * sessions))
+            desks = [with_desk and number == 0 for number in range(sessions)]
+            found = list(pool.map(session, [folder] * sessions, shares, range(sessions), [seed] * sessions, desks))
     speeds = [speed for landed in found for speed in landed.speeds_mm_s]
     print(
         f"{len(speeds)} of {steps} steps landed with a stimulus scheduled, in {sessions} sessions side by side; "
-        f"priority: {found[0].priority}; load average {os.getloadavg()[0]:.1f}. Mean and standard deviation, ms (steps)"
+        f"priority: {found[0].priority}; desk: {found[0].desk}; "
+        f"load average {os.getloadavg()[0]:.1f}. Mean and standard deviation, ms (steps)"
     )
     delivered = np.array([one for landed in found for one in landed.delivered], dtype=np.bool_)
     for which, some in (("all", np.ones_like(delivered)), ("delivered", delivered)):

@@ -1,7 +1,8 @@
-"""From the gate to a scheduled stimulus: run `python -m tests.benchmarks.scheduling [STEPS]`.
+"""From the gate to a scheduled stimulus: run `python -m tests.benchmarks.scheduling [STEPS] [--desk]`.
 
 How long after the arrival of the frame that gave the gate its stimulus has been synthesised, limited, shaped, handed to
-its driver and aimed. A thread hands frames over as the tracker's does, and the terminal's screen is open. On an idle
+its driver and aimed. A thread hands frames over as the tracker's does, and the terminal's screen is open; with --desk
+a console, the participant's screen and, where there is sound, the microphone are instead (`attended.py`). On an idle
 machine and with every core loaded by a busy process; at ordinary priority and at that of a session. Beside it what the
 machine itself takes to hand an empty message from one thread to another, in the same minutes: no figure can be below
 that. Not a test: it asserts nothing, because these figures belong to the machine that printed them.
@@ -16,7 +17,7 @@ import tempfile
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from pathlib import Path
 from queue import SimpleQueue
 
@@ -33,7 +34,9 @@ from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState, Scrutiny
 from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import MonotonicClock
+from experiment.desk.port import Console
 from experiment.desk.terminal import TerminalConsole
+from experiment.desk.voice.ear import Ear
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Step
@@ -48,6 +51,7 @@ from experiment.session.footstep.watch import Feed, Watch, watch
 from experiment.session.masker import open_sound
 from experiment.synthesis.tap import Ring
 from experiment.synthesis.waveforms import Stimulus
+from tests.benchmarks import attended
 from tests.experiment.session.scripted import Endless
 
 STEPS = 2000
@@ -180,7 +184,9 @@ class Noted(GateDetector):
         return state, events
 
 
-def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) -> list[float]:
+def gate_to_scheduled_ms(
+    folder: Path, rig_name: str, rate_hz: int, steps: int, desk: attended.Desk | None = None
+) -> list[float]:
     """From the arrival of the frame that showed the foot below the gate to its stimulus aimed, for many steps."""
     protocol = files.load(shipped("okamoto2012.toml"))
     planned = scene.plan(protocol=protocol, task_id="virtual")
@@ -192,6 +198,7 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = open_drive(rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
     with ExitStack() as opened:
+        ear: Ear | None = None
         if rig.audio is None:
             panel = Panel(rig.actuator)
             opened.callback(panel.close)
@@ -200,9 +207,13 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
             card = opened.enter_context(WiredCard(rig))
             sound = open_sound(rig, protocol, clock=clock, dose_before=0.0, opened=opened, device=DEVICE)
             card.wire()
+            if desk is not None:
+                ear = opened.enter_context(attended.listening(rig, sound.stream, clock, desk))
             played = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, stream=sound.stream)
         opened.callback(played.close)
-        screen = TerminalConsole(write=opened.enter_context(Path(os.devnull).open("w")), ask=input, heading="REHEARSAL")
+        nowhere = opened.enter_context(Path(os.devnull).open("w"))
+        lines: Console = TerminalConsole(write=nowhere, ask=input, heading="REHEARSAL")
+        screen = desk.console if desk is not None else lines
         actuator = Timed(played)
         parts = Watch(
             feed=Feed(tracker, simulated_time=True),
@@ -220,6 +231,9 @@ def gate_to_scheduled_ms(folder: Path, rig_name: str, rate_hz: int, steps: int) 
             screen.arm(trial=n + 1, attempt=1, trials=steps)
             tracker.load(us, step.at(us.astype(np.float64)) + rng.normal(0, 0.1, us.size))
             watch(parts, protocol.materials[n % 4].id)
+            if ear is not None:
+                ear.stop()
+                ear.listen(n + 1, 1, clock.now_ns())
     return actuator.waited_ms
 
 
@@ -267,16 +281,16 @@ def spread(name: str, values_ms: list[float]) -> None:
     print(f"  {name:56s} {cells}  worst {max(values_ms):8.3f} ms  ({len(values_ms)})", flush=True)
 
 
-def report(folder: Path, steps: int) -> None:
+def report(folder: Path, steps: int, desk: attended.Desk | None = None) -> None:
     """Print the table; `folder` holds a rehearsal."""
     cores = os.cpu_count() or 1
     for rig_name, rate_hz in (("rehearsal", 5000), ("rehearsal", 48_000), ("headless", 48_000)):
         how = f"{'JACK' if rig_name == 'headless' else 'PCM'}, {rate_hz} Hz"
         for load_name, hogs in (("idle", 0), (f"{cores} cores loaded", cores)):
             with loaded(hogs):
-                spread(f"{how}, {load_name}, ordinary", gate_to_scheduled_ms(folder, rig_name, rate_hz, steps))
+                spread(f"{how}, {load_name}, ordinary", gate_to_scheduled_ms(folder, rig_name, rate_hz, steps, desk))
                 with host.raised() as got:
-                    in_session = gate_to_scheduled_ms(folder, rig_name, rate_hz, steps)
+                    in_session = gate_to_scheduled_ms(folder, rig_name, rate_hz, steps, desk)
                     empty = handed_over_ms(steps)
                     as_much = handed_over_ms(steps, work_ms=float(np.median(in_session)) - float(np.median(empty)))
                 spread(f"{how}, {load_name}, {got.partition(':')[0]}", in_session)
@@ -285,7 +299,8 @@ def report(folder: Path, steps: int) -> None:
 
 
 def main() -> None:
-    steps = int(sys.argv[1]) if len(sys.argv) > 1 else STEPS
+    numbers = [int(word) for word in sys.argv[1:] if word != "--desk"]
+    steps = numbers[0] if numbers else STEPS
     with tempfile.TemporaryDirectory() as name:
         rehearsed = Path(name) / "rehearsal"
         study.rehearse(
@@ -295,8 +310,9 @@ def main() -> None:
             participants=1,
             seed=3,
         )
-        print("Gate to scheduled")
-        report(Path(name), steps)
+        with attended.desk(Path(name)) if "--desk" in sys.argv else nullcontext() as desk:
+            print(f"Gate to scheduled; desk: {desk.says if desk is not None else 'none'}")
+            report(Path(name), steps, desk)
 
 
 if __name__ == "__main__":

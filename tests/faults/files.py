@@ -33,7 +33,7 @@ from pathlib import Path
 import pytest
 
 from analysis.documents import page
-from analysis.numerics import numerics
+from analysis.numerics import figures, numerics, played
 from analysis.numerics import report as numerics_report
 from analysis.power import report as power_report
 from analysis.power import simulate
@@ -474,7 +474,8 @@ def quickened() -> None:
     vars(numerics)["QUICK"] = replace(
         numerics.QUICK, lengths=(250,), table_sizes=(8, 30), noise_s=(0.1,), budget_s=0.001, least_repeats=1, places=20
     )
-    for module, names in (simulate, ("run",)), (numerics, ("run",)), (numerics_report, ("figure", "svg", "png")):
+    drawn = (figures, ("numerics", "diagrams", "budget")), (numerics_report, ("svg", "png"))
+    for module, names in (simulate, ("run",)), (numerics, ("run",)), (played, ("arrays",)), *drawn:
         vars(module).update({name: remembered(vars(module)[name]) for name in names})
     drawings, tell = remembered(page.drawings), analysis.tell_analysis
     vars(page)["drawings"] = lambda sheets: drawings(sheets) if sheets else {}

@@ -97,7 +97,7 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
     pulled: list[str] = []
 
     class Pulled(WiredCard):
-        """The loopback's cable is out for the first two stimuli of the task with stimuli."""
+        """The loopback's cable is out for the masker's probe and the first two stimuli of the task with stimuli."""
 
         def panel(self) -> CardPanel:
             opened = super().panel()
@@ -110,7 +110,7 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
                 stimulus = feel(timeout_s)
                 if stimulus is not None:
                     pulled.append("felt")
-                if len(pulled) == 2:
+                if len(pulled) == 3:
                     self.connect_loopback()
                     pulled.append("plugged in")
                 return stimulus

@@ -5,3 +5,10 @@ nothing and keeps nothing: it may be closed, or die, at any moment, and another 
 view. What is drawn, which press of a key counts, and what a form asks for are pure modules of their own; `app.py`
 alone, with its widgets, knows Textual.
 """
+
+from __future__ import annotations
+
+import os
+
+# Whatever is drawn waits for its next turn; Textual, which reads this when it is loaded, would have 60 a second.
+os.environ.setdefault("TEXTUAL_FPS", "120")

@@ -168,7 +168,8 @@ class Console(App[Left]):
             return
         before, self.view_now = self._question, said
         if self._question != before:
-            if said.ended is not None:
+            if said.ended is not None or (said.state == "paused" and self._board.says == "done"):
+                # What was asked for has come; what was refused stays.
                 self._say("")
             self._presses.drawn(None, time.monotonic())
         self._draw()

@@ -56,7 +56,7 @@ def opened(name: str, view: View) -> Form:
             form = Form(name, f"Note on {about}. It may name no person.", "puts it on disk", (Blank("Note"),))
         case "correct":
             blanks = (Blank("Trial", answered), Blank("Key"), Blank("Reason"))
-            keys = "  ".join(f"{one.key} {one.words}" for one in answers(view))
+            keys = ", ".join(f"{one.key}={one.words}" for one in answers(view))
             title = "Correct an answer. Both answers stay on record."
             form = Form(name, title, "corrects it", blanks, f"Keys: {keys}" if keys else "")
         case "repeat":
@@ -83,8 +83,8 @@ def opened(name: str, view: View) -> Form:
 
 def answering(question: Question) -> Form:
     """Return the form for a question that is answered with a line of text."""
-    does = "writes it down, or nothing"
-    return Form("write", question.text, does, (Blank("Answer"),), question=question.number)
+    hint = "It may stay empty: then there is none."
+    return Form("write", question.text, "writes it down", (Blank("Answer"),), hint, question=question.number)
 
 
 def answers(view: View) -> tuple[Choice, ...]:

@@ -74,6 +74,9 @@ PANES = (
     "commands",
 )
 
+FIXED = ("counted",)
+"""Those of them that are as high as they are, whatever they show."""
+
 _P = ParamSpec("_P")
 
 _MEASURE = Console(file=StringIO(), width=80, color_system=None)
@@ -84,6 +87,7 @@ class Pane(Static):
 
     def __init__(self, *, id: str) -> None:  # noqa: A002
         super().__init__(id=id, markup=False)
+        self._fixed = id in FIXED
         self._drawn_of: tuple[object, ...] | None = None
         self._shows: RenderableType = ""
         self._heights: dict[int, int] = {}
@@ -95,8 +99,9 @@ class Pane(Static):
         self._drawn_of = (draw, *of)
         self._shows = draw(*of, **no)
         self._heights = {}
-        # Where it needs no more lines than before, nothing else has to move.
-        self.update(self._shows, layout=self.lines(self.content_size.width) != self.content_size.height)
+        # Where it needs no more lines than before, nothing else has to move: a layout takes longer than all else.
+        moves = not self._fixed and self.lines(self.content_size.width) != self.content_size.height
+        self.update(self._shows, layout=moves)
         return True
 
     def lines(self, width: int) -> int:
@@ -207,6 +212,7 @@ class Board(Vertical):
         self._told = VerticalScroll(id="told", can_focus=False)
         self._side = VerticalScroll(id="side", can_focus=False)
         self._fitted: tuple[object, ...] = ()
+        self.says = ""
         self.blanks = Blanks()
 
     def compose(self) -> ComposeResult:
@@ -233,14 +239,19 @@ class Board(Vertical):
         yield pane["commands"]
 
     def say(self, words: str, how: str) -> None:
-        """Show words right above what is asked: `done`, `ignored` or `refused`."""
-        self._panes["notice"].set_classes(how if words else "")
-        self._panes["notice"].show(picture.notice, words)
-        self.call_after_refresh(self._fit)
+        """Show words right above what is asked: `done`, `ignored` or `refused`, which `says` tells afterwards."""
+        notice, how = self._panes["notice"], how if words else ""
+        # Styles are worked out anew whenever classes are set.
+        if how != self.says:
+            notice.set_classes(how)
+        self.says = how
+        if notice.show(picture.notice, words):
+            self.call_after_refresh(self._fit)
 
     def scroll(self, key: str) -> None:
-        """Scroll what is asked by a line or a page."""
-        for part in (self._text, self._keys):
+        """Scroll what is asked by a line or a page, or, if it is all on the screen, what was told before."""
+        asked = [part for part in (self._text, self._keys) if part.max_scroll_y]
+        for part in asked or [self._told]:
             lines = max(1, part.size.height - 1) if key.startswith("page") else 1
             part.scroll_relative(y=-lines if key.endswith("up") else lines, animate=False)
 
@@ -268,7 +279,8 @@ class Board(Vertical):
         if gauges is not None:
             pane["left"].show(picture.left, picture.time_left(gauges.left_s))
             pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
-            pane["gauges"].show(picture.gauges, gauges.model_copy(update={"trace": (), "left_s": 0.0}), roomy)
+            still = gauges.model_copy(update={"trace": (), "left_s": 0.0})
+            pane["gauges"].show(picture.gauges, still, roomy, side - 4)
         fitted = (question, view.lines, view.lay_out, view.heard, now, form, self.app.size)
         if fitted != self._fitted:
             self._fitted = fitted
@@ -293,4 +305,5 @@ class Board(Vertical):
         room = height - self._panes["notice"].size.height
         self._text.styles.max_height = max(3, room - self._panes["offered"].lines(width) - 1)
         self._keys.styles.max_height = max(3, room - min(3, self._panes["asked"].lines(width)))
-        self._told.scroll_end(animate=False)
+        # Whatever becomes of its height, its end stays on the screen.
+        self._told.anchor()

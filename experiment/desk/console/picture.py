@@ -92,12 +92,17 @@ STATES = {
 }
 """Where nothing is asked, by the session's state."""
 
+FAILED = Phase("FAILED", "", RED)
+"""A session whose process ended with a fault."""
+
 STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
 GONE = Phase("GONE", "", RED)
 
 
 def phase(view: View) -> Phase:
     """Return what happens now."""
+    if view.ended is not None and view.ended.exit_code:
+        return FAILED
     if view.question is not None:
         return ASKED[view.question.kind]
     if view.state == "armed" and view.gauges is not None and view.gauges.moving:
@@ -226,7 +231,7 @@ def trace(values: tuple[float, ...], unit: str, width: int, rows: int) -> Text:
     return Text.assemble((drawn[0], TRACE), (f" {scale}", DIM), (rest, TRACE))
 
 
-def gauges(told: Gauges, roomy: bool) -> Text:
+def gauges(told: Gauges, roomy: bool, width: int) -> Text:
     """Return what is measured, in words; the lamps of parts that are not well come with theirs.
 
     Where no movement is measured, nothing is set off by one, and nothing of either is told.
@@ -244,7 +249,7 @@ def gauges(told: Gauges, roomy: bool) -> Text:
         stimuli = "stimulus" if told.stimuli == 1 else "stimuli"
         text.append("Felt: ", style=DIM).append(f"{told.stimuli} {stimuli}, {told.vibration_s:.1f} s\n")
         text.append_text(delivered(told.delivered)).append("\n")
-    return text.append_text(lamps(told.lamps, roomy=roomy))
+    return text.append_text(lamps(told.lamps, roomy=roomy, width=width))
 
 
 def delivered(was: bool | None) -> Text:
@@ -253,18 +258,20 @@ def delivered(was: bool | None) -> Text:
     return _lamp(was, words)
 
 
-def lamps(told: tuple[Lamp, ...], *, roomy: bool) -> Text:
-    """Return the health of every part: what is not well first, with words; the others have words if it is roomy."""
-    text = Text()
+def lamps(told: tuple[Lamp, ...], *, roomy: bool, width: int) -> Text:
+    """Return the health of every part: what is not well first, with words; the others have words if it is roomy.
+
+    Names without words stand side by side, as many as the width takes.
+    """
+    text, brief_before = Text(), False
     for lamp in sorted(told, key=lambda one: (one.good is not False, one.good is not None)):
         brief = lamp.good is True and not roomy
-        text.append("" if not text else "  " if brief and _brief_before(text) else "\n")
-        text.append_text(_lamp(lamp.good, lamp.name if brief else f"{lamp.name}: {lamp.words}"))
+        shown = _lamp(lamp.good, lamp.name if brief else f"{lamp.name}: {lamp.words}")
+        used = len(text.plain.rsplit("\n", 1)[-1])
+        beside = brief and brief_before and used + 2 + len(shown.plain) <= width
+        text.append("" if not text else "  " if beside else "\n").append_text(shown)
+        brief_before = brief
     return text
-
-
-def _brief_before(text: Text) -> bool:
-    return ":" not in text.plain.rsplit("\n", 1)[-1]
 
 
 def _lamp(good: bool | None, words: str) -> Text:

@@ -368,7 +368,10 @@ class Answer:
             lines.append(f"  {shown:15} {'not defined' if value is None else f'{value:.12g} {unit}'}")
         lines += [f"  {sentence}" for sentence in made.why]
         known = "not finite" if self.condition is None else f"{self.condition:.3g}"
-        lines.append(f"  condition number {known}: relative errors of the input grow by it")
+        if self.condition == 0:
+            lines.append("  no condition number: nothing is defined that errors of the input could change")
+        else:
+            lines.append(f"  condition number {known}: relative errors of the input grow by it")
         bound = "every step is" if self.limit_h_w is None else f"up to {self.limit_h_w:.4g} is"
         verdict = "stable" if self.stable else "NOT STABLE"
         lines.append(f"  the method is {verdict} in this contact: h w = {self.h_w:.4g}, {bound} stable")

@@ -12,10 +12,8 @@ import pytest
 from analysis.analyse import Analysis, analyse
 from analysis.export import DICTIONARY, files
 from analysis.identification.confusion import confusion_of
-from analysis.power import choice_models
 from analysis.reading.dataset import read, read_pooled
-from experiment.errors import DatasetError, PowerError
-from experiment.protocol import files as files_of
+from experiment.errors import DatasetError
 from tests.analysis.datasets import compared, trials, write_dataset
 
 MATERIALS = ("felt", "cork", "tin")
@@ -126,5 +124,3 @@ def test_comparisons_and_other_trials_are_not_pooled(tmp_path: Path) -> None:
 def test_what_knows_no_comparisons_says_so(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="got comparisons of pairs; allowed: trials in which a material is named"):
         confusion_of(read(dataset(tmp_path / "study")), "live")
-    with pytest.raises(PowerError, match="cannot simulate the power of comparisons yet"):
-        choice_models.find("published", files_of.load(files_of.shipped("wellman1995.toml")))

@@ -98,7 +98,7 @@ def test_perfect_answers() -> None:
 def test_a_material_that_was_never_presented() -> None:
     found = _of([[[4, 0, 0, 0], [1, 3, 0, 0], [0, 0, 0, 0]]] * 4)
     assert found.cells[-1].statement == "nobody was presented this material"
-    assert set(found.statements) == {"information interval", "choice", "scaling"}
+    assert set(found.statements) == {"information interval", "choice", "lapses", "scaling"}
 
 
 def test_trials_without_an_answer_are_one_more_answer() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from fractions import Fraction
 
+import mpmath
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -12,7 +13,16 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from analysis.statistics.exact import NotDefined
-from analysis.statistics.participants import contrasts, jackknife, repeated, repeated_tests, sign_flip, sign_flip_tests
+from analysis.statistics.participants import (
+    contrasts,
+    equivalence,
+    equivalence_tests,
+    jackknife,
+    repeated,
+    repeated_tests,
+    sign_flip,
+    sign_flip_tests,
+)
 from tests.analysis.reference import printed
 
 
@@ -107,6 +117,42 @@ def test_many_studies_of_repeated_measures_are_those_of_one() -> None:
     for k, study in enumerate(values):
         (line,) = repeated(study, ["material"])
         assert (line.f, line.epsilon, line.p) == pytest.approx((f[k], epsilon[k], p[k]))
+
+
+def test_equivalence_is_that_of_two_one_sided_tests_in_r() -> None:
+    darwin = printed("darwin")
+    values = np.array(darwin["differences"], dtype=float)
+    for margin, low, high in darwin["one_sided"]:
+        found = equivalence(values, margin)
+        assert found.p == pytest.approx(max(low, high), rel=1e-10)
+        assert equivalence(-values, margin).p == pytest.approx(found.p)
+    assert (found.low, found.high) == pytest.approx(tuple(darwin["interval_of_90"]), rel=1e-10)
+    many = equivalence_tests(np.stack([values, values / 2]), 15)
+    assert many == pytest.approx([equivalence(values, 15).p, equivalence(values / 2, 15).p])
+
+
+def test_the_bayes_factor_for_none_is_the_integral_over_the_prior() -> None:
+    """Rouder et al. (2009), equation (1), by mpmath, with a scale of sqrt(2) / 2."""
+    values = np.array([0.1, -0.2, 0.05, 0.15, -0.1, 0.02])
+    n, nu = mpmath.mpf(6), mpmath.mpf(5)
+    t = mpmath.mpf(float(values.mean() / (values.std(ddof=1) / np.sqrt(6))))
+
+    def weight(g: mpmath.mpf) -> mpmath.mpf:
+        scaled = 1 + n * g / 2
+        prior = mpmath.exp(-1 / (2 * g)) / (mpmath.sqrt(2 * mpmath.pi) * g ** mpmath.mpf(1.5))
+        return prior / mpmath.sqrt(scaled) * (1 + t**2 / (scaled * nu)) ** (-(nu + 1) / 2)
+
+    some = mpmath.quad(weight, [0, 0.1, 1, 10, 1000, mpmath.inf])
+    expected = mpmath.log((1 + t**2 / nu) ** (-(nu + 1) / 2) / some)
+    assert equivalence(values, 0.1).log_bf01 == pytest.approx(float(expected), abs=1e-6)
+
+
+def test_equivalence_of_those_who_do_not_differ_is_not_defined() -> None:
+    with pytest.raises(NotDefined, match="no variance"):
+        equivalence(np.full(5, 0.02), 0.1)
+    with pytest.raises(NotDefined, match="two participants, got 1"):
+        equivalence(np.array([0.02]), 0.1)
+    assert np.isnan(equivalence_tests(np.full((1, 5), 0.02), 0.1)).all()
 
 
 def test_the_jackknife_of_a_mean_is_students_interval() -> None:

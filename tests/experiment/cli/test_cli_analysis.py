@@ -12,7 +12,7 @@ from tests.conftest import Palpate
 def test_a_shipped_study_by_its_id(palpate: Palpate) -> None:
     code, out, err = palpate("audit", "okamoto2012")
     assert (code, err) == (0, "")
-    assert "Cohen's d = 1.52" in out
+    assert "Cohen's d = 1.52" in " ".join(out.split())
     assert out.index("Table 1, virtual") < out.index("What does not agree as rounded")
 
 
@@ -93,3 +93,20 @@ def test_measured_counts_say_imported_and_have_no_models_of_single_trials(palpat
     assert (code, document["origin"]) == (0, "IMPORTED")
     assert "counts have no order of trials" in json.dumps(document["trials"])
     assert "counts have no order of trials" in json.dumps(document["course"])
+
+
+def test_the_tables_of_a_page(palpate: Palpate, tmp_path: Path) -> None:
+    page = tmp_path / "paper.html"
+    page.write_text("<table><tr><td>x<td>a<td>b<tr><td>a<td>0.9<td>0.2<tr><td>b<td>0.4<td>0.6</table>")
+    code, out, err = palpate("audit", page, "--participants", "5", "--trials", "10")
+    assert (code, err) == (0, "")
+    assert "cannot sum to 1" in " ".join(out.split())
+    code, _, err = palpate("audit", page)
+    assert (code, err.count("\n")) == (2, 1)
+    assert "give --participants" in err
+
+
+def test_what_a_toml_file_says_itself_is_not_given_beside_it(palpate: Palpate) -> None:
+    code, _, err = palpate("audit", "okamoto2012", "--participants", "5")
+    assert code == 2
+    assert "got --participants or --trials; allowed: for an HTML page or a CSV file" in err

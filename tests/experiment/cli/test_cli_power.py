@@ -43,6 +43,26 @@ def test_power_from_a_dataset_tests_the_published_pair(palpate: Palpate, reposit
     assert "aluminum foil and typing paper" in out
 
 
+def test_power_with_looks_prints_and_writes(palpate: Palpate, tmp_path: Path) -> None:
+    code, out, _ = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--looks", "6,9", "--out", tmp_path)
+    assert code == 0
+    assert out.startswith("SIMULATED studies")
+    assert "look at the answers of 6, 9 participants" in " ".join(out.split())
+    assert "SIMULATED studies" in (tmp_path / "looks.csv").read_text("utf-8")
+    code, out, err = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--looks", "6,9", "--json")
+    assert (code, err) == (0, "")
+    assert len(json.loads(out)["looks_rows"]) == 17
+
+
+def test_power_of_comparisons_prints_and_has_no_looks(palpate: Palpate) -> None:
+    code, out, _ = palpate("power", shipped("wellman1995.toml"), *QUICK, "--participants", "5")
+    assert code == 0
+    assert "Bradley-Terry, live" in out
+    code, _, err = palpate("power", shipped("wellman1995.toml"), *QUICK, "--looks", "5,8")
+    assert code != 0
+    assert "--looks: got comparisons of study wellman1995; allowed" in err
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -55,6 +75,10 @@ def test_power_from_a_dataset_tests_the_published_pair(palpate: Palpate, reposit
         (("--studies", "0"), "--studies: got 0; allowed"),
         (("--model", "nobody"), "--model nobody: got no model of that name"),
         (("--model", "no.toml"), "no such file"),
+        (("--looks", "5"), "--looks: got 5; allowed: two or more rising numbers of participants"),
+        (("--looks", "many"), "--looks: got 'many'; allowed"),
+        (("--looks", "5,8", "--rule", "guess"), "--rule: got guess; allowed: obrien-fleming, pocock, bayes"),
+        (("--looks", "5,8", "--alike", "2"), "--alike: got 2.0; allowed: a number from 0 to 1"),
     ],
 )
 def test_power_refuses_in_a_line(palpate: Palpate, arguments: tuple[str, ...], message: str) -> None:

@@ -42,7 +42,7 @@ def test_an_anchor_has_the_length_and_the_last_hash_of_every_journal(dataset: Pa
 
 
 def test_its_number_is_the_hash_of_its_canonical_json(dataset: Path) -> None:
-    anchor = beliefs.keep_anchor(dataset)
+    anchor, _ = beliefs.keep_anchor(dataset)
     stated = json.loads((dataset / LOG).read_bytes())["anchor"]
     # Plain ASCII and whole numbers: sorted keys without blanks are RFC 8785.
     canonical = json.dumps(stated, sort_keys=True, separators=(",", ":")).encode()
@@ -84,10 +84,10 @@ def test_a_register_is_no_other_file(dataset: Path, tmp_path: Path) -> None:
 
 def test_a_register_keeps_every_anchor_and_tells_when_it_is_new(dataset: Path, tmp_path: Path) -> None:
     to = tmp_path / "register"
-    first = beliefs.keep_anchor(dataset)
+    first, _ = beliefs.keep_anchor(dataset)
     assert register.enter(first, dataset, to, None) == f"Anchored in {to}. This register is a new file."
     Roster.load(storage.roster_path(dataset)).withdraw("02", "asked to stop")
-    second = beliefs.keep_anchor(dataset)
+    second, _ = beliefs.keep_anchor(dataset)
     assert register.enter(second, dataset, to, None) == f"Anchored in {to}."
     for path in (to, dataset / LOG):
         kept, broken = register.read(path)

@@ -309,9 +309,13 @@ def test_an_older_roster_speaks_against_the_evidence(study: MadeStudy, palpate: 
 def test_a_figure_replaces_a_figure_of_palpate_and_nothing_else(
     made: MadeStudy, tmp_path: Path, palpate: Palpate
 ) -> None:
-    figure, other = tmp_path / "flow.svg", tmp_path / "thesis.svg"
-    for _ in range(2):
-        assert palpate("status", made.root, "--figure", figure)[0] == 0
-    other.write_text("<svg/>", "utf-8")
+    other = tmp_path / "thesis.svg"
+    for kind in ("svg", "png", "pdf") * 2:
+        assert palpate("status", made.root, "--figure", tmp_path / f"flow.{kind}")[0] == 0
+    other.write_text("<svg>made with palpate</svg>", "utf-8")
     code, _, err = palpate("status", made.root, "--figure", other)
-    assert (code, "palpate did not make it" in err, other.read_text("utf-8")) == (2, True, "<svg/>")
+    assert (code, "palpate did not make it" in err, other.read_text("utf-8")) == (
+        2,
+        True,
+        "<svg>made with palpate</svg>",
+    )

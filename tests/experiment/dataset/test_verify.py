@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from datetime import date
 from hashlib import sha256
 from pathlib import Path
 
@@ -160,7 +161,7 @@ def test_where_a_dataset_stands_does_not_matter(study: MadeStudy, anchored: Path
 
 
 def test_a_number_in_a_lab_book_proves_what_the_log_of_the_dataset_has(study: MadeStudy) -> None:
-    anchor = beliefs.keep_anchor(study.root)
+    anchor, _ = beliefs.keep_anchor(study.root)
     for typed in (anchor.line.split()[-1], anchor.line, f"For the lab book: {anchor.line.upper()} "):
         report = verify(study.root, (), [typed])
         assert (report.refused, "would have had to change the lab book too" in report.verdict[1]) == (0, True)
@@ -225,7 +226,7 @@ def test_a_signer_without_a_register_is_refused(study: MadeStudy, tmp_path: Path
 
 @pytest.mark.parametrize("digits", [1, 2, 3])
 def test_a_number_that_was_mistyped_speaks_against_no_dataset(study: MadeStudy, digits: int, palpate: Palpate) -> None:
-    number = beliefs.keep_anchor(study.root).number
+    number = beliefs.keep_anchor(study.root)[0].number
     typed = "".join(f"{(int(one, 16) + 1) % 16:x}" for one in number[:digits]) + number[digits:]
     code, out, err = palpate("verify", study.root, "--number", typed)
     if digits > MISTYPED:
@@ -305,6 +306,80 @@ def test_in_the_first_session_of_a_participant_no_table_is_missed(study: MadeStu
     rechained(path, path.read_bytes().splitlines(keepends=True)[:-2])
     assert verify(study.root).refused == 0
     assert "is missing" in " ".join(map(str, build.edited(study.root, beliefs.believed(study.root))))
+
+
+@pytest.mark.parametrize("began", [True, False], ids=["first sitting", "second sitting"])
+def test_tables_that_were_made_in_mid_visit_are_those_of_that_moment(
+    study: MadeStudy, visited: Path, *, began: bool
+) -> None:
+    lines = visited.read_bytes().splitlines(keepends=True)
+    if began:
+        lines = [line for line in lines[:8] if b'"kind":"footer"' not in line]
+    for there in range(len(lines) - 4, len(lines)):
+        rechained(visited, lines[:there])
+        build.build(study.root)
+        rechained(visited, lines)
+        assert verify(study.root).refused == 0
+
+
+def test_frames_that_no_line_names_are_refused_of_a_complete_session_and_noted_of_another(
+    study: MadeStudy, visited: Path
+) -> None:
+    done = storage.foot_path(study.journal())
+    with done.open("ab") as file:
+        file.write(b"x" * 7)
+    found = verify(study.root)
+    assert list(refused(found)) == [inside(study, done)]
+    assert "7 bytes follow the last step" in refused(found)[inside(study, done)]
+    done.write_bytes(done.read_bytes()[:-7])
+    with storage.foot_path(visited).open("ab") as file:
+        file.write(b"x" * 7)
+    told = [finding.text for finding in verify(study.root).findings if finding.item == inside(study, visited)]
+    assert "7 bytes of frames that no line names follow" in told[0]
+    assert verify(study.root).refused == 0
+
+
+def test_an_older_state_of_every_file_is_no_other_dataset(study: MadeStudy, made: MadeStudy, tmp_path: Path) -> None:
+    one = study.tasks[0]
+    register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
+    for path in (storage.roster_path(study.root), study.journal(0), study.journal(1)):
+        rechained(path, path.read_bytes().splitlines(keepends=True)[:-1])
+    found = refused(verify(study.root, [tmp_path / "register"]))
+    assert all("an older state" in found[inside(study, path)] for path in (study.journal(0), study.journal(1)))
+    assert one.participant == "01"
+    assert str(tmp_path / "register") not in found
+
+
+def test_a_roster_that_was_cut_is_told_once(study: MadeStudy) -> None:
+    path = storage.roster_path(study.root)
+    rechained(path, path.read_bytes().splitlines(keepends=True)[:-1])
+    found = [one for one in verify(study.root).findings if "lacks a line" in one.text]
+    assert [one.item for one in found] == [inside(study, path)]
+
+
+def test_a_clock_that_went_back_is_told(study: MadeStudy) -> None:
+    roster = Roster.load(storage.roster_path(study.root))
+    roster.now_ns = lambda: 0
+    roster.reveal("01", date(1970, 1, 1))
+    told = {finding.item: finding.text for finding in verify(study.root).findings}
+    assert "a line is older than the one before it" in told["sourcedata/roster.jsonl"]
+
+
+def test_lines_are_proven_for_the_day_on_which_each_was_anchored(study: MadeStudy, tmp_path: Path) -> None:
+    made = beliefs.anchor(study.root)
+    for day, prefixes in (("2001-10-01", made.prefixes), ("2001-10-03", made.prefixes[:1])):
+        one = made.model_copy(update={"anchored_utc": day + made.anchored_utc[10:], "prefixes": prefixes})
+        register.enter(one, study.root, tmp_path / day, None)
+        register.enter(one, study.root, tmp_path / "both", None)
+    verdicts = {name: verify(study.root, [tmp_path / name]).verdict[1] for name in ("2001-10-01", "2001-10-03", "both")}
+    assert "lines are as they were on 2001-10-01." in verdicts["2001-10-01"]
+    assert "lines are as they were on 2001-10-03." in verdicts["2001-10-03"]
+    assert "lines are as they were when they were anchored, from 2001-10-01 to 2001-10-03." in verdicts["both"]
+
+
+def test_a_file_in_the_place_of_a_dataset_is_named(study: MadeStudy, palpate: Palpate) -> None:
+    code, _, err = palpate("verify", study.root / "participants.tsv")
+    assert (code, "is no folder" in err) == (2, True)
 
 
 @pytest.mark.parametrize("left", [5, 9, 13])

@@ -14,6 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from experiment.apparatus import host
 from experiment.desk import link
 from experiment.desk.link import Line, Link
 from experiment.desk.messages import Deed, Gauges, Hello, Message, Pause, Reply, TakeNote, View, from_console, line
@@ -229,3 +230,12 @@ def test_any_line_is_understood_or_refused(text: bytes) -> None:
 def test_a_view_with_everything_fits_into_a_message() -> None:
     full = View(lines=("x" * 400,) * 50, gauges=Gauges(left_s=1.0, trace=(123.4,) * 60))
     assert len(line(full)) < 65_536
+
+
+def test_the_thread_that_a_console_waits_for_waits_less_for_other_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    favoured: Future[str] = Future()
+    monkeypatch.setattr(host, "favour", lambda: favoured.set_result(threading.current_thread().name))
+    with closing(Link(tmp_path / "s", Session())):
+        assert favoured.result(10) == "desk"

@@ -139,6 +139,7 @@ QUESTIONS: dict[str, Callable[[LinkedConsole], object]] = {
     "agree": lambda one: one.agree(text="Is it 01?", yes="yes", no="no"),
     "familiarise": lambda one: one.familiarise(instruction="Feel.", min_s=0, max_s=60),
     "level": lambda one: one.level(level_db_a=50, limit_db_a=80, criterion="Nothing.", keys={"+": "louder"}),
+    "say": lambda one: one.say(words="copy paper", take=1, takes=2, why=""),
     "rest": lambda one: one.rest(why=""),
     "place": lambda one: one.place(trial=1, presented=("copy paper",)),
     "answer": lambda one: one.ask(trial=1, answers=ANSWERS, others=OTHERS),

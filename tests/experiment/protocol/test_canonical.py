@@ -48,7 +48,7 @@ def test_form_is_that_of_rfc_8785() -> None:
                 table = table[name]
             del table[key]
         document["analysis"] = [
-            {key: held for key, held in planned.items() if key != "correction" or held}
+            {key: held for key, held in planned.items() if key not in ("correction", "margin") or held}
             for planned in document["analysis"]
         ]
         expected = json.dumps(plain(document), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
@@ -72,6 +72,8 @@ def stated() -> Protocol:
     probe = {"material": tables["materials"][0]["id"], "speed_mm_s": 200.0}
     for where, value in zip(YOUNGER, (18, True, True, probe, 0.25), strict=True):
         tables = changed(tables, where, value)
+    same = {"test": "equivalence", "tasks": (tables["tasks"][0]["id"],), "question": "?", "margin": 0.1}
+    tables["analysis"] = (*tables["analysis"], same)
     return Protocol.model_validate(changed(tables, ("analysis", 0, "correction"), "materials"))
 
 

@@ -82,7 +82,9 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
 KEPT = changed(changed(document(), ("consent", "kept_months"), 18), ("answers", "microphone"), True)
 PROBED = changed(KEPT, ("masker", "probe"), {"material": "felt", "speed_mm_s": 200.0})
 LIMITED = changed(PROBED, ("footstep", "synthesis", "left_out_max"), 0.25)
-FULL = Protocol.model_validate(changed(LIMITED, ("analysis", 0, "correction"), "materials"))
+SAME = {"test": "equivalence", "tasks": ("one",), "question": "Are felt and cork told apart?", "margin": 0.125}
+PLANNED = {**LIMITED, "analysis": (*LIMITED["analysis"], SAME)}
+FULL = Protocol.model_validate(changed(PLANNED, ("analysis", 0, "correction"), "materials"))
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""
 
@@ -266,6 +268,10 @@ def test_a_seal_is_told_in_lines_of_its_own() -> None:
 def test_the_file_stands_on_the_page() -> None:
     shown = page_of(protocol(), "a\n\x1b[2Kb.toml")
     assert "  File         | a <U+001B>[2Kb.toml\n" in shown
+
+
+def test_the_margin_of_a_planned_equivalence_is_told() -> None:
+    assert "equivalence within 0.125; task one; alpha 0.05." in words(page(FULL))
 
 
 def test_the_correction_of_a_planned_test_is_told() -> None:

@@ -42,6 +42,7 @@ BROKEN = [
     ),
     (changed(document(), ("materials", 0, "key"), "+"), "materials[0].key", "any key but + and -, which set the mask"),
     (with_rules({**FEW, "action": "repeat-trial"}), "exclusion[0].action", "'answers-below' is about a participant"),
+    (changed(document(), ("analysis", 1, "margin"), 0.1), "analysis[1].margin", "only 'equivalence' has this key"),
     (
         changed(document(), ("analysis", 1, "correction"), "materials"),
         "analysis[1].correction",

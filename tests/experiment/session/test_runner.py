@@ -209,6 +209,23 @@ def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(prot
     assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(3, 2)]
 
 
+def test_who_is_familiar_with_the_materials_is_not_made_so_again(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A session that was left before its first trial was armed goes on with that trial."""
+
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    one = bench("")
+    monkeypatch.setattr(one.console, "place", interrupt)
+    assert one.run(protocol, header("real"), tmp_path).reason == "paused"
+    assert one.console.familiarised > 0
+    second = bench("cpt")
+    assert second.run(protocol, header("real"), tmp_path).reason == "complete"
+    assert second.console.familiarised == 0
+
+
 def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("c")
 

@@ -7,6 +7,7 @@ import io
 import re
 import shutil
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -251,3 +252,36 @@ def test_a_withdrawal_says_that_it_is_on_record_where_tables_cannot_be_made(stud
     path.write_bytes(kept)
     assert palpate(*asked)[0] == 0
     assert verify(study.root).refused == 0
+
+
+def test_nothing_is_added_to_a_roster_older_than_a_session(study: MadeStudy, palpate: Palpate) -> None:
+    """Without a log of anchors, and without a withdrawal: only the journals know of the line."""
+    (study.root / register.LOG).unlink()
+    path = storage.roster_path(study.root)
+    *lines, _ = path.read_bytes().splitlines(keepends=True)
+    path.write_bytes(b"".join(lines))
+    last = hashlib.sha256(lines[-1].removesuffix(b"\n")).hexdigest()
+    chain.head_path(path).write_text(f"{len(lines):012d} {last}\n", "utf-8")
+    before = path.read_bytes()
+    for command in (
+        ("enrol", study.file, "-p", "02", "--consent-on", DAY),
+        ("consent", study.file, "-p", "01", "--consent-on", DAY, "--correct", "--reason", "a wrong digit"),
+        ("withdraw", study.file, "-p", "01", "--reason", "asked to stop"),
+        ("schedule", study.file, "-p", "01", "--reveal"),
+    ):
+        code, _, err = palpate(*command, "--dataset", study.root)
+        assert (code, "lacks a line that a session began under" in err) == (2, True), command
+        assert path.read_bytes() == before
+
+
+def test_the_same_withdrawal_has_the_same_number_for_the_lab_book(study: MadeStudy, palpate: Palpate) -> None:
+    said = [re.findall(r"For the lab book: (.*)", palpate(*asked(study))[1]) for _ in range(2)]
+    assert said[0] == said[1] != []
+
+
+def test_a_clock_that_is_behind_the_roster_is_told_before_a_line_is_added(study: MadeStudy, palpate: Palpate) -> None:
+    roster = Roster.load(storage.roster_path(study.root))
+    roster.now_ns = lambda: 4_000_000_000 * 10**9
+    roster.reveal("01", date(2096, 10, 2))
+    code, _, err = palpate("enrol", study.file, "-p", "03", "--consent-on", DAY, "--dataset", study.root)
+    assert (code, "the roster's last line is of 2096-10-02" in err) == (0, True)

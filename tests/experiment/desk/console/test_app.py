@@ -6,8 +6,10 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
+from textual.widget import Widget
 from textual.widgets import Input
 
 from experiment.desk.console import panes, presses
@@ -33,7 +35,8 @@ from experiment.desk.messages import (
 from experiment.errors import LinkError
 from tests.experiment.desk.console.scripted import Desk, desk, question
 
-KINDS = ("agree", "familiarise", "level", "rest", "place", "answer", "confirm", "debrief", "continue")
+KINDS = ("agree", "familiarise", "level", "say", "rest", "place", "answer", "confirm", "debrief", "continue")
+"""Every kind of question that is answered by a key; those without are `write` and `break`."""
 
 RECENT = (Told(trial=1, words="copy paper"), Told(trial=2, words="typing paper"))
 ARMED = View(study="small", state="armed", trial=3, standing=Standing(trials=8, answered=2, remaining=6, recent=RECENT))
@@ -399,6 +402,26 @@ def test_what_has_not_changed_is_not_drawn_again(tmp_path: Path, monkeypatch: py
     at_a_desk(tmp_path, ARMED, then)
 
 
+def test_the_next_trial_moves_nothing_on_the_screen(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A layout takes longer than all else, and whoever keys an answer waits for it."""
+    laid_out: list[str | None] = []
+    refresh = Widget.refresh
+
+    def counted(self: Widget, *regions: Any, layout: bool = False, **more: Any) -> Widget:
+        if layout:
+            laid_out.append(self.id)
+        return refresh(self, *regions, layout=layout, **more)
+
+    async def then(there: Desk) -> None:
+        monkeypatch.setattr(Widget, "refresh", counted)
+        for trial in (4, 5):
+            standing = ARMED.standing.model_copy(update={"answered": trial - 1, "remaining": 9 - trial})
+            await there.show(asking("answer", trial).model_copy(update={"trial": trial, "standing": standing}))
+        assert laid_out == []
+
+    at_a_desk(tmp_path, asking("answer", 3), then)
+
+
 def test_a_break_is_counted_down(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     now_ns = [0]
     monkeypatch.setattr(panes, "wall_ns", lambda: now_ns[0])
@@ -418,6 +441,7 @@ def test_a_long_text_scrolls_and_its_keys_stay(tmp_path: Path) -> None:
 
     async def then(there: Desk) -> None:
         seen = ""
+        await there.until(lambda: there.app.query_one("#text").max_scroll_y > 0)
         for _ in range(12):
             assert "go on" in there.text
             seen += there.text
@@ -425,6 +449,39 @@ def test_a_long_text_scrolls_and_its_keys_stay(tmp_path: Path) -> None:
         assert all(word in seen for word in text.split())
 
     at_a_desk(tmp_path, view, then)
+
+
+def test_the_newest_line_stays_on_the_screen_whatever_is_asked(tmp_path: Path) -> None:
+    lines = tuple(f"line {number}" for number in range(40))
+
+    async def then(there: Desk) -> None:
+        for number, kind in enumerate(("place", "answer", "confirm", "continue")):
+            await there.show(asking(kind, number).model_copy(update={"lines": (*lines, f"newest {number}")}))
+            await there.until(lambda number=number: f"newest {number}" in there.text)  # type: ignore[misc]
+            await there.press("f3")
+            await there.until(lambda number=number: f"newest {number}" in there.text)  # type: ignore[misc]
+            await there.press("escape")
+        await there.press("pageup", "pageup")
+        await there.until(lambda: "newest" not in there.text)
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_what_a_pause_was_told_is_gone_once_it_came(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        there.end.words = "The session pauses soon."
+        await there.press("f7")
+        await there.until(lambda: there.end.words in there.text)
+        await there.show(asking("continue").model_copy(update={"state": "paused"}))
+        assert there.end.words not in there.text
+        await there.show(ARMED)
+        there.end.refusals = {"note": "The session ends at this moment."}
+        await there.press("f2", "x", "enter")
+        await there.until(lambda: "ends at this moment" in there.text)
+        await there.show(asking("continue", 6).model_copy(update={"state": "paused"}))
+        assert "ends at this moment" in there.text
+
+    at_a_desk(tmp_path, ARMED, then)
 
 
 NAMES = (

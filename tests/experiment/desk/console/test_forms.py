@@ -20,9 +20,9 @@ def test_what_is_likely_stands_there_already(name: str, first: str) -> None:
 
 def test_the_keys_of_a_correction_are_told_even_where_nothing_is_asked() -> None:
     told = VIEW.model_copy(update={"answers": (Choice(key="f", words="felt", answer=True),)})
-    assert forms.opened("correct", told).hint == "Keys: f felt"
+    assert forms.opened("correct", told).hint == "Keys: f=felt"
     asked = VIEW.model_copy(update={"question": question("answer")})
-    assert forms.opened("correct", asked).hint == "Keys: c material c  a material a"
+    assert forms.opened("correct", asked).hint == "Keys: c=material c, a=material a"
     assert forms.opened("correct", VIEW).hint == ""
 
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.desk.console import picture
-from experiment.desk.messages import Gauges, Lamp, Question, View
+from experiment.desk.messages import Ended, Gauges, Lamp, Question, View
 
 FINITE = st.floats(-1e6, 1e6)
 
@@ -26,7 +26,10 @@ def test_armed_stepping_and_answer_differ_by_word_place_and_colour() -> None:
 
 
 def test_every_place_where_something_is_lit_is_one_of_the_strip() -> None:
-    lit = {one.place for one in (*picture.ASKED.values(), *picture.STATES.values(), picture.STEPPING, picture.GONE)}
+    lit = {
+        one.place
+        for one in (*picture.ASKED.values(), *picture.STATES.values(), picture.STEPPING, picture.GONE, picture.FAILED)
+    }
     assert lit == {*picture.STEPS, *picture.PAIRS}
 
 
@@ -34,7 +37,7 @@ def test_where_samples_are_compared_nothing_is_armed_and_no_foot_is_measured() -
     view = View(pairs=True)
     assert not {"ARMED", "STEPPING"} & set(picture.strip(view))
     assert {"ARMED", "STEPPING"} <= set(picture.strip(View()))
-    told = picture.gauges(Gauges(left_s=60, lamps=(Lamp(name="disk", good=True, words="9 GB free"),)), True).plain
+    told = picture.gauges(Gauges(left_s=60, lamps=(Lamp(name="disk", good=True, words="9 GB free"),)), True, 40).plain
     assert told == "● disk: 9 GB free"
 
 
@@ -62,8 +65,24 @@ def test_what_is_not_well_comes_first_and_with_words() -> None:
         Lamp(name="audio", good=None, words="not used"),
         Lamp(name="tracker", good=False, words="no frame"),
     )
-    assert picture.lamps(lamps, roomy=False).plain == "▲ tracker: no frame\n○ audio: not used\n● disk"
-    assert picture.lamps(lamps, roomy=True).plain.endswith("● disk: 9 GB free")
+    assert picture.lamps(lamps, roomy=False, width=25).plain == "▲ tracker: no frame\n○ audio: not used\n● disk"
+    assert picture.lamps(lamps, roomy=True, width=40).plain.endswith("● disk: 9 GB free")
+
+
+@pytest.mark.parametrize(
+    ("width", "drawn"),
+    [(25, "● tracker  ● audio\n● screen  ● disk"), (40, "● tracker  ● audio  ● screen  ● disk"), (9, None)],
+)
+def test_the_name_of_a_lamp_stays_beside_it(width: int, drawn: str | None) -> None:
+    names = ("tracker", "audio", "screen", "disk")
+    told = tuple(Lamp(name=name, good=True, words="well") for name in names)
+    assert picture.lamps(told, roomy=False, width=width).plain == (drawn or "\n".join(f"● {name}" for name in names))
+
+
+def test_a_session_that_failed_is_told_apart_from_one_that_ended() -> None:
+    ended, failed = (View(state="ended", ended=Ended(words="", exit_code=code)) for code in (0, 2))
+    assert picture.phase(ended) is picture.STATES["ended"]
+    assert picture.phase(failed) is picture.FAILED
 
 
 @pytest.mark.parametrize(

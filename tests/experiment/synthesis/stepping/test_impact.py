@@ -173,3 +173,9 @@ def test_an_answer_says_whether_its_method_is_stable() -> None:
     assert made.impact.release_s == pytest.approx(pi * sqrt(1e-6 / 1e9), rel=1e-15)
     assert "every step is stable" in made.text()
     assert made.as_dict()["why"] is None
+    assert "condition number 2: relative errors" in made.text()
+
+
+def test_an_impact_of_which_nothing_is_defined_has_no_condition_number() -> None:
+    made = answer(Collision(0.0, 0.0, 1.0, 0.2), rate_hz=2500.0)
+    assert "no condition number: nothing is defined" in made.text()

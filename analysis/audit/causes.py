@@ -1,0 +1,347 @@
+"""One wrong number as the single cause of several that disagree.
+
+A wrong mean or SD of a table contradicts its t, P, stars, row and F, all of them right. So other values are tried in
+its place: those that its test and its row leave open, two rows or two cells that changed places, and one participant or
+trial more or fewer. The cause that settles the most conflicts, and brings none, is taken; of equals the one whose
+mistake the fewest wrong numbers would fit by chance. What it settles is then checked with the number put right.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from fractions import Fraction
+from itertools import combinations
+
+from analysis.audit.checks import Checks
+from analysis.audit.evidence import FromPrint
+from analysis.audit.granularity import Work, totals
+from analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, slips, told
+from analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedTable, Published
+from analysis.published.printed import Interval, Printed, outward, sum_of
+from experiment.errors import PublishedError
+
+CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
+
+MOST_CAUSES = 10
+"""Causes that are looked for in one file; where there are more, the numbers are better compared by hand."""
+
+FEWEST = 2
+"""Conflicts that a cause has to settle: one alone is settled by many numbers, and keeps its own line."""
+
+MOST_VALUES = 40
+"""Values that a number is tried with; where its test leaves more open, it says too little."""
+
+MOST_TRIED = 1_000_000
+"""Means and variances that the search for causes may try; counted as `evidence.MOST_WORK` is."""
+
+Place = tuple[str, str, str, str]
+"""Of a line: where it stands, its task, its subject and its quantity."""
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What may be wrong: cells by key with the mean and SD that they should have, or a task with another number.
+
+    `by_chance` is the share of wrong numbers that the mistake would fit; `settles` is how many conflicts it ends.
+    """
+
+    text: str
+    by_chance: float
+    cells: Mapping[Key, Mapping[str, str]] = field(default_factory=dict)
+    tasks: tuple[str, ...] = ()
+    quantity: str = ""
+    value: int = 0
+    settles: int = 0
+
+
+def find(published: Published, evidence: FromPrint) -> tuple[Published, FromPrint, tuple[Cause, ...]]:
+    """Return the printed numbers and their evidence with what is wrong put right, and what that was."""
+    found: list[Cause] = []
+    work, left = Work(MOST_TRIED), evidence.work
+    try:
+        while len(found) < MOST_CAUSES and (cause := _best(published, evidence, work)):
+            published, evidence = _right(published, evidence, cause, work)
+            found.append(cause)
+    except PublishedError:
+        # The search has tried what it may; what it has found stands.
+        pass
+    return published, evidence.working_with(published, work=left), tuple(found)
+
+
+def accused(lines: Iterable[Line], printed: Published, causes: Sequence[Cause]) -> Iterator[Line]:
+    """Yield the lines of a study that was put right with the wrong numbers as printed, each accused."""
+    wrong: dict[Place, tuple[str, str, str]] = {}
+    rows: dict[tuple[str, str], list[str]] = {}
+    for cause in causes:
+        settled = f"{cause.text}; with it right, {cause.settles} conflicts are settled"
+        for cell in printed.tables():
+            for name, right in cause.cells.get(cell.key, {}).items():
+                text = cell.mean.text if name == "mean" else cell.sd.text if cell.sd else ""
+                wrong[cell.where, cell.task, cell.subject, name] = text, right, settled
+                rows.setdefault((cell.task, f"row of {cell.presented}"), []).append(f"{right} for {text}")
+        for task in printed.task:
+            if task.id in cause.tasks:
+                number = getattr(task, cause.quantity)
+                yield Line(
+                    "Tasks", task.id, cause.quantity, cause.quantity, str(number), str(cause.value),
+                    cause.value, cause.value, "differs", settled,
+                )  # fmt: skip
+    for line in lines:
+        place = line.where, line.task, line.subject, line.quantity
+        if place in wrong:
+            text, right, reason = wrong[place]
+            value = Printed(right).value
+            yield replace(line, printed=text, recomputed=right, low=value, high=value, verdict="differs", reason=reason)
+        elif line.quantity == "row" and line.verdict not in CONFLICTS and (line.task, line.subject) in rows:
+            with_ = f"with {' and '.join(rows[line.task, line.subject])}"
+            yield replace(line, reason="; ".join(filter(None, [line.reason, with_])))
+        else:
+            yield line
+
+
+def _best(published: Published, evidence: FromPrint, work: Work) -> Cause | None:
+    everything = _conflicts(published, evidence, None)
+    if not everything:
+        return None
+    before: dict[tuple[Key, ...], frozenset[Place]] = {}
+    best: tuple[int, float, Cause] | None = None
+    for cause in _possible(published, evidence, everything):
+        keys = tuple(cause.cells) or None
+        if keys is None:
+            old = everything
+        else:
+            if keys not in before:
+                before[keys] = _conflicts(published, evidence, keys)
+            old = before[keys]
+        if len(old) < (best[0] if best else FEWEST):
+            continue
+        other, its = _right(published, evidence, cause, work)
+        new = _conflicts(other, its, keys)
+        settled = old - new
+        if new - old or any(place in new for place in _own(other, cause)) or len(settled) < FEWEST:
+            continue
+        if best is None or (len(settled), -cause.by_chance) > (best[0], -best[1]):
+            best = len(settled), cause.by_chance, replace(cause, settles=len(settled))
+    return best[2] if best else None
+
+
+def _own(published: Published, cause: Cause) -> Iterator[Place]:
+    """Yield the places of the cells that a cause changes, and of their tests."""
+    for key in cause.cells:
+        for cell in published.cells_by_key.get(key, ()):
+            yield from ((cell.where, cell.task, cell.subject, name) for name in ("mean", "SD", "stars"))
+        for test in published.tests_by_key.get(key, ()):
+            yield from ((test.where, test.task, test.material, name) for name in (f"t({test.df})", "P"))
+
+
+def _conflicts(published: Published, evidence: FromPrint, keys: Sequence[Key] | None) -> frozenset[Place]:
+    """Return the places of all conflicts, or of those that have to do with the cells with these keys."""
+    checks = Checks(published, evidence, diagnose=False)
+    if keys is None:
+        lines = [*checks.lines()]
+        named = {cell.key[:2] for cell in published.tables()}
+    else:
+        cells = [cell for key in keys for cell in published.cells_by_key.get(key, ())[:1]]
+        lines = [line for cell in cells for line in checks.about(cell)] + [*checks.ratios_of(cells)]
+        named = {key[:2] for key in keys}
+    found = {(one.where, one.task, one.subject, one.quantity) for one in lines if one.verdict in CONFLICTS}
+    return frozenset(found | set(_rows(published, named)))
+
+
+def _rows(published: Published, named: set[tuple[str, str]]) -> Iterator[Place]:
+    """Yield the rows whose means cannot add up."""
+    for table in published.table:
+        for presented, row in _by_row(published, table).items():
+            if table.complete and (table.task, presented) in named and left_by(published, row, None) is None:
+                yield table.where, table.task, f"row of {presented}", "row"
+
+
+def _by_row(published: Published, table: PrintedTable) -> dict[str, list[PrintedCell]]:
+    rows: dict[str, list[PrintedCell]] = {}
+    for cell in published.cells_of(table):
+        rows.setdefault(cell.presented, []).append(cell)
+    return rows
+
+
+def left_by(published: Published, row: Sequence[PrintedCell], but: Key | None) -> Interval | None:
+    """Return what the means of a row leave for the cell `but`; without it, 0 where they add up to 1, or None."""
+    task = published.task_named(row[0].task)
+    others = [cell for cell in row if cell.key != but]
+    if task is None or task.trials is None:
+        rest = sum_of(cell.mean.either for cell in others).times(Fraction(-1)).plus(Interval(Fraction(1), Fraction(1)))
+    else:
+        every = task.participants * task.trials
+        sums = [totals(cell.mean.either, task.participants, task.trials) for cell in others]
+        if not all(sums):
+            return None
+        low, high = every - sum(max(one) for one in sums), every - sum(min(one) for one in sums)
+        rest = Interval(Fraction(low, every), Fraction(high, every))
+    if but is None:
+        return rest if rest.holds(Fraction(0)) else None
+    return rest
+
+
+def _possible(published: Published, evidence: FromPrint, conflicts: frozenset[Place]) -> Iterator[Cause]:
+    """Yield what may be wrong where there are conflicts, the likeliest kinds first."""
+    yield from _of_tasks(published, conflicts)
+    subjects = {(place[1], place[2]) for place in conflicts}
+    for table in published.table:
+        rows = _by_row(published, table)
+        doubtful = {
+            cell.key
+            for row in rows.values()
+            for cell in row
+            if {(cell.task, cell.subject), (cell.task, f"row of {cell.presented}")} & subjects
+            or (cell.presented == cell.answered and (cell.task, cell.presented) in subjects)
+        }
+        yield from _swapped(rows, doubtful)
+        digits = [max((_decimals(one) for one in held if one), default=2) for held in _columns(rows)]
+        for row in rows.values():
+            for cell in row:
+                if cell.key in doubtful and evidence.misreading(cell) is None:
+                    left = left_by(published, row, cell.key) if table.complete else None
+                    yield from _values(published, cell, left, digits)
+    for block in published.score:
+        for cell in published.cells_of(block):
+            if (cell.task, cell.subject) in subjects and evidence.misreading(cell) is None:
+                yield from _values(published, cell, None, [_decimals(cell.mean), _decimals(cell.sd or cell.mean)])
+
+
+def _columns(rows: Mapping[str, Sequence[PrintedCell]]) -> tuple[list[Printed | None], list[Printed | None]]:
+    cells = [cell for row in rows.values() for cell in row]
+    return [cell.mean for cell in cells], [cell.sd for cell in cells]
+
+
+def _decimals(printed: Printed) -> int:
+    return len(printed.text.rstrip("%").partition("e")[0].partition(".")[2])
+
+
+def _swapped(rows: Mapping[str, Sequence[PrintedCell]], doubtful: set[Key]) -> Iterator[Cause]:
+    for one, other in combinations(rows, 2):
+        above, below = ({cell.answered: cell for cell in rows[name]} for name in (one, other))
+        if set(above) == set(below) and {cell.key for cell in (*rows[one], *rows[other])} & doubtful:
+            pairs = [(above[name], below[name]) for name in above]
+            yield Cause(f"the rows of {one} and {other} are swapped", 0.01, _exchanged(pairs))
+    cells = [cell for row in rows.values() for cell in row]
+    for first, second in combinations(cells, 2):
+        near = first.presented == second.presented or first.answered == second.answered
+        if near and {first.key, second.key} & doubtful and first.mean.text != second.mean.text:
+            names = f"{first.subject} and {second.subject}"
+            yield Cause(f"the cells {names} are swapped", 0.02, _exchanged([(first, second)]))
+
+
+def _exchanged(pairs: Iterable[tuple[PrintedCell, PrintedCell]]) -> dict[Key, dict[str, str]]:
+    changes: dict[Key, dict[str, str]] = {}
+    for pair in pairs:
+        for cell, other in (pair, pair[::-1]):
+            sd = {"SD": other.sd.text} if other.sd and cell.sd and other.sd.text != cell.sd.text else {}
+            mean = {"mean": other.mean.text} if other.mean.text != cell.mean.text else {}
+            if mean or sd:
+                changes[cell.key] = {**mean, **sd}
+    return changes
+
+
+def _values(
+    published: Published, cell: PrintedCell, left: Interval | None, digits: Sequence[int]
+) -> Iterator[Cause]:  # fmt: skip
+    """Yield other means and SDs of a cell: those that its test, and what its row has `left`, leave open."""
+    tests, task = published.tests_by_key.get(cell.key, ()), published.task_named(cell.task)
+    means: list[Interval] = [left] if left else []
+    means += [one.mean.either for one in published.cells_by_key.get(cell.key, ()) if not one.in_table]
+    sds: list[Interval] = []
+    for test in tests[:1]:
+        root, t = math.sqrt(task.participants if task else test.df + 1), test.t.either
+        if cell.sd is not None and test.t.exact:
+            ends = [
+                float(a) * float(b) / root for a in (t.low, t.high) for b in (cell.sd.either.low, cell.sd.either.high)
+            ]
+            means.append(outward(float(test.null) + min(ends), float(test.null) + max(ends)))
+            gap = sorted(abs(float(end - test.null)) for end in (cell.mean.either.low, cell.mean.either.high))
+            size = sorted(abs(float(end)) for end in (t.low, t.high))
+            if size[0] > 0:
+                sds.append(outward(gap[0] * root / size[1], gap[1] * root / size[0]))
+    for name, spans, old, places in (("mean", means, cell.mean, digits[0]), ("SD", sds, cell.sd, digits[1])):
+        if old is not None:
+            for text in dict.fromkeys(text for span in spans for text in _texts(span, places)):
+                if Printed(text).exact != old.exact:
+                    kind, by_chance = _kind(name, old, Printed(text), cell, task.participants if task else 0)
+                    yield Cause(told(f"{kind}: {text} would stand", by_chance % 1), by_chance, {cell.key: {name: text}})
+
+
+def _texts(span: Interval, places: int) -> list[str]:
+    """Return the numbers with so many decimals in the interval, or next to its ends; none where there are too many."""
+    unit = Fraction(1, 10**places)
+    low, high = math.floor(Fraction(span.low) / unit), math.ceil(Fraction(span.high) / unit)
+    if high - low > MOST_VALUES or low < 0:
+        return []
+    return [f"{float(step * unit):.{places}f}" for step in range(low, high + 1)]
+
+
+def _kind(name: str, printed: Printed, right: Printed, cell: PrintedCell, n: int) -> tuple[str, float]:
+    """Return by what mistakes a number became the printed one, and the share of wrong numbers that they would fit."""
+    found: dict[str, float] = {}
+    if name == "SD":
+        trials = cell.scale.items if cell.scale and not cell.is_score else 0
+        share = max(0.0, cell.mean.value * (1 - cell.mean.value))
+        for text, value in (
+            ("it is the variance", right.value**2),
+            ("it is the standard error", right.value / math.sqrt(max(n, 1))),
+            ("it is the population SD", right.value * math.sqrt(max(n - 1, 0) / max(n, 1))),
+            ("it is the SD of a binomial with the trials of a participant", math.sqrt(share / max(trials, 1))),
+            ("it is the SD of a binomial with all trials", math.sqrt(share / max(n * trials, 1))),
+        ):
+            if abs(value - printed.value) <= printed.unit / 2 + right.unit / 2 * ("binomial" not in text):
+                found[text] = 0.02
+    for power in (2, 1, -1, -2):
+        if abs(right.exact * Fraction(10) ** power - printed.exact) <= printed.exact_unit / 2:
+            found["it was printed as a percentage" if power == 2 and name == "mean" else TENFOLD] = 0.01
+    made: dict[str, list[Fraction]] = {}
+    for slip, text in slips(printed.text):
+        made.setdefault(slip, []).append(Printed(text).exact)
+    digits = sum(sign.isdigit() for sign in printed.text.lstrip("0."))
+    fitting = {slip: len(values) / 10 ** max(digits, 1) for slip, values in made.items() if right.exact in values}
+    found |= {slip: min(share, 0.99) for slip, share in fitting.items() if not found or slip == SWAPPED}
+    return ("; or ".join(found), min(found.values())) if found else ("no simple mistake gives it", 1.0)
+
+
+def _of_tasks(published: Published, conflicts: frozenset[Place]) -> Iterator[Cause]:
+    in_task = {task.id: sum(place[1] == task.id for place in conflicts) for task in published.task}
+    for task in published.task:
+        if in_task[task.id] >= 3:
+            for n in (task.participants - 1, task.participants + 1):
+                if n > 1:
+                    text = f"all printed numbers of the task fit {n} participants better"
+                    yield Cause(text, 0.05, tasks=(task.id,), quantity="participants", value=n)
+    for trials in dict.fromkeys(task.trials for task in published.task if task.trials):
+        tasks = tuple(task.id for task in published.task if task.trials == trials)
+        if sum(in_task[id_] for id_ in tasks) >= 3:
+            for other in (trials - 1, trials + 1):
+                if other > 0:
+                    text = f"the printed numbers fit {other} trials better"
+                    yield Cause(text, 0.05, tasks=tasks, quantity="trials", value=other)
+
+
+def _right(published: Published, evidence: FromPrint, cause: Cause, work: Work) -> tuple[Published, FromPrint]:
+    """Return the printed numbers and their evidence as they would be without what is wrong."""
+    fields = {name: getattr(published, name) for name in type(published).model_fields}
+    if cause.tasks:
+        fields["task"] = tuple(
+            task.model_copy(update={cause.quantity: cause.value}) if task.id in cause.tasks else task
+            for task in published.task
+        )
+    for name in ("table", "score") if cause.cells else ():
+        fields[name] = tuple(_block(block, cause.cells) for block in fields[name])
+    # `model_copy` would keep what the model has computed of its fields.
+    changed = Published.model_construct(**fields)
+    return changed, evidence.working_with(changed, cause.cells, cause.tasks, work)
+
+
+def _block(block: PrintedTable | PrintedScores, cells: Mapping[Key, Mapping[str, str]]) -> PrintedTable | PrintedScores:
+    """Return a table or a list of scores with other means and SDs."""
+    changed = []
+    for cell in block.cells:
+        parts = cells.get((block.task, cell.presented, cell.answered), {})
+        changed.append(cell.model_copy(update={name.lower(): Printed(text) for name, text in parts.items()}))
+    return block.model_copy(update={"cells": tuple(changed)})

@@ -1,0 +1,269 @@
+"""Simulated studies of comparisons: Bradley-Terry observers who differ, and the scale fitted to many studies at once.
+
+A participant chooses the first of a pair with the logistic of the difference of their own values, plus what being
+first adds for them; both are normal around those of everybody. The scale, and its errors with participants as the unit,
+are those of `statistics.scaling`; a step or the order effect is tested by Student's t on n - 1 df, as the intervals of
+`comparison.results` are made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+from scipy.special import expit, stdtr
+
+from analysis import published
+from analysis.comparison.results import CHOSEN
+from analysis.power.planned_tests import Answer, Design, Question
+from analysis.reading import dataset
+from analysis.statistics.exact import Floats, Integers
+from analysis.statistics.scaling import FIRST, SECOND
+from experiment.errors import PowerError
+from experiment.protocol.models import Protocol
+from experiment.settings import load
+from experiment.settings.load import Confined, Name, Text
+
+STEPS, FAR = 40, 15.0
+"""The most of Newton's steps, and the value in logits beyond which a scale counts as one without limit."""
+
+SPREAD = 0.5
+"""Ours: the SD among participants, in logits, where print tells of none."""
+
+PLANNED = "Bradley-Terry"
+
+MEAN = (
+    "The values are those of all participants' choices together, which lie nearer to each other than those of one "
+    "participant do, and so does the spread"
+)
+
+
+@dataclass(frozen=True)
+class PairModel:
+    """How observers compare: values of the materials in logits, shape (M,), and what being first adds.
+
+    `spread` is the SD of each value among participants, `order_spread` that of what being first adds. The rest is as in
+    `choice_models.ChoiceModel`.
+    """
+
+    source: str
+    values: Floats
+    order: float
+    spread: float
+    order_spread: float
+    notes: tuple[str, ...] = ()
+    label: str = ""
+
+
+class StatedValue(Confined):
+    """The value of one material, in logits."""
+
+    material: Name
+    value: float
+
+
+class StatedPairs(Confined):
+    """A model of comparisons as a file states it; spreads are SDs among participants, in logits."""
+
+    format: Literal[1]
+    source: Text
+    order: float = 0.0
+    spread: Annotated[float, Field(ge=0)]
+    order_spread: Annotated[float, Field(ge=0)] = 0.0
+    values: Annotated[tuple[StatedValue, ...], Field(min_length=2)]
+
+
+def find(name: str, protocol: Protocol) -> PairModel:
+    """Return the model of comparisons called `name`, as `choice_models.find`.
+
+    Raises:
+        PowerError: there is no such model, it lacks a material, a scale has no limit, or no test can be simulated.
+        DatasetError, ProtocolError: the dataset or the file cannot be read.
+    """
+    if not any(test.test == PLANNED for test in protocol.analysis):
+        raise PowerError(
+            f"study {protocol.study.id}: got no planned {PLANNED}; allowed: comparisons whose protocol plans that "
+            "scale; plan it, or plan without palpate power"
+        )
+    ids = [material.id for material in protocol.materials]
+    if printed := published.load(protocol.study.id if name == "published" else name):
+        return _from_print(printed, protocol, ids)
+    path = Path(name)
+    if path.is_dir():
+        return _fitted(path, ids)
+    if name != "published" and (path.suffix == ".toml" or path.exists()):
+        return _stated(path, ids)
+    raise PowerError(
+        f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study whose "
+        "printed percentages palpate holds, the folder of a dataset, or a TOML file; give one of these"
+    )
+
+
+def alike(model: PairModel) -> PairModel:
+    """Return the control: nothing differs on average, and participants differ as much as in the model."""
+    source = "materials that are alike on average, with the same spread among participants"
+    return replace(model, source=source, values=np.zeros_like(model.values), order=0.0)
+
+
+def _stated(file: Path, ids: list[str]) -> PairModel:
+    stated = load.read(file, StatedPairs)
+    values = {one.material: one.value for one in stated.values}
+    if len(values) != len(stated.values) or set(values) != set(ids):
+        raise PowerError(
+            f"{file}: got values of {', '.join(one.material for one in stated.values)}; allowed: each material of the "
+            f"protocol once: {', '.join(ids)}; mend it"
+        )
+    at = np.array([values[name] for name in ids])
+    source = f"stated in {file.name}: {stated.source}"
+    return PairModel(source, at - at.mean(), stated.order, stated.spread, stated.order_spread)
+
+
+def _from_print(printed: published.numbers.Published, protocol: Protocol, ids: list[str]) -> PairModel:
+    """Return the scale of printed percentages; the spread among participants, which nobody prints, is ours."""
+    block = next((one for one in printed.choices if one.task in {task.id for task in protocol.tasks}), None)
+    if block is None:
+        raise PowerError(f"the tables of {printed.study}: got no percentages of choices; choose another --model")
+    place = {**{str(k + 1): k for k in range(len(ids))}, **{name: k for k, name in enumerate(ids)}}
+    wins, trials = np.zeros((len(ids), len(ids))), np.zeros((len(ids), len(ids)))
+    for cell in block.cells:
+        low, high = sorted(place[name] for name in cell.pair)
+        if low != high:
+            wins[high, low], trials[high, low] = float(cell.correct.value), 1.0
+    values = scale(wins[None, None], trials).values[0]
+    if not np.isfinite(values).all():
+        raise PowerError(f"the percentages of {printed.study}: got no finite scale; state one in a TOML file")
+    note = f"no paper prints how much participants differ: the spread is ours, {SPREAD:g} logits"
+    return PairModel(f"percentages of {block.where} of {printed.source}", values, 0.0, SPREAD, SPREAD, (note,))
+
+
+def _fitted(folder: Path, ids: list[str]) -> PairModel:
+    """Return the scale of a dataset, with the spread by which its errors exceed those of participants who are alike."""
+    study = dataset.read(folder)
+    if study.answers is None or set(ids) != set(study.materials):
+        raise PowerError(f"{folder}: got other answers or materials; allowed: comparisons of {', '.join(ids)}; mend it")
+    rows = study.attempts[study.attempts["included"] & study.attempts["answered"].isin(list(CHOSEN))]
+    people = list(dict.fromkeys(rows["participant"].tolist()))
+    chosen = rows["answered"].map(CHOSEN).to_numpy()
+    told = (chosen == FIRST) | (chosen == SECOND)
+    codes = [rows[column].map(dict(zip(of, range(len(of)), strict=True))).to_numpy()[told]
+             for column, of in (("participant", people), ("first", ids), ("second", ids))]  # fmt: skip
+    wins, trials = (np.zeros((len(people), len(ids), len(ids))) for _ in range(2))
+    np.add.at(trials, tuple(codes), 1)
+    np.add.at(wins, tuple(codes), chosen[told] == FIRST)
+    found = scale(wins[None], trials)
+    if not np.isfinite(found.values).all() or len(people) < 2:
+        raise PowerError(
+            f"{folder}: got no finite scale of two participants; allowed: comparisons in which each material was "
+            "chosen over others and not over all; state a model in a TOML file"
+        )
+    beyond = len(people) * (np.diagonal(found.covariance[0]) - np.diagonal(found.alike[0]))
+    spread, order_spread = float(beyond[:-1].mean()), float(beyond[-1])
+    label = f" ({study.label})" if study.label else ""
+    return PairModel(
+        f"fitted to the answers in {folder.name}{label}", found.values[0], float(found.order[0]),
+        float(np.sqrt(max(spread, 0.0))), float(np.sqrt(max(order_spread, 0.0))), (MEAN,), study.label,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Scales of S studies: values (S, M) that add up to 0, the order effect (S,), and covariances (S, M + 1, M + 1).
+
+    `covariance` is from sums of scores by participant, `alike` that of participants who do not differ; NaN stands where
+    no finite scale fits best.
+    """
+
+    values: Floats
+    order: Floats
+    covariance: Floats
+    alike: Floats
+
+
+def scale(wins: Floats | Integers, trials: Floats) -> Scales:
+    """Return the Bradley-Terry scale of choices of the first, shape (S, participants, M, M), by first and second.
+
+    `trials` are those of an ordered pair, shape (M, M), or of each participant, shape (participants, M, M).
+    """
+    studies, people, items = wins.shape[:3]
+    done = np.broadcast_to(trials, (people, items, items)).reshape(people, -1)
+    chosen = wins.reshape(studies, people, -1)
+    first, second = np.indices((items, items)).reshape(2, -1)
+    full = np.eye(items)[first] - np.eye(items)[second]
+    used = done.sum(axis=0) > 0
+    both = bool((used & used.reshape(items, items).T.ravel()).any())
+    design = np.column_stack([full[:, :-1] - full[:, [-1]], np.full(len(full), float(both))])
+    total, hits = done.sum(axis=0), chosen.sum(axis=1)
+    beta = np.zeros((studies, items))
+    ridge = np.diag([0.0] * (items - 1) + [float(not both)])
+    for _ in range(STEPS):
+        share = expit(beta @ design.T)
+        information = np.einsum("ck,sc,cl->skl", design, total * share * (1 - share), design, optimize=True) + ridge
+        slope = ((hits - total * share) @ design)[..., None]
+        step = np.linalg.solve(information + 1e-12 * np.eye(items), slope)[..., 0]
+        step = np.clip(np.where(np.abs(beta).max(axis=1, keepdims=True) > FAR, 0.0, step), -1.0, 1.0)
+        beta += step
+        if np.abs(step).max() < 1e-11:
+            break
+    share = expit(beta @ design.T)
+    scores = (chosen - done * share[:, None]) @ design
+    inverse = np.linalg.inv(information + 1e-12 * np.eye(items))
+    meat = np.swapaxes(scores, 1, 2) @ scores * people / max(people - 1, 1)
+    back = np.zeros((items + 1, items))
+    back[: items - 1, : items - 1], back[items - 1, : items - 1], back[items, items - 1] = np.eye(items - 1), -1.0, 1.0
+    wrong = (np.abs(beta).max(axis=1) > FAR)[:, None]
+    every = np.where(wrong, np.nan, beta @ back.T)
+    covariance = np.where(wrong[..., None], np.nan, back @ inverse @ meat @ inverse @ back.T)
+    return Scales(every[:, :-1], every[:, -1], covariance, back @ inverse @ back.T)
+
+
+def draw(model: PairModel, trials: Integers, people: int, studies: int, random: np.random.Generator) -> Integers:
+    """Return choices of the first of `trials` with each ordered pair, shape (S, participants, M, M)."""
+    own = model.values + model.spread * random.standard_normal((studies, people, len(model.values)))
+    order = model.order + model.order_spread * random.standard_normal((studies, people, 1, 1))
+    return random.binomial(trials, expit(own[..., :, None] - own[..., None, :] + order)).astype(np.int64)
+
+
+def planned_trials(materials: int, repetitions: int) -> Integers:
+    """Return the trials of each ordered pair of a participant: half of a pair's in either order."""
+    found = np.full((materials, materials), repetitions // 2, dtype=np.int64)
+    np.fill_diagonal(found, repetitions)
+    return found
+
+
+def answers(
+    planned: Design, model: PairModel, participants: int, studies: int, random: np.random.Generator
+) -> dict[Question, Answer]:
+    """Return every step and the order effect of each planned scale, of studies drawn from the model."""
+    found: dict[Question, Answer] = {}
+    for task, people in zip(planned.tasks, planned.sizes(participants), strict=True):
+        trials = planned_trials(len(planned.materials), task.repetitions)
+        fitted = scale(draw(model, trials, people, studies, random), trials.astype(np.float64))
+        for number, test in enumerate(planned.tests):
+            if test.test == PLANNED and task.id in test.tasks:
+                for subject, p in _tested(fitted, planned.materials, people):
+                    found[Question(number, test.test, (task.id,), subject, test.alpha)] = Answer(p=p)
+    return found
+
+
+def _tested(found: Scales, materials: tuple[str, ...], people: int) -> Iterator[tuple[str, Floats]]:
+    """Yield P of every step, of all together being shown in order, and of what being first adds."""
+    none = np.full(len(found.order), np.nan)
+    every = np.where(np.isnan(found.order) | (people < 2), np.nan, 0.0)
+    for above in range(1, len(materials)):
+        contrast = np.zeros(len(materials) + 1)
+        contrast[above], contrast[above - 1] = 1.0, -1.0
+        gap = found.values[:, above] - found.values[:, above - 1]
+        p = _p(gap, np.einsum("k,skl,l->s", contrast, found.covariance, contrast), people) if people > 1 else none
+        every = np.maximum(every, np.where(gap < 0, 1.0, p))
+        yield f"{materials[above - 1]} to {materials[above]}", p
+    yield "every step, in order", every
+    yield "being first", _p(found.order, found.covariance[:, -1, -1], people) if people > 1 else none
+
+
+def _p(value: Floats, variance: Floats, people: int) -> Floats:
+    t = np.abs(value) / np.sqrt(np.where(variance > 1e-14, variance, np.nan))
+    return np.asarray(2 * stdtr(people - 1, -t))

@@ -1,0 +1,302 @@
+"""Designs that look at the answers more than once: stopping bounds, and what they cost and find in simulated studies.
+
+Spending functions say how much of alpha may be used up by each look (Lan and DeMets 1983, Biometrika 70, 659-663): as
+O'Brien and Fleming or as Pocock. Bounds follow from the joint normal distribution of the looks, by quadrature
+(Armitage, McPherson and Rowe 1969, J. R. Stat. Soc. A 132, 235-244), and are used on P, so that t and sign flips can
+take them. A Bayes factor design stops where the JZS Bayes factor for or against a difference is large enough.
+
+A participant answers by shares of their own, whose spread is partly one level that is common to all tasks and
+materials; the rest is of each material in each task. In the control they differ as much, around chance, and tasks are
+alike.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any, Literal
+
+import numpy as np
+from scipy.special import betaincinv, ndtr, ndtri, stdtr
+
+from analysis.documents.tables import Section, Table, number
+from analysis.power.choice_models import ChoiceModel
+from analysis.power.planned_tests import FLIPS, Design
+from analysis.statistics.exact import Floats, Integers
+from analysis.statistics.inference import log_bayes_factor, wilson
+from analysis.statistics.participants import sign_flip_tests
+from experiment.errors import PowerError
+
+Rule = Literal["obrien-fleming", "pocock", "bayes"]
+
+MOST = 1000
+"""The most participants of a study."""
+
+NODES, CHUNK = 200, 1000
+"""Nodes of the quadrature between two bounds, and the studies that are drawn at a time."""
+
+EVIDENCE = 6.0
+"""The Bayes factor, for or against, at which a design stops (Schoenbrodt and Wagenmakers 2018); ours among theirs."""
+
+
+def spent(rule: Rule, fraction: float, alpha: float) -> float:
+    """Return how much of a two-sided alpha is used up when this fraction of the participants is in."""
+    if rule == "pocock":
+        return alpha * math.log(1 + (math.e - 1) * fraction)
+    return float(2 * (2 - 2 * ndtr(-ndtri(alpha / 4) / math.sqrt(fraction)))) if fraction < 1 else alpha
+
+
+def bounds(rule: Rule, fractions: Sequence[float], alpha: float) -> Floats:
+    """Return the two-sided normal bound of each look at these fractions of the participants, rising to 1."""
+    found: list[float] = []
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    places, mass = np.zeros(1), np.ones(1)
+    before, used = 0.0, 0.0
+    for fraction in fractions:
+        wide = math.sqrt(fraction - before)
+        wanted = spent(rule, fraction, alpha) - used
+
+        def crossing(c: float, wide: float = wide, places: Floats = places, mass: Floats = mass) -> float:
+            return float(mass @ (ndtr((places - c) / wide) + ndtr((-c - places) / wide)))
+
+        low, high = 0.0, 12.0
+        while low < (middle := (low + high) / 2) < high:
+            low, high = (middle, high) if crossing(middle) > wanted else (low, middle)
+        found.append(middle / math.sqrt(fraction))
+        new = middle * nodes
+        kernel = np.exp(-(((new[:, None] - places) / wide) ** 2) / 2) / (wide * math.sqrt(2 * math.pi))
+        places, mass = new, (kernel @ mass) * weights * middle
+        before, used = fraction, used + wanted
+    return np.array(found)
+
+
+def thresholds(people: int, evidence: float) -> tuple[float, float]:
+    """Return the |t| from which on a Bayes factor for a difference is at least `evidence`, and up to which, for none.
+
+    The second is -1 where so few participants cannot give that evidence for none.
+    """
+
+    def where(log: float) -> float:
+        low, high = 0.0, 1e3
+        if log_bayes_factor(0.0, people) > log:
+            return -1.0
+        while low < (middle := (low + high) / 2) < high:
+            low, high = (middle, high) if log_bayes_factor(middle, people) < log else (low, middle)
+        return middle
+
+    return where(math.log(evidence)), where(-math.log(evidence))
+
+
+ALPHA = 0.05
+"""The level where no test against chance is planned."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One question: the shares of studies stopped at each look with a finding, (K,), and without, by evidence for none.
+
+    `control` are the findings of the control at each look; `mean` and `control_mean` the participants on average.
+    """
+
+    subject: str
+    found: tuple[float, ...]
+    none: tuple[float, ...]
+    mean: float
+    control: tuple[float, ...]
+    control_mean: float
+
+
+@dataclass(frozen=True)
+class Sequential:
+    """A design with looks, what it was simulated with, and its outcomes; `levels` are the P of each look, if any."""
+
+    study: str
+    source: str
+    rule: Rule
+    looks: tuple[int, ...]
+    alpha: float
+    alike: float
+    studies: int
+    seed: int
+    levels: tuple[float, ...]
+    outcomes: tuple[Outcome, ...]
+
+
+def run(
+    planned: Design,
+    model: ChoiceModel,
+    *,
+    study: str,
+    rule: Rule,
+    looks: Sequence[int],
+    alike: float,
+    studies: int,
+    seed: int,
+    tick: Callable[[], None] = lambda: None,
+) -> Sequential:
+    """Return what a design with these looks finds, in `studies` SIMULATED studies under the model and the control.
+
+    Raises:
+        PowerError: the looks are not at least two, rising, of three participants or more.
+    """
+    if len(looks) < 2 or list(looks) != sorted(set(looks)) or not 3 <= looks[0] <= looks[-1] <= MOST:
+        raise PowerError(
+            f"--looks: got {', '.join(map(str, looks))}; allowed: two or more rising numbers of participants, "
+            f"from 3 to {MOST}; give such"
+        )
+    alpha = next((test.alpha for test in planned.tests if test.test == "t against chance"), ALPHA)
+    levels: list[float] = []
+    if rule != "bayes":
+        levels = (2 * ndtr(-bounds(rule, [look / looks[-1] for look in looks], alpha))).tolist()
+    counted: dict[str, list[Floats]] = {}
+    for kind in (0, 1):
+        for part, first in enumerate(range(0, studies, CHUNK)):
+            key = np.random.SeedSequence(seed, spawn_key=(7, kind, part))
+            random = np.random.Generator(np.random.PCG64(key))
+            right = draw(planned, model, looks[-1], min(CHUNK, studies - first), alike, bool(kind), random)
+            for subject, stops in _stopped(planned, right, rule, looks, levels):
+                held = counted.setdefault(subject, [np.zeros((2, len(looks))) for _ in range(2)])
+                held[kind] += stops
+            tick()
+    outcomes = []
+    for subject, (own, control) in counted.items():
+        shares, others = own / studies, control / studies
+        outcomes.append(
+            Outcome(subject, tuple(shares[0].tolist()), tuple(shares[1].tolist()), _mean(shares, looks),
+                    tuple(others[0].tolist()), _mean(others, looks))
+        )  # fmt: skip
+    return Sequential(study, model.source, rule, tuple(looks), alpha, alike, studies, seed, tuple(levels),
+                      tuple(outcomes))  # fmt: skip
+
+
+def draw(
+    planned: Design,
+    model: ChoiceModel,
+    people: int,
+    studies: int,
+    alike: float,
+    control: bool,
+    random: np.random.Generator,
+) -> list[Integers]:
+    """Return right answers of each task, shape (materials, studies, participants), by participants who differ.
+
+    `alike` is the share of the normal behind a participant's spread that is common to all tasks and materials.
+    """
+    level = random.standard_normal((studies, people))
+    found = []
+    for task, answers in zip(planned.tasks, model.tasks, strict=True):
+        counts = np.empty((len(planned.materials), studies, people), dtype=np.int64)
+        for i, spread in enumerate(answers.spread.tolist()):
+            share = float(_chance(planned, task.id)) if control else float(answers.shares[i, i])
+            own = math.sqrt(alike) * level + math.sqrt(1 - alike) * random.standard_normal((studies, people))
+            shares: Any = share
+            if spread > 0 and 0 < share < 1:
+                shares = betaincinv(share * (1 / spread - 1), (1 - share) * (1 / spread - 1), ndtr(own))
+            counts[i] = random.binomial(task.repetitions, shares, size=(studies, people))
+        found.append(counts)
+    return found
+
+
+def _chance(planned: Design, task: str) -> Fraction:
+    told = (test.chance for test in planned.tests if task in test.tasks and test.chance is not None)
+    return Fraction(repr(next(told, None) or 1 / len(planned.materials))).limit_denominator(1000)
+
+
+def _stopped(
+    planned: Design, right: Sequence[Integers], rule: Rule, looks: Sequence[int], levels: Sequence[float]
+) -> Iterator[tuple[str, Integers]]:
+    """Yield how many studies stop at each look with a finding and for none, shape (2, K), by what is asked."""
+    evidence = [thresholds(look, EVIDENCE) for look in looks] if rule == "bayes" else []
+
+    def stops(values: Floats, flips: Callable[[int], Floats] | None = None) -> Integers:
+        open_ = np.ones(len(values), dtype=bool)
+        found = np.zeros((2, len(looks)), dtype=np.int64)
+        for k, look in enumerate(looks):
+            part = values[:, :look]
+            sd = part.std(axis=1, ddof=1)
+            t = np.abs(part.mean(axis=1)) / np.where(sd > 1e-12, sd / math.sqrt(look), np.nan)
+            if rule == "bayes":
+                hit, none = t >= evidence[k][0], t <= evidence[k][1]
+            else:
+                p = flips(look) if flips else 2 * stdtr(look - 1, -t)
+                hit, none = p <= levels[k], np.zeros(len(values), dtype=bool)
+            found[0, k], found[1, k] = (open_ & hit).sum(), (open_ & none).sum()
+            open_ &= ~(hit | none)
+        return found
+
+    for task, counts in zip(planned.tasks, right, strict=True):
+        chance = _chance(planned, task.id)
+        for material, own in zip(planned.materials, counts, strict=True):
+            name = f"{material}, {task.id}"
+            yield name, stops(own / task.repetitions - float(chance))
+            if rule != "bayes":
+                trials = task.repetitions
+
+                def flips(look: int, own: Integers = own, trials: int = trials, chance: Fraction = chance) -> Floats:
+                    return sign_flip_tests(own[:, :look], trials, chance)
+
+                yield f"{name}{FLIPS}", stops(own / trials - float(chance), flips)
+    if len(right) > 1:
+        means = [of.mean(axis=0) / task.repetitions for task, of in zip(planned.tasks, right, strict=True)]
+        names = [task.id for task in planned.tasks]
+        for a in range(len(means)):
+            for b in range(a + 1, len(means)):
+                yield f"{names[a]} - {names[b]}, paired (ours)", stops(means[a] - means[b])
+
+
+def _mean(shares: Floats, looks: Sequence[int]) -> float:
+    """Return the participants on average: those who do not stop take part to the last look."""
+    stopped = shares.sum(axis=0)
+    stopped[-1] = 1 - stopped[:-1].sum()
+    return float(stopped @ np.array(looks))
+
+
+def section(result: Sequential) -> Section:
+    """Return the design and its outcomes."""
+    looks = ", ".join(map(str, result.looks))
+    how = {
+        "obrien-fleming": "alpha is spent as O'Brien and Fleming do",
+        "pocock": "alpha is spent as Pocock does",
+        "bayes": f"a question stops where the Bayes factor for or against a difference is {EVIDENCE:g} or more",
+    }[result.rule]
+    levels = f" P has to be at most {', '.join(f'{level:.5f}' for level in result.levels)}." if result.levels else ""
+    paragraphs = (
+        f"{result.studies} SIMULATED studies of {result.study} look at the answers of {looks} participants, who all do "
+        f"every task; {how}.{levels} Seed {result.seed}. Answers are from: {result.source}.",
+        f"Of what participants differ by, the share {result.alike:g} is one level, common to all tasks and materials. "
+        "In the control they differ as much, right answers are as frequent as by chance, and what is found is the type "
+        "I error. Each question stops by itself.",
+    )
+    rows, records = [], []
+    for one in result.outcomes:
+        power, error = sum(one.found), sum(one.control)
+        low, high = _limits(power, result.studies)
+        least, most = _limits(error, result.studies)
+        rows.append(
+            (one.subject, f"{power:.3f} ({low:.3f}-{high:.3f})", f"{error:.3f} ({least:.3f}-{most:.3f})",
+             number(one.mean, 1), number(one.control_mean, 1), " ".join(f"{share:.2f}" for share in one.found),
+             *((f"{sum(one.none):.3f}",) if result.rule == "bayes" else ()))
+        )  # fmt: skip
+        records.append(
+            {"of": one.subject, "rule": result.rule, "power": power, "power_low": low, "power_high": high,
+             "type_i_error": error, "type_i_low": least, "type_i_high": most, "participants": one.mean,
+             "participants_control": one.control_mean,
+             **{f"found_at_{look}": share for look, share in zip(result.looks, one.found, strict=True)},
+             **{f"none_at_{look}": share for look, share in zip(result.looks, one.none, strict=True)}}
+        )  # fmt: skip
+    header = ("of", "power", "type I error", "n", "n, control", f"found at {looks}",
+              *(("for none",) if result.rule == "bayes" else ()))  # fmt: skip
+    note = "n is the number of participants on average. In brackets is Wilson's 95 % interval, the Monte Carlo error."
+    same = "Where all participants give the same ratio t is not defined, and nothing is found; sign flips have a P."
+    bayes = (
+        "A Bayes factor is no test: its type I error is what it is, and depends on the looks.",
+    ) * (result.rule == "bayes")  # fmt: skip
+    return Section("looks", "Design with looks", paragraphs,
+                   (Table("", header, tuple(rows), notes=(note, same, *bayes)),), tuple(records))  # fmt: skip
+
+
+def _limits(share: float, studies: int) -> tuple[float, float]:
+    limits = wilson(round(share * studies), studies)
+    return limits.low, limits.high

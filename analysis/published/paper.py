@@ -1,0 +1,375 @@
+"""Tables of a paper as its HTML page or a CSV file holds them, as a file of printed numbers.
+
+A number keeps its text, for its last digit says how it was rounded; `pandas.read_html` makes 0.2 of 0.20, and needs a
+parser that palpate does not install, so that the standard library's reads the page. Three kinds of tables are known by
+their headings: confusion tables (ratios of answers to materials, with SDs), ANOVA tables, and tables of t-tests. What a
+table does not say is told by `Stated`. Stars are left out, because a table does not say what they stand for.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from html.parser import HTMLParser
+from itertools import chain, groupby, repeat
+from pathlib import Path
+from typing import Any
+
+from analysis.published.numbers import Published
+from analysis.published.printed import POSITIVE
+from experiment import storage
+from experiment.errors import ProtocolError, PublishedError
+from experiment.settings import load
+
+SUFFIXES = (".html", ".htm", ".xhtml", ".csv", ".tsv")
+LARGEST = 2 * 2**20
+"""Bytes of a file; a paper's page has hundreds of thousands."""
+
+MOST_CELLS = 20_000
+"""Cells of all tables of a file; a paper has thousands."""
+
+MOST_HEADINGS = 3
+"""Rows at the top of a table that are tried as its headings."""
+
+WIDEST = 100
+"""Columns of a table, and the most rows or columns over which one cell may reach."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What a paper says outside of its tables.
+
+    `participants` holds one number for all confusion tables, or one for each in their order; `trials` are those behind
+    each ratio of each participant.
+    """
+
+    participants: tuple[int, ...] = ()
+    trials: int | None = None
+
+
+@dataclass(frozen=True)
+class Grid:
+    """One table as text: its caption or its number in the file, and rows of as many cells each."""
+
+    name: str
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True)
+class Paper:
+    """The printed numbers that were read, and a sentence for each table and each number that was not."""
+
+    printed: Published
+    passed_over: tuple[str, ...]
+
+
+def read(path: Path, stated: Stated) -> Paper:
+    """Return the printed numbers in the tables of an HTML page or a CSV file.
+
+    Raises:
+        PublishedError: in one line, for a file that cannot be read or holds no table of a known kind.
+    """
+    grids = _csv(path) if path.suffix.lower() in (".csv", ".tsv") else _html(path)
+    passed: list[str] = []
+    document: dict[str, Any] = {"study": "paper", "source": _clean(f"Tables of {path.name}", 200)}
+    confusions = 0
+    for grid in grids:
+        try:
+            confusions += _add(document, grid, stated, confusions)
+        except _Unknown as reason:
+            passed.append(f"{grid.name} was passed over: {reason}.")
+    if not any(key in document for key in ("table", "t", "anova")):
+        told = f"; {' '.join(passed)}" if passed else ""
+        raise PublishedError(
+            f"{path}: got no table that the audit knows{told[:600]}; allowed: confusion tables (answers beside "
+            "materials), ANOVA tables (SS, df, MS, F, P) and tables of t-tests (t, df, P); or write a TOML file"
+        )
+    try:
+        return Paper(load.checked(path, Published, document), tuple(passed))
+    except ProtocolError as error:
+        raise PublishedError(f"{path}: {error.problems[0]}") from error
+
+
+class _Unknown(Exception):
+    """A table is of no known kind; the text says why."""
+
+
+MEAN_SD = re.compile(rf"^(-?{POSITIVE})(?: ?(?:±|\+/-|\+-) ?({POSITIVE})| ?[(\[] ?(?:SD ?=? ?)?({POSITIVE}) ?[)\]])?$")
+STARS = re.compile(r"(?<=[0-9%)\]]) ?[*∗†‡]+$|^[*∗†‡]+ ?(?=[0-9.])")
+POWER = re.compile(r"(?<=[0-9]) ?[×x·*] ?10 ?\^? ?\(?(-[0-9]{1,2})\)?$")
+HEADINGS = {
+    "ss": ("ss", "sum of squares", "sum sq", "sums of squares", "type iii ss", "type iii sum of squares"),
+    "df": ("df", "d.f.", "dof", "degrees of freedom"),
+    "ms": ("ms", "mean square", "mean sq", "mean squares"),
+    "f": ("f", "f value", "f-value", "f ratio"),
+    "t": ("t", "t value", "t-value", "t statistic"),
+    "p": ("p", "p value", "p-value", "pr(>f)", "pr(>|t|)", "sig.", "sig", "p (two-tailed)"),
+}
+"""What stands above the columns of tables of tests, in small letters."""
+
+RESIDUAL = ("error", "residual", "residuals", "within", "within groups")
+
+
+def plain(text: str) -> str:
+    """Return a text with plain minus signs, blanks and powers of ten, without stars behind or before a number."""
+    text = re.sub(r"\s+", " ", text.translate({0x2212: "-", 0x2013: "-", 0x2010: "-", 0x2011: "-"})).strip()
+    return POWER.sub(r"e\1", STARS.sub("", text)).strip()
+
+
+def _clean(text: str, most: int = 40) -> str:
+    """Return a text as a name: one line, a letter or a digit first."""
+    line = re.sub(r"\s+", " ", "".join(sign if sign.isprintable() else " " for sign in text)).replace('"', "'")
+    return re.sub(r"^[^\w]+|^_+", "", line)[:most].strip()
+
+
+def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int) -> int:
+    """Add a table to the document; return 1 for a confusion table, and else 0.
+
+    Raises:
+        _Unknown: for a table of no known kind, or without what has to be known beside it.
+    """
+    for at in range(min(MOST_HEADINGS, len(grid.rows) - 1)):
+        found = _below(document, grid.name, grid.rows[at], grid.rows[at + 1 :], stated, confusions)
+        if found is not None:
+            return found
+    first = next((_clean(", ".join(filter(None, row)), 80) for row in grid.rows if any(row)), "")
+    raise _Unknown(f"its headings ({first}) are of no kind that the audit knows")
+
+
+def _below(
+    document: dict[str, Any], where: str, heading: Sequence[str], rows: Sequence[tuple[str, ...]], stated: Stated,
+    confusions: int,
+) -> int | None:  # fmt: skip
+    """Add what stands below a row of headings; return as `_add` does, or None where the headings are not known."""
+    header = [re.sub(r"[*†‡]", "", plain(cell)).strip() for cell in heading]
+    known = {key: i for i, cell in enumerate(header) for key, names in HEADINGS.items() if cell.lower() in names}
+    named = [(_clean(plain(row[0])), row) for row in rows]
+    if "df" in known and ("ss" in known or "ms" in known):
+        document["anova"] = (*document.get("anova", ()), {"where": where, "lines": _sources(named, known)})
+        return 0
+    if "t" in known and "df" in known:
+        tests = tuple(_tests(named, known))
+        if not tests:
+            raise _Unknown("no line has both t and df")
+        document["t"] = (*document.get("t", ()), {"where": where, "tests": tests})
+        groups = {test["task"]: {"id": test["task"], "participants": test["df"] + 1} for test in tests}
+        held = document.get("task", ())
+        document["task"] = (*held, *(group for id_, group in groups.items() if all(id_ != one["id"] for one in held)))
+        return 0
+    answers = [_clean(cell) for cell in header]
+    materials = [name for name, _ in named if name]
+    if len(set(materials) & set(answers[1:])) >= 2:
+        _add_confusion(document, where, named, answers, stated, confusions)
+        return 1
+    return None
+
+
+def _add_confusion(
+    document: dict[str, Any], where: str, named: Sequence[tuple[str, tuple[str, ...]]], answers: Sequence[str],
+    stated: Stated, number: int,
+) -> None:  # fmt: skip
+    if not stated.participants:
+        raise _Unknown("it is a confusion table, and how many took part is not known; give --participants")
+    if number >= len(stated.participants) > 1:
+        raise _Unknown("--participants gives no number for it")
+    people = stated.participants[min(number, len(stated.participants) - 1)]
+    cells = []
+    materials = [name for name, _ in named if name in answers[1:]]
+    for name, row in named:
+        if name not in materials:
+            continue
+        for answered, text in zip(answers[1:], row[1:], strict=True):
+            if match := MEAN_SD.match(plain(text)) if answered in materials else None:
+                sd = match[5] or match[9]
+                cells.append({"presented": name, "answered": answered, "mean": match[1], **({"sd": sd} if sd else {})})
+    if not cells:
+        raise _Unknown("no cell holds a mean, or a mean and an SD")
+    task = f"task {number + 1}"
+    trials = {"trials": stated.trials} if stated.trials else {}
+    document["task"] = (*document.get("task", ()), {"id": task, "participants": people, **trials})
+    complete = len(cells) == len(materials) ** 2 and set(filter(None, answers[1:])) == set(materials)
+    table = {"where": where, "task": task, "complete": complete, "cells": tuple(cells)}
+    document["table"] = (*document.get("table", ()), table)
+
+
+def _numbers(row: Sequence[str], known: dict[str, int]) -> dict[str, str]:
+    found = {key: plain(row[i]).replace(" ", "") for key, i in known.items()}
+    return {key: text for key, text in found.items() if re.match(rf"^(-|< ?)?{POSITIVE}$", text)}
+
+
+def _sources(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int]) -> tuple[dict[str, Any], ...]:
+    """Return the lines of an ANOVA table, its residual last and the totals left out."""
+    lines: list[dict[str, Any]] = []
+    for name, row in named:
+        found = _numbers(row, {key: i for key, i in known.items() if key != "t"})
+        if re.fullmatch(r"[1-9][0-9]{0,6}", found.get("df", "")) and not re.match(r"(corrected )?total", name.lower()):
+            unsigned = {key: text for key, text in found.items() if not text.startswith("-")}
+            lines.append({"name": name or f"line {len(lines) + 1}", **unsigned, "df": int(found["df"])})
+    residual = [line for line in lines if line["name"].lower() in RESIDUAL]
+    if len(residual) != 1 or len(lines) < 2:
+        raise _Unknown("an ANOVA table needs lines with df, and one of them named error, residual or within")
+    return (*(line for line in lines if line is not residual[0]), residual[0])
+
+
+def _tests(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int]) -> Iterator[dict[str, Any]]:
+    for number, (name, row) in enumerate(named, 1):
+        found = _numbers(row, {key: known[key] for key in ("t", "df", "p") if key in known})
+        if "t" in found and re.fullmatch(r"[1-9][0-9]{0,6}", found.get("df", "")):
+            p = {"p": found["p"]} if "p" in found else {}
+            # Nothing but the test is known, so that what it was against decides nothing.
+            df = int(found["df"])
+            yield {"task": f"{df} df", "of": name or f"line {number}", "df": df, "t": found["t"], **p, "null": "0"}
+
+
+def _text(path: Path) -> str:
+    try:
+        data = storage.read_bytes(path, LARGEST)
+    except OSError as error:
+        reason = "no such file" if isinstance(error, FileNotFoundError) else f"a file that cannot be read ({error})"
+        raise PublishedError(f"{path}: got {reason}; allowed: an HTML page or a CSV file; give its path") from error
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        # Every byte is a letter there; a page of another encoding shows other names and the same digits.
+        return data.decode("latin-1")
+
+
+def _csv(path: Path) -> tuple[Grid, ...]:
+    """Return the tables of a CSV file: a line without cells parts them, and one cell alone above a table names it."""
+    text = _text(path)
+    head = text[:4096]
+    delimiter = max(",;\t", key=head.count)
+    try:
+        lines = [[cell.strip() for cell in line] for line in csv.reader(text.splitlines(), delimiter=delimiter)]
+    except csv.Error as error:
+        raise PublishedError(f"{path}: got no CSV ({error}); allowed: rows of cells; save the table anew") from error
+    return _grids(path, (list(block) for filled, block in groupby(lines, any) if filled))
+
+
+def _grids(path: Path, tables: Iterable[list[list[str]]], names: Iterable[str] = ()) -> tuple[Grid, ...]:
+    found: list[Grid] = []
+    left = MOST_CELLS
+    for table, given in zip(tables, chain(names, repeat("")), strict=False):
+        rows, name = table, given
+        if not name and len(rows) > 1 and sum(map(bool, rows[0])) == 1 and len(rows[0]) != len(rows[1]):
+            name, rows = next(filter(None, rows[0])), rows[1:]
+        width = max(map(len, rows), default=0)
+        left -= width * len(rows)
+        if width > WIDEST or left < 0:
+            raise PublishedError(
+                f"{path}: got tables of more than {WIDEST} columns or {MOST_CELLS} cells; allowed: the tables of one "
+                "paper; leave out what is none"
+            )
+        number = f"table {len(found) + 1}"
+        name = _clean(name, 60) or number
+        name = f"{name} ({number})" if any(one.name == name for one in found) else name
+        found.append(Grid(name, tuple((*row, *[""] * (width - len(row))) for row in rows)))
+    return tuple(found)
+
+
+class _Page(HTMLParser):
+    """Collects the tables of a page; a table within a table stands after it."""
+
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=True)
+        self.tables: list[list[list[str]]] = []
+        self.captions: list[str] = []
+        self._open: list[int] = []
+        self._text: list[str] | None = None
+        self._caption = False
+        self._reach: dict[tuple[int, int, int], str] = {}
+        self._span = (1, 1)
+        self._hidden = 0
+        self._cells = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag in ("script", "style"):
+            self._hidden += 1
+        elif tag == "table":
+            self._end()
+            self._count(1)
+            self._open.append(len(self.tables))
+            self.tables.append([])
+            self.captions.append("")
+        elif self._open and tag == "tr":
+            self._end()
+            self._count(1)
+            self.tables[self._open[-1]].append([])
+        elif self._open and tag in ("td", "th", "caption"):
+            self._end()
+            self._text, self._caption = [], tag == "caption"
+            spans = {name: value or "" for name, value in attrs}
+            self._span = _reaches(spans.get("rowspan")), _reaches(spans.get("colspan"))
+        elif tag == "br" and self._text is not None:
+            self._text.append(" ")
+        elif tag == "sup" and self._text is not None and re.search(r"10\s*$", "".join(self._text[-2:])):
+            self._text.append("^")
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag in ("script", "style"):
+            self._hidden = max(0, self._hidden - 1)
+        elif tag in ("td", "th", "caption", "tr"):
+            self._end()
+        elif tag == "table" and self._open:
+            self._end()
+            self._open.pop()
+
+    def handle_data(self, data: str) -> None:
+        if self._text is not None and not self._hidden:
+            self._text.append(data)
+
+    def _end(self) -> None:
+        """Put the cell that ends here into its row, and into those that it reaches."""
+        if self._text is None or not self._open:
+            return
+        text, self._text = "".join(self._text)[:500], None
+        table = self._open[-1]
+        if self._caption:
+            self.captions[table] = text
+            return
+        rows = self.tables[table]
+        if not rows:
+            rows.append([])
+        row = rows[-1]
+        down, across = self._span
+        self._fill(table, row, len(rows) - 1)
+        for _ in range(across):
+            for below in range(1, down):
+                self._reach[table, len(rows) - 1 + below, len(row)] = text
+            row.append(text)
+        self._fill(table, row, len(rows) - 1)
+        self._count(across * down)
+
+    def _count(self, cells: int) -> None:
+        self._cells += cells
+        if self._cells > MOST_CELLS:
+            raise _TooMany
+
+    def _fill(self, table: int, row: list[str], index: int) -> None:
+        while (table, index, len(row)) in self._reach:
+            row.append(self._reach.pop((table, index, len(row))))
+
+
+class _TooMany(Exception):
+    """A page has more cells than a paper."""
+
+
+def _reaches(text: str | None) -> int:
+    return min(int(text), WIDEST) if text and re.fullmatch(r"[1-9][0-9]{0,3}", text) else 1
+
+
+def _html(path: Path) -> tuple[Grid, ...]:
+    page = _Page()
+    try:
+        # Without `close`, which tries every `<` of an unfinished page again.
+        page.feed(_text(path))
+    except _TooMany as error:
+        raise PublishedError(f"{path}: got more than {MOST_CELLS} cells; allowed: the tables of one paper") from error
+    except (AssertionError, ValueError, RecursionError) as error:
+        raise PublishedError(
+            f"{path}: got HTML that cannot be parsed; allowed: a page as a browser saves it"
+        ) from error
+    filled = [[row for row in table if any(cell.strip() for cell in row)] for table in page.tables]
+    return _grids(path, filled, page.captions)

@@ -1,0 +1,97 @@
+"""One wrong number in a made-up study is accused alone, by its kind, and what follows from it is not."""
+
+from __future__ import annotations
+
+import statistics
+from collections.abc import Mapping
+from decimal import ROUND_HALF_EVEN
+from fractions import Fraction
+from typing import Any
+
+import pytest
+
+from analysis.audit.mistakes import Line
+from analysis.audit.print_lines import print_lines
+from tests.analysis import printed_study
+
+COUNTS = printed_study.draw(3, {"one": 12, "two": 9}, 10)
+
+
+@pytest.fixture(scope="module")
+def made() -> dict[str, Any]:
+    """Twelve and nine participants, ten trials, three decimals; numbers by scipy and statsmodels."""
+    return printed_study.printed(COUNTS, 10, 3, ROUND_HALF_EVEN)
+
+
+def _accused(document: dict[str, Any]) -> list[Line]:
+    lines = print_lines(printed_study.published(document))
+    return [line for line in lines if line.verdict in ("differs", "impossible")]
+
+
+def _with(document: dict[str, Any], changes: Mapping[int, Mapping[str, str]]) -> dict[str, Any]:
+    first, *rest = document["table"]
+    cells = tuple({**cell, **changes.get(k, {})} for k, cell in enumerate(first["cells"]))
+    return {**document, "table": ({**first, "cells": cells}, *rest)}
+
+
+def _values(cell: int) -> list[Fraction]:
+    return [Fraction(int(count), 10) for count in COUNTS["one"][:, cell // 3, cell % 3]]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda text: text[:2] + text[3] + text[2] + text[4], "two digits are swapped"),
+        (lambda text: text[:2] + str((int(text[2]) + 4) % 9) + text[3:], "one digit is wrong"),
+        (lambda text: f"{float(text) * 100:.1f}", "it was printed as a percentage"),
+        (lambda text: f"{float(text) / 10:.4f}", "it is off by a power of ten"),
+    ],
+)
+def test_a_wrong_mean_is_accused_alone(made: dict[str, Any], change: Any, words: str) -> None:
+    right = made["table"][0]["cells"][4]["mean"]
+    (line,) = _accused(_with(made, {4: {"mean": change(right)}}))
+    assert (line.quantity, line.printed) == ("mean", change(right))
+    assert float(line.recomputed) == pytest.approx(float(right), abs=6e-4)
+    assert words in line.reason
+    assert line.reason.endswith("conflicts are settled")
+
+
+def test_a_variance_printed_as_sd_is_accused_alone(made: dict[str, Any]) -> None:
+    wrong = printed_study.text(statistics.variance(_values(4)), 3, ROUND_HALF_EVEN)
+    (line,) = _accused(_with(made, {4: {"sd": wrong}}))
+    assert (line.quantity, line.printed) == ("SD", wrong)
+    assert "it is the variance" in line.reason
+
+
+def test_the_sd_of_a_binomial_is_accused_alone(made: dict[str, Any]) -> None:
+    mean = statistics.mean(_values(4))
+    wrong = printed_study.text(printed_study.root(mean * (1 - mean) / 10), 3, ROUND_HALF_EVEN)
+    (line,) = _accused(_with(made, {4: {"sd": wrong}}))
+    assert (line.quantity, line.printed) == ("SD", wrong)
+    assert "binomial" in line.reason
+
+
+def test_swapped_rows_are_named_and_no_test_is_accused(made: dict[str, Any]) -> None:
+    cells = made["table"][0]["cells"]
+    new = {k: {part: cells[(k + 3) % 6][part] for part in ("mean", "sd")} for k in range(6)}
+    accused = _accused(_with(made, new))
+    assert accused
+    assert {line.quantity for line in accused} <= {"mean", "SD"}
+    assert all("the rows of glass and sand are swapped" in line.reason for line in accused)
+
+
+@pytest.mark.parametrize(("key", "by"), [("participants", 1), ("trials", 1)])
+def test_a_wrong_number_of_participants_or_trials_is_accused_alone(made: dict[str, Any], key: str, by: int) -> None:
+    wrong = tuple({**task, key: task[key] + by} for task in made["task"][:1])
+    rest = made["task"][1:] if key == "participants" else tuple({**t, key: t[key] + by} for t in made["task"][1:])
+    accused = _accused({**made, "task": (*wrong, *rest)})
+    assert {line.quantity for line in accused} == {key}
+    assert accused[0].recomputed == str(made["task"][0][key])
+
+
+def test_a_wrong_digit_of_an_f_is_told_from_a_wrong_p(made: dict[str, Any]) -> None:
+    (one,) = made["one_way"]
+    wrong = one["f"][:-1] + str((int(one["f"][-1]) + 5) % 10)
+    accused = _accused({**made, "one_way": ({**one, "f": wrong},)})
+    assert [line.quantity for line in accused] == ["F(3,44)"]
+    assert "one digit is wrong" in accused[0].reason

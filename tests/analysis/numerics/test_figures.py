@@ -1,0 +1,62 @@
+"""What the figures show, asked of their artists."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+
+from analysis.documents.drawing import colour
+from analysis.numerics import figures
+from analysis.numerics.numerics import Measured, Timed
+from analysis.numerics.played import IN_VOLTS, Played
+from experiment.synthesis.budget import Budget
+from experiment.synthesis.stepping.impact import Collision
+
+
+@pytest.mark.parametrize(("stiffness", "mass", "scale"), [(4500.0, 0.1, "linear"), (1e9, 1e-6, "symlog")])
+def test_a_contact_between_two_samples_is_drawn_on_a_scale_of_its_own(
+    stiffness: float, mass: float, scale: str
+) -> None:
+    drawn = figures.course(Collision(stiffness, 1.0, mass, 0.2), rate_hz=2500.0)
+    axes: list[Axes] = drawn.axes
+    assert {one.get_xscale() for one in axes} == {scale}
+    assert ("by its logarithm" in axes[-1].get_xlabel()) is (scale == "symlog")
+    assert "$" not in "".join(label.get_text() for label in axes[-1].get_xticklabels())
+
+
+def row(way: str, ms: float, error: float) -> Measured:
+    given = {"samples": 2500.0, "output_rate_hz": 48_000.0, "speed_mm_s": 170.0}
+    return Measured("synthesis", way, given, Timed(ms / 1e3, (0.9 * ms / 1e3, 1.2 * ms / 1e3), 9), error, claimed=1e-12)
+
+
+def test_a_dominated_way_is_grey_quartiles_are_bars_and_claims_are_lines() -> None:
+    fast, slow = row("fast", 1.0, 1e-15), row("slow", 3.0, 1e-15)
+    axes = Figure().add_subplot()
+    figures._curves(axes, [fast, slow])
+    bars = axes.containers
+    assert [to_hex(bar[0].get_color()) for bar in bars] == [colour(0).lower(), figures.BEATEN]
+    ends = [bar[2][0].get_segments()[0][:, 0] for bar in bars]
+    for (low, high), one in zip(ends, (fast, slow), strict=True):
+        assert (low, high) == pytest.approx(one.timed.quartiles_s)
+    claims = [line for line in axes.lines if line.get_linestyle() == "--"]
+    assert [set(np.asarray(line.get_ydata())) for line in claims] == [{1e-12}, {1e-12}]
+    figures._curves(other := Figure().add_subplot(), [fast, replace(slow, error=1e-18)])
+    assert figures.BEATEN not in [to_hex(bar[0].get_color()) for bar in other.containers]
+
+
+def test_a_budget_has_a_line_for_each_cause_that_is_there_and_rings_of_the_truth() -> None:
+    speeds = (20.0, 200.0)
+    played = [
+        Played(IN_VOLTS, "paper", v, np.zeros(2, np.float32), Budget(1.0, 0.0, band=0.3, table=0.04), 0.31)
+        for v in speeds
+    ]
+    [axes] = figures.budget(played).axes
+    shown = {str(line.get_label()): np.asarray(line.get_ydata()) for line in axes.lines}
+    assert set(shown) == {"band of the response table", "steps of the response table", "all of it", "truth"}
+    np.testing.assert_allclose(shown["all of it"], np.hypot(30, 4))
+    np.testing.assert_allclose(shown["truth"], 31)

@@ -1,0 +1,149 @@
+"""Tables of papers, as browsers save pages and spreadsheets save CSV."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from analysis.audit.audit import audit
+from analysis.published import paper
+from analysis.published.paper import Stated
+from experiment.errors import PublishedError
+
+
+def _told(tmp_path: Path, text: str, name: str) -> str:
+    """Why a file is refused, or nothing where it is read."""
+    try:
+        _read(tmp_path, text, Stated((3,), 4), name)
+    except PublishedError as error:
+        return str(error)
+    return ""
+
+
+PAGE = """<!DOCTYPE html><html><head><style>td { color: red }</style></head><body><h1>Results</h1>
+<table><caption>Table 1. Answer ratios</caption><thead><tr><th></th><th colspan="3">Answered</th></tr>
+<tr><th>Presented</th><th>glass</th><th>sand</th><th>snow</th></tr></thead>
+<tr><td>glass</td><td>0.70 &plusmn; 0.10***</td><td>.20 (.10)</td><td>0.10&nbsp;&#177;&nbsp;0.05</td></tr>
+<tr><td>sand<td>0.20<td>0.50<td>0.30<tr><td>snow<td>0.1<td>0.2<td>0.7</table>
+<table><caption>Table 2</caption><tr><th>Source</th><th>SS</th><th><i>df</i></th><th>MS</th><th>F</th><th>p</th></tr>
+<tr><td>group<td>20.0<td>2<td>10.0<td>5.00<td>0.026</tr><tr><td>Error<td>24.0<td>12<td>2.4<td><td></tr>
+<tr><td>Total<td>44<td>14</table>
+<table><tr><th>material<th>t<th>df<th>p</tr><tr><td>a<td>2.05<td>27<td>&lt; .05
+<tr><td>b<td>\u22128.71<td>14<td>5.02 \u00d7 10<sup>\u22127</sup></table>
+<table><tr><td>weight<td>age<tr><td>70<td>24</table></body></html>"""
+
+
+def _read(tmp_path: Path, text: str, stated: Stated, name: str = "paper.html") -> paper.Paper:
+    file = tmp_path / name
+    file.write_text(text, encoding="utf-8")
+    return paper.read(file, stated)
+
+
+def test_the_tables_of_a_page(tmp_path: Path) -> None:
+    found = _read(tmp_path, PAGE, Stated((15,), 10))
+    (table,) = found.printed.table
+    assert (table.where, table.complete, len(table.cells)) == ("Table 1. Answer ratios", True, 9)
+    first, second, third, *_ = table.cells
+    assert [(one.mean.text, one.sd and one.sd.text) for one in (first, second, third)] == [
+        ("0.70", "0.10"),
+        (".20", ".10"),
+        ("0.10", "0.05"),
+    ]
+    (sources,) = found.printed.anova
+    assert [(line.name, line.df) for line in sources.lines] == [("group", 2), ("Error", 12)]
+    (tests,) = found.printed.t
+    assert [(one.of, one.df, one.t.text, one.p and one.p.text) for one in tests.tests] == [
+        ("a", 27, "2.05", "<.05"),
+        ("b", 14, "-8.71", "5.02e-7"),
+    ]
+    assert found.passed_over == (
+        "table 4 was passed over: its headings (weight, age) are of no kind that the audit knows.",
+    )
+
+
+def test_an_audit_of_a_page_finds_what_stands_in_it(tmp_path: Path) -> None:
+    """24 / 12 is 2, not 2.4, and 10 / 2.4 is 4.2 (by hand)."""
+    file = tmp_path / "paper.html"
+    file.write_text(PAGE, encoding="utf-8")
+    lines = audit(str(file), stated=Stated((15,), 10)).comparison.lines
+    assert {(line.subject, line.quantity) for line in lines if line.verdict == "differs"} == {
+        ("Error", "MS"),
+        ("group", "F"),
+    }
+
+
+def test_a_confusion_table_without_its_participants_is_passed_over(tmp_path: Path) -> None:
+    found = _read(tmp_path, PAGE, Stated())
+    assert found.printed.table == ()
+    assert found.passed_over[0].endswith("how many took part is not known; give --participants.")
+
+
+def test_tables_of_a_csv_file_are_parted_by_lines_without_cells(tmp_path: Path) -> None:
+    text = "Table 1\n,glass,sand\nglass,0.9,0.1\nsand,0.25,0.75\n\nname,t,df,p\nease,2.5,11,0.0296\n"
+    found = _read(tmp_path, text, Stated((4,)), "tables.csv")
+    assert [cell.mean.text for cell in found.printed.table[0].cells] == ["0.9", "0.1", "0.25", "0.75"]
+    assert (found.printed.table[0].where, found.printed.t[0].where) == ("Table 1", "table 2")
+
+
+@pytest.mark.parametrize("delimiter", [";", "\t"])
+def test_a_csv_file_of_another_delimiter(tmp_path: Path, delimiter: str) -> None:
+    text = "name,t,df,p\nease,2.5,11,0.0296\n".replace(",", delimiter)
+    assert _read(tmp_path, text, Stated(), "tables.csv").printed.tests[0].df == 11
+
+
+def test_a_cell_over_several_rows_and_columns(tmp_path: Path) -> None:
+    page = (
+        '<table><tr><td rowspan="2">name<td colspan="2">test<td rowspan="2">p<tr><td>t<td>df'
+        "<tr><td>ease<td>2.5<td>11<td>0.0296</table>"
+    )
+    assert _read(tmp_path, page, Stated()).printed.tests[0].p is not None
+
+
+HOSTILE = {
+    "comments": "<!--" * 250_000,
+    "tags": "<a " * 250_000,
+    "attributes": "<a " + "x=" * 250_000,
+    "tables": "<table>" * 150_000,
+    "cells": "<table><tr>" + "<td>" * 150_000,
+    "spans": "<table>" + '<tr><td rowspan="9999" colspan="9999">1' * 50,
+    "entities": "<table><tr><td>" + "&#" * 250_000,
+    "names": f"<table><tr><th>{'x' * 9000}<th>t<th>df<tr><td>{chr(0x202E)}<td>2<td>3</table>",
+    "nothing": "",
+    "zeros": "\0" * 1000,
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+@pytest.mark.parametrize("suffix", ["html", "csv"])
+def test_hostile_files_end_in_one_line(tmp_path: Path, name: str, suffix: str) -> None:
+    assert "\n" not in _told(tmp_path, HOSTILE[name], f"p.{suffix}")
+
+
+def test_a_file_that_is_too_large_or_missing_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(PublishedError, match="no such file"):
+        paper.read(tmp_path / "none.html", Stated())
+    with pytest.raises(PublishedError, match="cannot be read"):
+        _read(tmp_path, " " * (paper.LARGEST + 1), Stated())
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    st.lists(
+        st.lists(
+            st.sampled_from(["t", "df", "p", "SS", "MS", "F", "a", "b", "0.5", "0.5 (0.1)", "3", "Error", "", "<"]),
+            min_size=1,
+            max_size=5,
+        ),
+        max_size=6,
+    ),
+    st.sampled_from(["html", "csv"]),
+)
+def test_any_table_is_read_or_refused_in_one_line(
+    tmp_path_factory: pytest.TempPathFactory, rows: list[list[str]], suffix: str
+) -> None:
+    cells = "".join("<tr>" + "".join(f"<td>{cell}" for cell in row) for row in rows)
+    text = f"<table>{cells}</table>" if suffix == "html" else "\n".join(",".join(row) for row in rows)
+    assert "\n" not in _told(tmp_path_factory.mktemp("any"), text, f"p.{suffix}")
