@@ -25,18 +25,24 @@ from experiment.apparatus.servo.rendering import Felt, Rendered, Touch
 from experiment.apparatus.tracker import clock_map as clock_maps
 from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
 from experiment.apparatus.tracker.frames import Decoder
-from experiment.clock import Clock, monotonic_ns
+from experiment.clock import Clock, MonotonicClock, monotonic_ns
 from experiment.errors import ServoError, TrackerStopped
 from experiment.synthesis.contact import Block
 
 SLICE_S = 0.05
 """A read waits no longer for the hand, s."""
 
+PAUSE_NS = 2_000_000
+"""Before each read, ns: a read costs far more than the samples in it, and predictions of a touch need no more."""
+
 STARTS_S = 10.0
 """How long the process may take until it tells of the first frame, s: it loads numpy, on a machine that may be busy."""
 
 ENDS_S = 2.0
 """How long it may take to end, s."""
+
+_MACHINE = MonotonicClock()
+"""Paces this machine's work, whatever the session's clock."""
 
 BEHIND = 1000
 """In simulated time the device may be so many messages behind."""
@@ -61,7 +67,7 @@ class ServoProcess:
         self.counts: dict[str, int] = {}
         theirs.set_inheritable(True)
         told = [sys.executable, "-m", process.__name__, str(theirs.fileno()), json.dumps(asdict(self._orders))]
-        with theirs, host.elsewhere():
+        with theirs, host.elsewhere(), host.held_back():
             self._process = subprocess.Popen(  # noqa: S603
                 told, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL
             )
@@ -90,6 +96,7 @@ class ServoProcess:
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             return waiting
+        _MACHINE.sleep_ns(PAUSE_NS)
         try:
             heard = self._line.hear(SLICE_S)
         except EOFError:

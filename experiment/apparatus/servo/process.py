@@ -17,6 +17,7 @@ import ctypes
 import json
 import os
 import select
+import signal
 import socket
 import struct
 import sys
@@ -219,9 +220,11 @@ class Servo:
             ) from error
         if data:
             self._decoder, frames = self._decoder.feed(data)
-            self._line.tell(SAMPLES, data, now_ns)
+            # After the read: a stamp from before a stall would put samples before they were taken, for good.
+            arrived_ns = time.monotonic_ns()
+            self._line.tell(SAMPLES, data, arrived_ns)
             if frames.device_us.size:
-                self._arrived_ns = now_ns
+                self._arrived_ns = arrived_ns
                 heights = np.interp(frames.counts, self._orders.counts, self._orders.mm)
                 for us, mm in zip(frames.device_us.tolist(), heights.tolist(), strict=True):
                     pushed = self._at.state is not None
@@ -257,6 +260,8 @@ def _tuples(told: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     """Be the process: its arguments are the number of an open socket, and its orders."""
+    # Ctrl-C at the terminal is the session's, which then ends this process, with the force at zero.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     line = Line(socket.socket(fileno=int(sys.argv[1])))
     with _prompt():
         try:

@@ -10,6 +10,7 @@ the connection ends. It ends when its standard input does, so it outlives nobody
 from __future__ import annotations
 
 import select
+import signal
 import socket
 import struct
 import subprocess
@@ -42,7 +43,8 @@ class ForceDeviceProcess:
     def __init__(self, record: Path | None = None) -> None:
         """Start it; `record` is where it keeps what it pushed."""
         told = [sys.executable, "-m", __name__, *([str(record)] if record is not None else [])]
-        self._process = subprocess.Popen(told, stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
+        with host.held_back():
+            self._process = subprocess.Popen(told, stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
         self.address = f"127.0.0.1:{int((self._process.stdout or sys.stdin.buffer).readline())}"
 
     def close(self) -> None:
@@ -119,7 +121,8 @@ def _hold(line: socket.socket, record: BinaryIO | None) -> None:
 
 
 def main() -> None:
-    """Be the process."""
+    """Be the process, which Ctrl-C at its terminal does not end: whoever started it does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     with host.raised(), host.undisturbed(), socket.create_server(("127.0.0.1", 0)) as server:
         sys.stdout.write(f"{server.getsockname()[1]}\n")
         sys.stdout.flush()

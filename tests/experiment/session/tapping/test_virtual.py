@@ -39,6 +39,9 @@ RATE_HZ = 5000
 One = TypeVar("One")
 
 
+Script = list[tuple[list[Felt | PalpateError], str]]
+
+
 class ScriptedServo:
     """Implements `Servo`: the hand does what it is told while a question is open."""
 
@@ -89,16 +92,24 @@ def touch(speed_mm_s: float, us: int = 1_000_000, *, fast: bool = False) -> Felt
     return Felt(times, heights, (Touch(us - 1.0, speed_mm_s),), CLOCK, fast)
 
 
+def samples(path: list[tuple[int, float]]) -> Felt:
+    """A read of times and heights, without a touch."""
+    return Felt(tuple(us for us, _ in path), tuple(mm for _, mm in path), (), CLOCK, False)
+
+
 class Session:
     """One session of virtual surfaces: at each question, what the hand does, and the key that follows."""
 
-    def __init__(self, script: list[tuple[list[Felt | PalpateError], str]], dataset: Path) -> None:
+    def __init__(self, script: Script, dataset: Path, *, lead_ns: int = 0) -> None:
         clock = ManualClock(START_NS)
         self.servo, self.actuator, self.dataset = ScriptedServo(), ScriptedActuator(), dataset
+        self.actuator.lead_ns = lead_ns
         hands = deque(hand for hand, _ in script)
 
         def taps() -> None:
             for what in hands.popleft():
+                if isinstance(what, Felt):
+                    clock.sleep_ns(CLOCK.session_ns(what.device_us[-1]) - clock.now_ns())
                 self.servo.tell(what)
 
         self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=taps)
@@ -125,7 +136,7 @@ class Session:
 
 
 def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(tmp_path: Path) -> None:
-    script: list[tuple[list[Felt | PalpateError], str]] = [
+    script: Script = [
         ([touch(100.0)], "s"),
         ([touch(150.0, 2_000_000)], "s"),
         ([touch(120.0, 3_000_000)], "1"),
@@ -157,6 +168,25 @@ def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(tmp
     assert "tapped the first surface, cork, at 110.0 mm/s (too fast)" in told
 
 
+def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_does_not_come(tmp_path: Path) -> None:
+    """110 mm/s, straight, from 10 mm above the face; then the same until 3 mm above it, and back."""
+    begin_us, speed = 200_000_000, 110.0
+    touch_us = begin_us + 10.0 / speed * 1e6
+    down = [(us, 10.0 - (us - begin_us) * 1e-6 * speed) for us in range(begin_us, int(touch_us) + 3000, 1000)]
+    reads = [samples(down[n : n + 4]) for n in range(0, len(down), 4)]
+    last = reads[-1]
+    reads[-1] = Felt(last.device_us, last.height_mm, (Touch(touch_us, speed),), CLOCK, False)
+    turned = [(us + 10**6, mm) for us, mm in down if mm > 3.0]
+    turned += [(turned[-1][0] + n * 1000, turned[-1][1] + n * 0.1) for n in range(1, 60)]
+    back = [samples(turned[n : n + 4]) for n in range(0, len(turned), 4)]
+    session = Session([([*reads], "s"), ([*back], "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.prediction_error_ms == pytest.approx(0.0, abs=0.1)
+    assert tapped.onset.scheduled_ns == pytest.approx(CLOCK.session_ns(touch_us), abs=100_000)
+    assert len(session.actuator.played) == 1
+    assert session.actuator.withdrawn >= 1
+
+
 def test_a_block_is_there_only_while_a_question_is_open(tmp_path: Path) -> None:
     session = Session([([], "1"), ([], "2")], tmp_path)
     assert [one is not None for one in session.servo.rendered] == [True, False, True, False]
@@ -169,7 +199,7 @@ def test_a_touch_while_no_question_is_open_sounds_nothing(tmp_path: Path) -> Non
 
 
 def test_a_servo_that_fails_puts_the_trial_off_whatever_was_answered(tmp_path: Path) -> None:
-    script: list[tuple[list[Felt | PalpateError], str]] = [
+    script: Script = [
         ([touch(100.0), ServoError("force device at x: no answer for 30 ms")], "1"),
         ([touch(100.0, 2_000_000)], "2"),
         ([touch(100.0, 3_000_000)], "1"),
