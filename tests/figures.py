@@ -14,7 +14,7 @@ import grimp
 REPOSITORY = Path(__file__).parent.parent
 PACKAGES = ("experiment", "analysis")
 
-LINES = 58_000
+LINES = 60_000
 """31,500 when the house was redrawn; and what proofs of a dataset, exposure at every moment, texts that cannot deceive,
 trackers that lie and files that fail, people who ask to be erased, what an experimenter notes and corrects, practice
 without a laboratory, the status of a study, answers that are heard, the servo of a virtual block, the causes of a
@@ -47,11 +47,11 @@ def figures() -> tuple[Figure, ...]:
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
     imports = {(one, other) for one in graph.modules for other in graph.find_modules_directly_imported_by(one)}
     return (
-        Figure("modules of source", len(sources), 260),
+        Figure("modules of source", len(sources), 265),
         Figure("lines of source", sum(len((REPOSITORY / path).read_bytes().splitlines()) for path in sources), LINES),
         *(Figure(f"entries of {package}/", rooms[package], 16) for package in PACKAGES),
         Figure("entries of the largest room", rooms[inner[0]], 12, tuple(f"{r}: {rooms[r]}" for r in inner[:5])),
-        Figure("imports from module to module", len(imports), 1_320),
+        Figure("imports from module to module", len(imports), 1_420),
         *(
             Figure(name, len(found), 0, tuple(sorted(found)))
             for name, found in (("circles of imports", _circles(imports)), ("arrows upward", _upward(imports)))
