@@ -10,11 +10,13 @@ from __future__ import annotations
 
 import csv
 import re
+from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from html.parser import HTMLParser
 from itertools import chain, groupby, repeat
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 from analysis.published.numbers import Published
@@ -109,6 +111,9 @@ HEADINGS = {
 }
 """What stands above the columns of tables of tests, in small letters."""
 
+LARGEST_RATIO_SUM = 10.0
+"""A row of ratios adds up to about 1, one of percent to about 100, and a wrong cell or two change neither of most."""
+
 RESIDUAL = ("error", "residual", "residuals", "within", "within groups")
 
 
@@ -186,12 +191,35 @@ def _add_confusion(
                 cells.append({"presented": name, "answered": answered, "mean": match[1], **({"sd": sd} if sd else {})})
     if not cells:
         raise _Unknown("no cell holds a mean, or a mean and an SD")
+    if _is_percent(cells):
+        where = f"{where}, read as percent"
+    cells = _with_percent(cells, all_of_them=_is_percent(cells))
     task = f"task {number + 1}"
     trials = {"trials": stated.trials} if stated.trials else {}
     document["task"] = (*document.get("task", ()), {"id": task, "participants": people, **trials})
     complete = len(cells) == len(materials) ** 2 and set(filter(None, answers[1:])) == set(materials)
     table = {"where": where, "task": task, "complete": complete, "cells": tuple(cells)}
     document["table"] = (*document.get("table", ()), table)
+
+
+def _is_percent(cells: Sequence[dict[str, str]]) -> bool:
+    """Return whether bare numbers are percent: most rows add up to far more than 1, and no number has a sign."""
+    if any("%" in text for cell in cells for text in (cell["mean"], cell.get("sd", ""))):
+        return False
+    rows: defaultdict[str, float] = defaultdict(float)
+    for cell in cells:
+        rows[cell["presented"]] += float(cell["mean"])
+    return median(rows.values()) > LARGEST_RATIO_SUM
+
+
+def _with_percent(cells: Sequence[dict[str, str]], *, all_of_them: bool) -> list[dict[str, str]]:
+    """Return cells with a sign of percent at each number, or where a sign behind the SD is meant for the mean too."""
+    signed: list[dict[str, str]] = []
+    for cell in cells:
+        both = all_of_them or "%" in cell.get("sd", "")
+        told = {key: f"{cell[key].rstrip(' %')}%" for key in ("mean", "sd") if key in cell and both}
+        signed.append({**cell, **told})
+    return signed
 
 
 def _numbers(row: Sequence[str], known: dict[str, int]) -> dict[str, str]:

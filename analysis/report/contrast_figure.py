@@ -28,9 +28,9 @@ def contrast_sheet(found: Marginal, tasks: Sequence[str], label: str, chances: S
         figure, (axes,) = sheet([2.4], "Marginal means of right answers" * titles, label, width)
         marginal_means(axes, found, tasks, materials, chances)
     said = (
-        "Ours: marginal means of right answers, on the logit, with their 95 % intervals, of a participant in the "
-        "middle. Dashed: chance. Where intervals of two materials or tasks overlap they may differ all the same; the "
-        "tables here test it."
+        f"Ours: marginal means of right answers of {found.participants} participants, on the logit, with their 95 % "
+        "intervals, of a participant in the middle. Dashed: chance. Where intervals of two materials or tasks overlap "
+        "they may differ all the same; the tables here test it."
     )
     return Sheet("marginal-means", "contrasts", said, figure)
 

@@ -18,6 +18,9 @@ from analysis.statistics.exact import Floats, Integers, NotDefined
 TOLERANCE, STEPS = 1e-13, 2000
 """The relative change of a bias at which fitting ends, and the most of its steps."""
 
+SETTLED = 1e-9
+"""A bias that moves by more in its last step has not come to rest."""
+
 GUESSES = 2.705543454095404
 """The 90 % quantile of chi-squared on 1 df: below it a likelihood ratio does not show, at 5 %, that somebody knows."""
 
@@ -61,14 +64,14 @@ def fit(counts: Integers) -> Lapses:
 def fits(counts: Integers) -> tuple[Floats, Floats]:
     """Return the trials guessed by material, and the biases, of many tables, shape (..., M, M) -> twice (..., M).
 
-    NaN stands where wrong answers do not define them.
+    NaN stands where wrong answers do not define them, as where the greatest likelihood gives one bias all.
     """
     off = 1.0 - np.eye(counts.shape[-1])
     wrong = counts * off
     rows, columns = wrong.sum(axis=-1), wrong.sum(axis=-2)
     # Without two other materials that are named, the guesses at the one that takes all cannot be counted.
     open_ = (np.count_nonzero(columns, axis=-1) < 3) | (np.count_nonzero(rows, axis=-1) < 2)
-    b = np.where(open_[..., None], 1.0, columns) + 0.0
+    b = np.where(open_[..., None], 1.0, columns)
     b /= b.sum(axis=-1, keepdims=True)
     for _ in range(STEPS):
         a = rows / (1 - b)
@@ -76,10 +79,12 @@ def fits(counts: Integers) -> tuple[Floats, Floats]:
         following = columns / np.where(reached > 0, reached, np.inf)
         total = following.sum(axis=-1, keepdims=True)
         following /= np.where(total > 0, total, 1.0)
-        moved = np.abs(following - b)[~open_].max(initial=0.0)
+        moved = np.where(open_, 0.0, np.abs(following - b).max(axis=-1))
         b = np.where(open_[..., None], b, following)
-        if moved < TOLERANCE:
+        if moved.max(initial=0.0) < TOLERANCE:
             break
+    # A bias that still creeps runs to 1 or 0: the likelihood has no greatest value inside.
+    open_ = open_ | (moved >= SETTLED)
     a = np.where(open_[..., None], np.nan, rows / (1 - b))
     return a, np.where(open_[..., None], np.nan, b)
 

@@ -103,7 +103,8 @@ def _run() -> None:
         raise
     except PalpateError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):
-            keep = "\n" if isinstance(error, ProtocolError) else ""
+            by_problem = isinstance(error, ProtocolError) or isinstance(error.__cause__, ProtocolError)
+            keep = "\n" if by_problem else ""
             tell(f"palpate: {plain(line, keep)}")
         raise SystemExit(error.exit_code) from None
     except BrokenPipeError:

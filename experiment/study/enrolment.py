@@ -234,11 +234,10 @@ def withdraw(
             try:
                 rebuild(root)
             except PalpateError as error:
-                error.add_note(
-                    f"The withdrawal of participant {participant} is on record, and no table was made anew. Mend what "
-                    "is told above, then run the same command again."
-                )
-                raise
+                raise DatasetError(
+                    f"{error}; the withdrawal of participant {participant} is on record, and no table was made anew: "
+                    "mend that, then run the same command again"
+                ) from error
     return path
 
 

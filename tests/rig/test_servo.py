@@ -107,6 +107,7 @@ def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path
         at_ns, pushes = pressed_until(fails, tmp_path / f"{n}.bin")
         assert max(push.out_n for push in pushes) <= 3.0
         last = max(i for i, push in enumerate(pushes) if push.out_n > 0)
+        assert last < len(pushes) - 1, "the hand was still pushed at the end"
         recent = [push.at_ns for push in pushes if 0 <= at_ns - push.at_ns < RECENT_NS]
         stalled = not recent or max(np.diff(recent), default=STALLED_NS) >= STALLED_NS
         if stalled or pushes[last].at_ns < at_ns - STALLED_NS:
@@ -116,6 +117,5 @@ def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path
         late_ms.append((pushes[last + 1].at_ns - at_ns) / 1e6)
         if len(late_ms) == TRIES:
             break
-    if not late_ms:
-        pytest.skip("the machine stalls for milliseconds all the time, and shows nothing")
-    assert min(late_ms) <= WITHIN_MS, late_ms
+    # A machine that stalls for milliseconds all the time shows that force falls, and not how soon.
+    assert min(late_ms, default=0.0) <= WITHIN_MS, late_ms

@@ -159,11 +159,10 @@ class Conditioner:
             if self._drive is not None:
                 raise ActuatorError("actuator: got a tap for a device that takes volts; allowed: full_scale_m_s2")
             return stimulus.waveform_m_s2, 1.0, "equation (2)"
-        band = stimulus.basis.band
         if self._drive is None:
-            return stimulus.waveform_m_s2, 1.0, ("basis waveforms" if stimulus.held else "inverse DCT") + band
+            return stimulus.waveform_m_s2, 1.0, "basis waveforms" if stimulus.held else "inverse DCT"
         voltages_v, scale, prepared = self._drive(stimulus)
-        return voltages_v, scale, ("prepared voltages" if prepared else "voltages shaped for the step") + band
+        return voltages_v, scale, "prepared voltages" if prepared else "voltages shaped for the step"
 
 
 def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:

@@ -50,6 +50,11 @@ class Collision:
             raise SynthesisError(f"mass: got {self.mass_kg:g} kg; allowed: a finite number above zero; correct it")
         if not 0 < self.speed_m_s < inf:
             raise SynthesisError(f"speed: got {self.speed_m_s:g} m/s; allowed: a finite number above zero; correct it")
+        if not max(1.0, self.mass_kg) * self.speed_m_s * self.speed_m_s < inf:
+            raise SynthesisError(
+                f"mass and speed: got {self.mass_kg:g} kg at {self.speed_m_s:g} m/s; allowed: an energy that is a "
+                "finite number; give less of one"
+            )
         _ = self.block
 
     @cached_property

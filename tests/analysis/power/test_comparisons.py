@@ -92,7 +92,7 @@ def test_an_order_that_is_always_told_has_no_scale_and_is_counted() -> None:
     assert "no finite scale" in shown
     assert "SIMULATED" in shown
     assert "Model of comparisons" in shown
-    assert "The planned Thurstone of live is not simulated" in " ".join(shown.split())
+    assert "The planned Thurstone of live and virtual is not simulated" in " ".join(shown.split())
 
 
 def test_printed_percentages_give_a_model_whose_spread_is_ours() -> None:

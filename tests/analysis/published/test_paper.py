@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -147,3 +148,35 @@ def test_any_table_is_read_or_refused_in_one_line(
     cells = "".join("<tr>" + "".join(f"<td>{cell}" for cell in row) for row in rows)
     text = f"<table>{cells}</table>" if suffix == "html" else "\n".join(",".join(row) for row in rows)
     assert "\n" not in _told(tmp_path_factory.mktemp("any"), text, f"p.{suffix}")
+
+
+def _percent(seed: int, cell: str) -> str:
+    """A right table of whole counts of 15 participants and 10 trials, in percent, by numpy alone."""
+    rng = np.random.default_rng(seed)
+    lines = ["," + ",".join(NAMES)]
+    for row in range(3):
+        counts = rng.multinomial(10, np.where(np.arange(3) == row, 0.6, 0.2), 15)
+        mean, sd = 10 * counts.mean(axis=0), 10 * counts.std(axis=0, ddof=1)
+        lines.append(",".join([NAMES[row], *(cell.format(m, s) for m, s in zip(mean, sd, strict=True))]))
+    return "\n".join(lines)
+
+
+NAMES = ("glass", "sand", "snow")
+
+
+@pytest.mark.parametrize("cell", ["{:.0f} ± {:.0f}%", "{:.0f}% ± {:.0f}%", "{:.0f} ± {:.0f}", "{:.1f} ({:.1f})"])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_right_table_in_percent_is_not_accused(tmp_path: Path, seed: int, cell: str) -> None:
+    found = _read(tmp_path, _percent(seed, cell), Stated((15,), 10), "paper.csv")
+    (table,) = found.printed.table
+    assert all(text.endswith("%") for one in table.cells for text in (one.mean.text, one.sd.text if one.sd else "%"))
+    assert ("read as percent" in table.where) == ("%" not in cell)
+    text = audit(str(tmp_path / "paper.csv"), stated=Stated((15,), 10)).text()
+    assert "impossible" not in text
+    assert "would stand" not in text
+
+
+def test_one_bare_number_of_percent_among_ratios_stays_as_it_is(tmp_path: Path) -> None:
+    text = ",glass,sand,snow\nglass,50 ± 0.1,0.2 ± 0.1,0.3 ± 0.1\nsand,0.2 ± 0.1,0.6 ± 0.1,0.2 ± 0.1\nsnow,0.1,0.1,0.8"
+    (table,) = _read(tmp_path, text, Stated((15,), 10), "paper.csv").printed.table
+    assert [one.mean.text for one in table.cells][:3] == ["50", "0.2", "0.3"]

@@ -75,3 +75,12 @@ def test_what_leaves_a_bias_open_is_not_defined() -> None:
         fit(np.diag([10, 10, 10]))
     with pytest.raises(NotDefined, match="never presented"):
         fit(np.array([[8, 1, 1], [0, 0, 0], [1, 1, 8]]))
+
+
+@pytest.mark.parametrize(
+    "counts", [[[5, 5, 0], [3, 5, 2], [0, 0, 10]], [[95, 5, 0], [6, 90, 4], [0, 0, 100]]], ids=["ten", "hundred"]
+)
+def test_a_bias_that_runs_to_one_is_open(counts: list[list[int]]) -> None:
+    """R's glm of these warns of fitted rates that are numerically 0, and lets the bias of the first run to 1."""
+    with pytest.raises(NotDefined, match="the biases are open"):
+        fit(np.array(counts))

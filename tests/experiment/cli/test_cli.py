@@ -556,3 +556,11 @@ class TestALaboratorysStudy:
         code, out, err = self.run(palpate, protocol, rig)
         line.unplug()
         assert (code, "Trial" in out, "no frame for 200 ms" in err) == (2, False, True)
+
+
+def test_errors_of_a_rig_file_stand_in_lines_of_their_own(palpate: Palpate, tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    text = shipped("rigs/rehearsal.toml").read_text("utf-8")
+    rig.write_text(text.replace("rate_hz = ", "rate_hz = -"), "utf-8")
+    code, _, err = palpate("plan", "okamoto2012", "--rig", rig)
+    assert (code, "<U+000A>" in err, len(lines(err)) > 1) == (2, False, True)

@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 
 from experiment.cli.app import app
 from experiment.errors import PalpateError
+from tests.conftest import Palpate
 
 IMPACT = ["tap", "contact", "--stiffness", "4000", "--damping", "0", "--mass", "0.1", "--speed", "0.2"]
 
@@ -97,3 +98,9 @@ def test_a_misfit_ends_with_1(tmp_path: Path) -> None:
     made = CliRunner().invoke(app, ["tap", "fit", str(tmp_path / "noise.wav")], catch_exceptions=False)
     assert made.exit_code == 1
     assert "MISFIT" in made.stdout
+
+
+def test_an_impact_of_no_finite_energy_is_refused_in_a_line(palpate: Palpate) -> None:
+    numbers = ("--stiffness", 2500, "--damping", 10, "--mass", "1e300", "--speed", "1e300")
+    code, out, err = palpate("tap", "contact", *numbers)
+    assert (code, out, err.count("\n"), "allowed: an energy that is a finite number" in err) == (2, "", 1, True)

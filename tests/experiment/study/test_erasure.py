@@ -248,7 +248,7 @@ def test_a_withdrawal_says_that_it_is_on_record_where_tables_cannot_be_made(stud
     path.write_bytes(kept.replace(b'"answered"', b'"answereD"', 1))
     asked = ("withdraw", study.file, "-p", "01", "--reason", "asked to stop", "--dataset", study.root)
     code, _, err = palpate(*asked)
-    assert (code, "The withdrawal of participant 01 is on record" in err) == (2, True)
+    assert (code, "the withdrawal of participant 01 is on record" in err) == (2, True)
     path.write_bytes(kept)
     assert palpate(*asked)[0] == 0
     assert verify(study.root).refused == 0
