@@ -217,7 +217,7 @@ def _with_percent(cells: Sequence[dict[str, str]], *, all_of_them: bool) -> list
     signed: list[dict[str, str]] = []
     for cell in cells:
         both = all_of_them or "%" in cell.get("sd", "")
-        told = {key: f"{cell[key].rstrip(' %')}%" for key in ("mean", "sd") if key in cell and both}
+        told: dict[str, str] = {key: f"{cell[key].rstrip(' %')}%" for key in ("mean", "sd") if key in cell and both}
         signed.append({**cell, **told})
     return signed
 
