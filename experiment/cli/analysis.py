@@ -157,8 +157,12 @@ def power(
         typer.Option("--looks", help="Look at the answers of so many participants, such as 10,15,20, and stop early."),
     ] = None,
     rule: Annotated[
-        str, typer.Option("--rule", help="What stops a design with looks: obrien-fleming, pocock or bayes.")
-    ] = "obrien-fleming",
+        str | None,
+        typer.Option(
+            "--rule",
+            help="With looks: what stops the design, obrien-fleming, pocock or bayes [default: obrien-fleming].",
+        ),
+    ] = None,
     alike: Annotated[
         float,
         typer.Option("--alike", help="With looks: the share of participants' spread common to tasks and materials."),
@@ -187,6 +191,8 @@ def power(
     for name, share in (("--alpha", alpha), ("--target", target)):
         if share is not None and not 0 < share < 1:
             raise PowerError(f"{name}: got {share}; allowed: a number between 0 and 1; give one")
+    if rule is not None and looks is None:
+        raise PowerError(f"--rule: got {rule} without --looks; allowed: both, or neither; say when to look")
     sizes = _sizes(participants)
     if out is not None:
         output.check(out, (), "power")
@@ -196,7 +202,7 @@ def power(
     printed = published.load(model) or published.load(protocol.study.id)
     planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
     if looks is not None:
-        _look(protocol, planned, chosen, looks, rule, alike, studies, seed, out, as_json)
+        _look(protocol, planned, chosen, looks, rule or "obrien-fleming", alike, studies, seed, out, as_json)
         return
     runner = (
         partial(simulate.on_cores, jobs=jobs) if scheduler is None else partial(simulate.on_cluster, address=scheduler)

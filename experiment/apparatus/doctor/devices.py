@@ -168,6 +168,14 @@ def noise(heard: Heard, settings: TrackerRig) -> Check:
     if settings.noise_mm is None:
         reason = f"{measured}, and tracker.noise_mm is not in the rig file"
         return unchecked(name, reason, "run palpate calibrate tracker, which writes it")
+    if settings.noise_mm > 0 and np.ptp(heard.height_mm) == 0:
+        return judged(
+            name,
+            False,
+            f"{measured}, the same in every frame",
+            allowed=f"noise, for the calibration had {settings.noise_mm:g} mm",
+            remedy="see that the sensor sees the panel and is not stuck at one reading",
+        )
     return judged(
         name,
         measured_mm <= NOISE_TIMES * settings.noise_mm,

@@ -361,6 +361,9 @@ class Answer:
             f"{of.mass_kg:g} kg meets {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m at {of.speed_m_s:g} m/s "
             f"under {of.force_n:g} N: {ratio}, law '{of.law}', method '{self.method}' at {self.rate_hz:g} Hz",
         ]
+        bound = "every step is" if self.limit_h_w is None else f"up to {self.limit_h_w:.4g} is"
+        verdict = "stable" if self.stable else "NOT STABLE, so the numbers below mean nothing"
+        lines.append(f"  the method is {verdict} in this contact: h w = {self.h_w:.4g}, {bound} stable")
         for name, shown, unit in (
             ("release_s", "release", "s after the touch"),
             ("rebound_m_s", "rebound", "m/s"),
@@ -377,9 +380,6 @@ class Answer:
             lines.append("  no condition number: nothing is defined that errors of the input could change")
         else:
             lines.append(f"  condition number {known}: relative errors of the input grow by it")
-        bound = "every step is" if self.limit_h_w is None else f"up to {self.limit_h_w:.4g} is"
-        verdict = "stable" if self.stable else "NOT STABLE"
-        lines.append(f"  the method is {verdict} in this contact: h w = {self.h_w:.4g}, {bound} stable")
         return "\n".join(lines)
 
 

@@ -111,3 +111,11 @@ def test_power_can_be_interrupted(palpate: Palpate, monkeypatch: pytest.MonkeyPa
     assert code == 130
     assert "nothing was written" in err
     assert not (tmp_path / "out").exists()
+
+
+def test_a_rule_without_looks_is_refused(palpate: Palpate) -> None:
+    code, _, err = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--rule", "pocock")
+    assert (code, err) == (
+        2,
+        "palpate: --rule: got pocock without --looks; allowed: both, or neither; say when to look\n",
+    )

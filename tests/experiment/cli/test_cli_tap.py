@@ -49,8 +49,7 @@ def test_what_is_never_released_is_null_and_says_why() -> None:
 
 def test_a_method_that_is_not_stable_says_so() -> None:
     said = run(*IMPACT, "--method", "euler", "--rate", "10000")
-    assert "NOT STABLE" in said
-    assert "rebound" in said
+    assert 0 < said.index("NOT STABLE, so the numbers below mean nothing") < said.index("rebound")
 
 
 def test_the_plot_goes_where_it_is_asked(tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -33,6 +35,17 @@ def test_reads_that_come_late_are_red(late_ms: list[float], verdict: str) -> Non
 def test_lost_frames_do_not_change_the_rate() -> None:
     found = devices.rate(heard(np.delete(1000 * np.arange(1000), [10, 11, 12, 500]), []), RIG.tracker)
     assert (found.verdict, found.measured) == ("green", "1000.0 Hz by the device's clock")
+
+
+@pytest.mark.parametrize(
+    ("spread_mm", "stated_mm", "verdict"), [(0.0, 0.03, "red"), (0.03, 0.03, "green"), (0.0, 0.0, "green")]
+)
+def test_a_sensor_that_says_the_same_in_every_frame_is_stuck(spread_mm: float, stated_mm: float, verdict: str) -> None:
+    settings = RIG.tracker.model_copy(update={"noise_mm": stated_mm})
+    height_mm = 70.0 + np.random.default_rng(1).normal(0.0, spread_mm, 1000)
+    found = devices.noise(replace(heard(1000 * np.arange(1000), []), height_mm=height_mm), settings)
+    assert found.verdict == verdict
+    assert ("stuck" in found.remedy) == (verdict == "red")
 
 
 def test_one_sample_is_no_rate() -> None:
