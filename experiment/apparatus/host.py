@@ -195,6 +195,16 @@ def joining() -> Callable[[], None]:
     return join
 
 
+def above() -> None:
+    """Have the calling thread run above every session here, if it runs in real time: it stands for a machine's own.
+
+    A simulated device that waits for its turn would seem late, and tell nothing of what drives it.
+    """
+    if is_real_time():
+        with suppress(PermissionError):
+            os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME + 2))
+
+
 def favour() -> None:
     """Have the calling thread, and what it starts from now on, wait less for other work, where the system allows that.
 

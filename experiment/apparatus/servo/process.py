@@ -280,6 +280,7 @@ def main() -> None:
 def _prompt() -> Iterator[None]:
     """Have the process wake when it asked to: raised, with no collections and no slack of the system's timers."""
     with host.raised(), host.undisturbed():
+        host.joining()()
         if sys.platform == "linux":
             ctypes.CDLL(None).prctl(PR_SET_TIMERSLACK, 1)
         yield

@@ -234,3 +234,14 @@ def test_without_the_right_a_console_works_as_it_is(monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(os, "setpriority", refuse)
     host.favour()
     assert standing() == before
+
+
+@pytest.mark.parametrize(("real_time", "levels"), [(True, [host.REAL_TIME + 2]), (False, [])])
+def test_a_simulated_device_waits_for_no_session(
+    monkeypatch: pytest.MonkeyPatch, *, real_time: bool, levels: list[int]
+) -> None:
+    asked: list[int] = []
+    monkeypatch.setattr(host, "is_real_time", lambda: real_time)
+    monkeypatch.setattr(os, "sched_setscheduler", lambda _who, _how, given: asked.append(given.sched_priority))
+    host.above()
+    assert asked == levels
