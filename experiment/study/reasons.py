@@ -12,10 +12,11 @@ from experiment.errors import RosterError
 from experiment.settings.characters import quoted
 
 HEALTH = re.compile(
-    r"\b(?:ill|illness|sick\w*|disease\w*|disorder\w*|disab\w*|injur\w*|wound\w*|hurt\w*|pain\w*|ache\w*|\w+ache|migraine\w*"
-    r"|nause\w*|vomit\w*|dizz\w*|faint\w*|fever\w*|flu|influenza|covid\w*|infect\w*|cancer\w*|tumou?r\w*|diabet\w*"
-    r"|asthma\w*|allerg\w*|epilep\w*|seizure\w*|stroke|pregnan\w*|depress\w*|anxi\w*|panic\w*|psych\w*|autis\w*|adhd"
-    r"|dementia|neuropath\w*|arthrit\w*|diagnos\w*|symptom\w*|medic\w*|drug\w*|surger\w*|hospital\w*|doctor\w*"
+    r"\b(?:ill|illness|sick\w*|disease\w*|disorder\w*|disab\w*|injur\w*|wound\w*|hurt|hurts|hurting|pains?|painful"
+    r"|(?:\w*(?:head|tooth|stomach|back|ear) ?)?aches?|migraine\w*|nause\w*|vomit\w*|dizz\w*|faint\w*|fever\w*|flu"
+    r"|influenza|covid\w*|infect\w*|cancer\w*|tumou?r\w*|diabet\w*|asthma\w*|allerg\w*|epilep\w*|seizure\w*|stroke"
+    r"|pregnan\w*|depress\w*|anxi\w*|panic|psychi\w*|psycho(?:sis|ses|tic\w*|log\w*)|autis\w*|adhd|dementia"
+    r"|neuropath\w*|arthrit\w*|diagnos\w*|symptom\w*|medic\w*|drug\w*|surger\w*|hospitals?|hospitali[sz]\w*|doctors?"
     r"|therap\w*|health\w*|unwell|handicap\w*|amput\w*|paraly\w*)\b",
     re.IGNORECASE,
 )

@@ -14,7 +14,14 @@ from tests.experiment.dataset.studies import MadeStudy, make_study
 
 @pytest.mark.parametrize(
     "reason",
-    ["asked to stop", "moved away", "no time any more", "the panel broke", "did not come back"],
+    [
+        "asked to stop",
+        "moved away",
+        "no time any more",
+        "the panel broke",
+        "did not come back",
+        "the paint and the psychophysics lab",
+    ],
 )
 def test_a_reason_that_tells_of_nobody_passes(reason: str) -> None:
     reasons.check(reason, ["Ann Uebermut", "O. Li"])
@@ -22,7 +29,7 @@ def test_a_reason_that_tells_of_nobody_passes(reason: str) -> None:
 
 @pytest.mark.parametrize(
     "reason",
-    ["felt ill", "Headache", "has epilepsy", "a COVID test", "pain in the foot", "her doctor said so"],
+    ["felt ill", "Headache", "has epilepsy", "a COVID test", "pain in the foot", "her doctor said so", "ear ache"],
 )
 def test_a_reason_that_tells_of_health_is_refused_and_not_repeated(reason: str) -> None:
     with pytest.raises(RosterError, match="tells of health") as refused:
