@@ -180,7 +180,7 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
     is_paper = path.suffix.lower() in paper.SUFFIXES and not path.is_dir()
     if stated is not None and not is_paper:
         raise PublishedError(
-            f"{target}: got --participants or --trials; allowed: for an HTML page or a CSV file, whose "
+            f"{target}: got --participants, --trials or --chance; allowed: for an HTML page or a CSV file, whose "
             "tables do not say them; leave them out"
         )
     if path.is_dir():

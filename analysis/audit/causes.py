@@ -77,10 +77,11 @@ def accused(lines: Iterable[Line], printed: Published, causes: Sequence[Cause]) 
     for cause in causes:
         settled = f"{cause.text}; with it right, {cause.settles} conflicts are settled"
         for cell in printed.tables():
+            held = {"mean": cell.mean.text, "SD": cell.sd.text if cell.sd else "", "stars": cell.stars or "none"}
             for name, right in cause.cells.get(cell.key, {}).items():
-                text = cell.mean.text if name == "mean" else cell.sd.text if cell.sd else ""
-                wrong[cell.where, cell.task, cell.subject, name] = text, right, settled
-                rows.setdefault((cell.task, f"row of {cell.presented}"), []).append(f"{right} for {text}")
+                wrong[cell.where, cell.task, cell.subject, name] = held[name], right or "none", settled
+                if name != "stars":
+                    rows.setdefault((cell.task, f"row of {cell.presented}"), []).append(f"{right} for {held[name]}")
         for task in printed.task:
             if task.id in cause.tasks:
                 number = getattr(task, cause.quantity)
@@ -92,7 +93,7 @@ def accused(lines: Iterable[Line], printed: Published, causes: Sequence[Cause]) 
         place = line.where, line.task, line.subject, line.quantity
         if place in wrong:
             text, right, reason = wrong[place]
-            value = Printed(right).value
+            value = None if line.quantity == "stars" else Printed(right).value
             yield replace(line, printed=text, recomputed=right, low=value, high=value, verdict="differs", reason=reason)
         elif line.quantity == "row" and line.verdict not in CONFLICTS and (line.task, line.subject) in rows:
             with_ = f"with {' and '.join(rows[line.task, line.subject])}"
@@ -197,25 +198,22 @@ def _possible(published: Published, evidence: FromPrint, conflicts: frozenset[Pl
             or (cell.presented == cell.answered and (cell.task, cell.presented) in subjects)
         }
         yield from _swapped(rows, doubtful)
-        digits = [max((_decimals(one) for one in held if one), default=2) for held in _columns(rows)]
         for row in rows.values():
             for cell in row:
                 if cell.key in doubtful and evidence.misreading(cell) is None:
                     left = left_by(published, row, cell.key) if table.complete else None
-                    yield from _values(published, cell, left, digits)
+                    others = [one for other in rows.values() for one in other if one is not cell]
+                    yield from _values(published, cell, left, others)
     for block in published.score:
         for cell in published.cells_of(block):
             if (cell.task, cell.subject) in subjects and evidence.misreading(cell) is None:
-                yield from _values(published, cell, None, [_decimals(cell.mean), _decimals(cell.sd or cell.mean)])
+                yield from _values(published, cell, None, ())
 
 
-def _columns(rows: Mapping[str, Sequence[PrintedCell]]) -> tuple[list[Printed | None], list[Printed | None]]:
-    cells = [cell for row in rows.values() for cell in row]
-    return [cell.mean for cell in cells], [cell.sd for cell in cells]
-
-
-def _decimals(printed: Printed) -> int:
-    return len(printed.text.rstrip("%").partition("e")[0].partition(".")[2])
+def _decimals(own: Printed, others: Iterable[Printed | None]) -> int:
+    """Return with how many decimals a number should be printed: as the others are, for its own point may be wrong."""
+    texts = [one.text for one in others if one] or [own.text]
+    return max(len(text.rstrip("%").partition("e")[0].partition(".")[2]) + 2 * text.endswith("%") for text in texts)
 
 
 def _swapped(rows: Mapping[str, Sequence[PrintedCell]], doubtful: set[Key]) -> Iterator[Cause]:
@@ -223,28 +221,33 @@ def _swapped(rows: Mapping[str, Sequence[PrintedCell]], doubtful: set[Key]) -> I
         above, below = ({cell.answered: cell for cell in rows[name]} for name in (one, other))
         if set(above) == set(below) and {cell.key for cell in (*rows[one], *rows[other])} & doubtful:
             pairs = [(above[name], below[name]) for name in above]
-            yield Cause(f"the rows of {one} and {other} are swapped", 0.01, _exchanged(pairs))
+            yield from _exchanges(f"the rows of {one} and {other} are swapped", 0.01, pairs)
     cells = [cell for row in rows.values() for cell in row]
     for first, second in combinations(cells, 2):
         near = first.presented == second.presented or first.answered == second.answered
         if near and {first.key, second.key} & doubtful and first.mean.text != second.mean.text:
             names = f"{first.subject} and {second.subject}"
-            yield Cause(f"the cells {names} are swapped", 0.02, _exchanged([(first, second)]))
+            yield from _exchanges(f"the cells {names} are swapped", 0.02, [(first, second)])
 
 
-def _exchanged(pairs: Iterable[tuple[PrintedCell, PrintedCell]]) -> dict[Key, dict[str, str]]:
-    changes: dict[Key, dict[str, str]] = {}
+def _exchanges(text: str, by_chance: float, pairs: Sequence[tuple[PrintedCell, PrintedCell]]) -> Iterator[Cause]:
+    """Yield the exchange of cells without their stars, and with them where these differ."""
+    numbers: dict[Key, dict[str, str]] = {}
+    stars: dict[Key, dict[str, str]] = {}
     for pair in pairs:
         for cell, other in (pair, pair[::-1]):
             sd = {"SD": other.sd.text} if other.sd and cell.sd and other.sd.text != cell.sd.text else {}
             mean = {"mean": other.mean.text} if other.mean.text != cell.mean.text else {}
-            if mean or sd:
-                changes[cell.key] = {**mean, **sd}
-    return changes
+            moved = {"stars": other.stars or ""} if (other.stars or "") != (cell.stars or "") else {}
+            numbers |= {cell.key: {**mean, **sd}} if mean or sd else {}
+            stars |= {cell.key: {**mean, **sd, **moved}} if mean or sd or moved else {}
+    yield Cause(text, by_chance, numbers)
+    if stars != numbers:
+        yield Cause(f"{text}, and their stars with them", by_chance, stars)
 
 
 def _values(
-    published: Published, cell: PrintedCell, left: Interval | None, digits: Sequence[int]
+    published: Published, cell: PrintedCell, left: Interval | None, others: Sequence[PrintedCell]
 ) -> Iterator[Cause]:  # fmt: skip
     """Yield other means and SDs of a cell: those that its test, and what its row has `left`, leave open."""
     tests, task = published.tests_by_key.get(cell.key, ()), published.task_named(cell.task)
@@ -262,20 +265,27 @@ def _values(
             size = sorted(abs(float(end)) for end in (t.low, t.high))
             if size[0] > 0:
                 sds.append(outward(gap[0] * root / size[1], gap[1] * root / size[0]))
-    for name, spans, old, places in (("mean", means, cell.mean, digits[0]), ("SD", sds, cell.sd, digits[1])):
+    held: tuple[tuple[str, list[Interval], Printed | None, Iterable[Printed | None]], ...] = (
+        ("mean", means, cell.mean, (one.mean for one in others)),
+        ("SD", sds, cell.sd, (one.sd for one in others)),
+    )
+    for name, spans, old, beside in held:
         if old is not None:
-            for text in dict.fromkeys(text for span in spans for text in _texts(span, places)):
+            places, percent = _decimals(old, beside), old.text.endswith("%")
+            for text in dict.fromkeys(text for span in spans for text in _texts(span, places, percent=percent)):
                 if Printed(text).exact != old.exact:
                     kind, by_chance = _kind(name, old, Printed(text), cell, task.participants if task else 0)
                     yield Cause(told(f"{kind}: {text} would stand", by_chance % 1), by_chance, {cell.key: {name: text}})
 
 
-def _texts(span: Interval, places: int) -> list[str]:
+def _texts(span: Interval, places: int, *, percent: bool) -> list[str]:
     """Return the numbers with so many decimals in the interval, or next to its ends; none where there are too many."""
     unit = Fraction(1, 10**places)
     low, high = math.floor(Fraction(span.low) / unit), math.ceil(Fraction(span.high) / unit)
     if high - low > MOST_VALUES or low < 0:
         return []
+    if percent:
+        return [f"{float(100 * step * unit):.{max(places - 2, 0)}f}%" for step in range(low, high + 1)]
     return [f"{float(step * unit):.{places}f}" for step in range(low, high + 1)]
 
 
@@ -343,5 +353,6 @@ def _block(block: PrintedTable | PrintedScores, cells: Mapping[Key, Mapping[str,
     changed = []
     for cell in block.cells:
         parts = cells.get((block.task, cell.presented, cell.answered), {})
-        changed.append(cell.model_copy(update={name.lower(): Printed(text) for name, text in parts.items()}))
+        update = {name.lower(): text if name == "stars" else Printed(text) for name, text in parts.items()}
+        changed.append(cell.model_copy(update=update))
     return block.model_copy(update={"cells": tuple(changed)})

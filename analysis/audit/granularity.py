@@ -215,7 +215,7 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
     left of `MOST_COLUMNS`.
 
     Raises:
-        Undecided: when there are too many ways, HiGHS gives no answer, or no work is left.
+        Undecided: when there are too many ways, the search gives no answer, or no work is left.
     """
     answers = range(len(cells))
     columns = {
@@ -252,7 +252,7 @@ def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int, work:
     Each of `n` participants has `trials`; `missing` of all these are without an answer.
 
     Raises:
-        Undecided: when there are too many ways, HiGHS gives no answer, or no `work` is left.
+        Undecided: when there are too many ways, the search gives no answer, or no `work` is left.
     """
     ways = _ways(trials, len(columns), some_missing=missing > 0)
     for sums in _sums(columns, n * trials - missing):
@@ -332,10 +332,10 @@ def _programme(
     if result.status == 2:
         return None
     if result.x is None:
-        raise Undecided(f"HiGHS gives no answer ({result.message})")
+        raise Undecided("the search for whole counts was broken off before it found some or showed that there are none")
     counts = np.repeat(ways, np.rint(result.x).astype(np.int64), axis=0)
     right = len(counts) == n and tuple(counts.sum(axis=0)) == tuple(sums)
     spread = [int(value) for value in (counts**2).sum(axis=0)]
     if not (right and all(one.holds(Fraction(value)) for one, value in zip(squares, spread, strict=True))):
-        raise Undecided("HiGHS found counts that do not give the row")
+        raise Undecided("the search for whole counts met its rounding error, and found none that give the row")
     return counts

@@ -181,26 +181,31 @@ FEW = 50
 """Values up to which a slip is compared with each of them, and beyond with the interval around them all."""
 
 
-def slip_of(printed: Printed, values: Sequence[Interval], *, squares: bool = False) -> str:
-    """Return the slip of a digit or of the point by which one of `values` becomes the printed number; or nothing."""
+def slip_of(printed: Printed, values: Sequence[Interval], *, squares: bool = False, explained: bool = False) -> str:
+    """Return the slips of the point or of a digit by which one of `values` becomes the printed number; or nothing.
+
+    Where the point or something else (`explained`) gives the number, two digits that are swapped are told and one that
+    is wrong is not, for that gives most.
+    """
+    found: list[str] = []
     for power in (-1, 1, -2, 2):
         factor = Fraction(10) ** (power * (1 + squares))
         moved = Mistake(TENFOLD, tuple(value.times(factor) for value in values), squares)
-        if moved.gives(printed):
-            return told(TENFOLD, moved.by_chance(printed))
+        if moved.gives(printed) and not found:
+            found.append(told(TENFOLD, moved.by_chance(printed)))
     if len(values) > FEW:
         values = [hull(values)]
-    found: dict[str, list[str]] = {}
+    fitting: dict[str, list[str]] = {}
     tried: Counter[str] = Counter()
     for slip, text in slips(printed.text):
         tried[slip] += 1
-        if judge(Printed(text), values, squares=squares)[0] in AGREES:
-            found.setdefault(slip, []).append(text)
+        if (slip == SWAPPED or not (found or explained)) and judge(Printed(text), values, squares=squares)[0] in AGREES:
+            fitting.setdefault(slip, []).append(text)
     digits = len(_places(printed.text))
-    for slip, texts in found.items():
+    for slip, texts in [*fitting.items()][:1]:
         by_chance = len(texts) * tried[slip] / 10 ** max(digits, 1)
-        return told(f"{slip}: {' or '.join(texts[:3])} would stand", by_chance)
-    return ""
+        found.append(told(f"{slip}: {' or '.join(texts[:3])} would stand", by_chance))
+    return "; or ".join(found)
 
 
 def of_mean(means: Sequence[Interval], n: int, sizes: Iterable[int]) -> Iterator[Mistake]:
@@ -409,10 +414,11 @@ class Citation:
             text = " to ".join(dict.fromkeys(_above_zero(part) for part in text.split(" to ")))
         reason = ""
         if verdict == "differs":
-            explained = "" if why is None else explain(printed, why) or slip_of(printed, values, squares=squares)
-            verdict, reason = otherwise[0], explained or otherwise[1]
-        found = text + remark
-        return Line(self.where, self.task, self.subject, quantity, printed.text, found, low, high, verdict, reason)
+            found = "" if why is None else explain(printed, why)
+            slip = "" if why is None else slip_of(printed, values, squares=squares, explained=bool(found))
+            verdict, reason = otherwise[0], "; or ".join(filter(None, (found, slip))) or otherwise[1]
+        recomputed = text + remark
+        return Line(self.where, self.task, self.subject, quantity, printed.text, recomputed, low, high, verdict, reason)
 
     def text(
         self, quantity: str, printed: str, found: str, verdict: Verdict, reason: str = "", value: float | None = None

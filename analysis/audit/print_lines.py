@@ -26,7 +26,7 @@ from analysis.audit.causes import CONFLICTS
 from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
 from analysis.audit.granularity import MOST_COLUMNS, Row, Undecided, Work, examine
-from analysis.audit.mistakes import AGREES, TENFOLD, Citation, Line, Mistake, Verdict, judge, of_any_f, slips
+from analysis.audit.mistakes import AGREES, SWAPPED, TENFOLD, Citation, Line, Mistake, Verdict, judge, of_any_f, slips
 from analysis.audit.recomputed import effect, p_of_f, quotient
 from analysis.documents.tables import plural
 from analysis.published.numbers import (
@@ -238,7 +238,29 @@ UNDECIDED: Verdict = "cannot be decided"
 def print_lines(published: Published) -> tuple[Line, ...]:
     """Return every line of a study whose printed numbers are compared with one another."""
     right, evidence, found = causes.find(published, read_print(published))
-    return tuple(causes.accused(_lines(right, evidence), published, found))
+    return tuple(_unanswered(list(causes.accused(_lines(right, evidence), published, found))))
+
+
+SEVERAL = 3
+"""Means of one table that fit no whole counts from which on they are not told as one mistake each (ours)."""
+
+UNANSWERED = (
+    "it is one of {} such means of its table: ratios of the answered trials alone look so, and need `trials` to be "
+    "left out"
+)
+
+
+def _unanswered(lines: Sequence[Line]) -> Iterator[Line]:
+    """Yield the lines with what explains several means of a table that fit no whole counts."""
+    often = Counter((line.where, line.task) for line in lines if _fits_no_counts(line))
+    for line in lines:
+        many = often[line.where, line.task]
+        told = many >= SEVERAL and _fits_no_counts(line)
+        yield replace(line, reason=f"{line.reason}; {UNANSWERED.format(many)}") if told else line
+
+
+def _fits_no_counts(line: Line) -> bool:
+    return line.quantity == "mean" and line.verdict == "impossible"
 
 
 def _lines(published: Published, evidence: FromPrint) -> tuple[Line, ...]:
@@ -327,13 +349,13 @@ def _slip_in(published: Published, cells: Sequence[PrintedCell], index: int) -> 
     if left is None:
         return ""
     printed = cells[index].mean
-    for power in (-1, 1, 2):
-        if left.times(Fraction(10) ** power).meets(printed.rounded) and printed.exact:
-            return f" ({TENFOLD})"
-    for slip, text in slips(printed.text):
-        if left.meets(Printed(text).rounded):
-            return f" ({slip}: {text} would stand)"
-    return ""
+    moved = [left.times(Fraction(10) ** power) for power in (-1, 1, 2)]
+    found = [TENFOLD] if printed.exact and any(one.meets(printed.rounded) for one in moved) else []
+    fitting = [(slip, text) for slip, text in slips(printed.text) if left.meets(Printed(text).rounded)]
+    for slip, text in fitting[:1]:
+        if not found or slip == SWAPPED:
+            found.append(f"{slip}: {text} would stand")
+    return f" ({'; or '.join(found)})" if found else ""
 
 
 def _choices(choices: PrintedChoices) -> Iterator[Line]:

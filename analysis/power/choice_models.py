@@ -84,18 +84,18 @@ def find(name: str, protocol: Protocol) -> ChoiceModel:
     )
 
 
-def guessing(protocol: Protocol) -> ChoiceModel:
-    """Return the model in which everybody guesses: answers are correct at chance, and there is no spread."""
+def guessing(protocol: Protocol, model: ChoiceModel) -> ChoiceModel:
+    """Return the control: answers are correct at chance on average, and participants differ as much as in `model`."""
     count = len(protocol.materials)
     tasks = []
-    for task in protocol.tasks:
+    for task, own in zip(protocol.tasks, model.tasks, strict=True):
         planned = (test.chance for test in protocol.analysis if task.id in test.tasks and test.chance is not None)
         chance = next(planned, 1 / count)
         shares = np.full((count, count + 1), (1 - chance) / (count - 1))
         shares[:, -1] = 0.0
         np.fill_diagonal(shares, chance)
-        tasks.append(Answers(task.id, shares, np.zeros(count)))
-    return ChoiceModel("guessing: no participant can tell the materials apart", tuple(tasks))
+        tasks.append(Answers(task.id, shares, own.spread))
+    return ChoiceModel("guessing on average, with the same spread among participants", tuple(tasks))
 
 
 def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:

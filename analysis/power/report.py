@@ -19,7 +19,7 @@ from analysis.documents.tables import WIDTH, Section, Table, number
 from analysis.documents.tables import text as in_terminal
 from analysis.power.comparisons import PairModel
 from analysis.power.planned_tests import ADJUSTED, Question
-from analysis.power.simulate import Kind, Power, Row, software
+from analysis.power.simulate import Kind, Needed, Power, Row, software
 
 ABOUT_POWER = (
     "Power is the share of SIMULATED studies in which the two-tailed P lies below alpha. A study whose values define "
@@ -30,15 +30,19 @@ IN_BRACKETS = (
     "uncertainty of the choice model."
 )
 ABOUT_GUESSING = (
-    "The same studies when everybody guesses: each answer is equally likely, and all participants are alike. Every "
-    "null hypothesis then holds, and the share with P below alpha is the type I error. It exceeds alpha for a pair "
-    "that is chosen after looking at the answers, and the ratios of one presented material are not independent values."
+    "The same studies when answers are right as often as by guessing, on average, while participants differ as much as "
+    "in the model. Every null hypothesis then holds, and the share with P below alpha is the type I error. It exceeds "
+    "alpha for t where ratios are far from normal, for a pair that is chosen after looking at the answers, and where "
+    "the ratios of one presented material, which are not independent values, are compared."
 )
 
 ABOUT_ALIKE = (
     "The same studies when materials are alike and being first adds nothing on average, while participants differ as "
     "much as in the model. Every null hypothesis then holds, and the share with P below alpha is the type I error."
 )
+
+
+T = "t against chance"
 
 
 def sections(result: Power) -> tuple[Section, ...]:
@@ -120,7 +124,7 @@ def _needed(result: Power) -> Section:
         if question.alpha is None or at is None or control is None:
             continue
         needed = result.needed(question)
-        size = f"{_size(needed.likely)} ({_size(needed.earliest)} to {_size(needed.surely)})"
+        size = _wanted(needed, result.participants[-1])
         counted += [at, control]
         names = title(question), subject(question)
         rows.append((*names, f"{question.alpha:g}", _shown(at), _shown(control), size))
@@ -134,8 +138,8 @@ def _needed(result: Power) -> Section:
     notes = (
         f"Power and type I error are those at n = {plan}, alpha {alphas}. n for {result.target:g} is the smallest of "
         f"the numbers tried ({_listed(result.participants)}) from which on the power is at least {result.target:g}; in "
-        "brackets stands the same for the upper and the lower limit of its Monte Carlo error. A dash means that no "
-        "number tried suffices.",
+        "brackets stand the smallest that may suffice, tried or not, and the smallest tried that does, by its Monte "
+        "Carlo error.",
     )
     wanted = f"n for {result.target:g}"
     left = frozenset({0, 1})
@@ -143,7 +147,28 @@ def _needed(result: Power) -> Section:
     table = Table("", ("test", "of", "alpha", "power", "type I error", wanted), tuple(rows), left=left, notes=of_all)
     of_brief = (*notes, *_error(counted))
     short = Table("", ("test", "of", "power", "type I", wanted), tuple(brief), left=left, notes=of_brief)
-    return Section("needed", "Participants needed", (), (table,), tuple(records), (short,))
+    return Section("needed", "Participants needed", _ceiling(result, plan), (table,), tuple(records), (short,))
+
+
+OFTEN = 0.05
+"""Share of studies without a t from which on it is told before the tables (ours)."""
+
+
+def _ceiling(result: Power, plan: int) -> tuple[str, ...]:
+    """Return a sentence on the t-tests that are often not defined, because all participants give the same ratio."""
+    often = []
+    for question in result.questions:
+        row = result.row(question, plan)
+        if question.test == T and not question.adjusted and row and _reason(result, row) == "no variance":
+            share = row.tally.undefined / row.tally.studies
+            often += [f"{subject(question)}, {question.tasks[0]} {100 * share:.0f} %"] * (share > OFTEN)
+    if not often:
+        return ()
+    return (
+        f"At n = {plan} participants all give the same ratio in this share of the studies, as at ceiling: "
+        f"{'; '.join(often)}. They define no t, which then finds nothing, however many take part. Sign flips have a P "
+        "there too: plan with them.",
+    )
 
 
 def _by_size(result: Power, kind: Kind, slug: str, name: str, about: str) -> Section:
@@ -283,8 +308,12 @@ def _shown(row: Row | None) -> str:
     return f"{row.power:.3f} ({row.interval[0]:.3f}-{row.interval[1]:.3f})"
 
 
-def _size(size: int | None) -> str:
-    return "-" if size is None else str(size)
+def _wanted(needed: Needed, most: int) -> str:
+    """Return the size that a power needs, with the sizes between which it lies."""
+    beyond = f"more than {most}"
+    if needed.earliest is None:
+        return beyond
+    return f"{needed.likely or beyond} ({needed.earliest} to {needed.surely or beyond})"
 
 
 def _sizes(result: Power, size: int) -> str:

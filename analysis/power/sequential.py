@@ -290,8 +290,11 @@ def section(result: Sequential) -> Section:
               *(("for none",) if result.rule == "bayes" else ()))  # fmt: skip
     note = "n is the number of participants on average. In brackets is Wilson's 95 % interval, the Monte Carlo error."
     same = "Where all participants give the same ratio t is not defined, and nothing is found; sign flips have a P."
+    fewest = next(people for people in range(3, MOST) if log_bayes_factor(0.0, people) <= -math.log(EVIDENCE))
     bayes = (
         "A Bayes factor is no test: its type I error is what it is, and depends on the looks.",
+        f"So much evidence for none takes {fewest} participants or more: "
+        f"{f'looks before {fewest}' if result.looks[-1] >= fewest else 'these looks'} cannot stop for none.",
     ) * (result.rule == "bayes")  # fmt: skip
     return Section("looks", "Design with looks", paragraphs,
                    (Table("", header, tuple(rows), notes=(note, same, *bayes)),), tuple(records))  # fmt: skip

@@ -105,7 +105,8 @@ class Row:
 class Needed:
     """The smallest of the sizes tried from which on a question's power reaches the target; None where none does.
 
-    `likely` judges by the estimate, `earliest` by its upper Monte Carlo limit, and `surely` by the lower one.
+    `likely` judges by the estimate and `surely` by its lower Monte Carlo limit. `earliest` is one more than the largest
+    size tried before the one at which the upper limit does: sizes between the two were not tried, and may suffice.
     """
 
     likely: int | None
@@ -151,7 +152,9 @@ class Power:
         low = {row.participants: row.interval[0] for row in rows if row.interval}
         high = {row.participants: row.interval[1] for row in rows if row.interval}
         likely = {row.participants: row.power for row in rows if row.power is not None}
-        return Needed(*(_reached(values, self.target) for values in (likely, high, low)))
+        likely_at, high_at, low_at = (_reached(values, self.target) for values in (likely, high, low))
+        below = [size for size in high if high_at is not None and size < high_at]
+        return Needed(likely_at, None if high_at is None else max(below, default=0) + 1, low_at)
 
 
 Runner = Callable[
@@ -182,7 +185,7 @@ def run(
     """
     sizes = tuple(sorted(set(participants)))
     _check(sizes, studies, planned)
-    control = comparisons.alike(model) if isinstance(model, PairModel) else guessing(protocol)
+    control = comparisons.alike(model) if isinstance(model, PairModel) else guessing(protocol, model)
     chunks = list(_chunks(planned, {"model": model, "guessing": control}, sizes, studies, seed))
     total(len(chunks))
     done: dict[int, dict[Question, Tally]] = {}

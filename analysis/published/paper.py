@@ -44,11 +44,12 @@ class Stated:
     """What a paper says outside of its tables.
 
     `participants` holds one number for all confusion tables, or one for each in their order; `trials` are those behind
-    each ratio of each participant.
+    each ratio of each participant. `chance` is what the t-tests of the materials are against.
     """
 
     participants: tuple[int, ...] = ()
     trials: int | None = None
+    chance: str | None = None
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ def read(path: Path, stated: Stated) -> Paper:
             confusions += _add(document, grid, stated, confusions)
         except _Unknown as reason:
             passed.append(f"{grid.name} was passed over: {reason}.")
+    passed += _tied(document, stated.chance)
     if not any(key in document for key in ("table", "t", "anova")):
         told = f"; {' '.join(passed)}" if passed else ""
         raise PublishedError(
@@ -220,6 +222,32 @@ def _with_percent(cells: Sequence[dict[str, str]], *, all_of_them: bool) -> list
         told: dict[str, str] = {key: f"{cell[key].rstrip(' %')}%" for key in ("mean", "sd") if key in cell and both}
         signed.append({**cell, **told})
     return signed
+
+
+def _tied(document: dict[str, Any], chance: str | None) -> list[str]:
+    """Hold each t-test of a material against the confusion table with its participants; return why others are not.
+
+    Of several such tables the one in the place of the t-tests' is taken, where there are as many of them.
+    """
+    tables = [(table["task"], {cell["presented"] for cell in table["cells"]}) for table in document.get("table", ())]
+    people = {task["id"]: task["participants"] for task in document.get("task", ())}
+    blocks, passed = document.get("t", ()), []
+    for number, block in enumerate(blocks):
+        for test in block["tests"]:
+            fitting = [id_ for id_, names in tables if people[id_] == test["df"] + 1 and test["of"] in names]
+            fitting = fitting[number : number + 1] if len(fitting) == len(blocks) else fitting
+            if len(fitting) == 1 and chance:
+                test["task"] = fitting[0]
+                del test["null"]
+            elif fitting:
+                why = "several have its participants" if chance else "what it is against is not known; give --chance"
+                passed.append(f"{block['where']}, {test['of']}: t was not held against a confusion table: {why}.")
+    if chance:
+        document["chance"] = chance
+    used = {test["task"] for block in blocks for test in block["tests"]} | {id_ for id_, _ in tables}
+    if people:
+        document["task"] = tuple(task for task in document["task"] if task["id"] in used)
+    return passed
 
 
 def _numbers(row: Sequence[str], known: dict[str, int]) -> dict[str, str]:

@@ -104,6 +104,10 @@ def audit(
             "--trials", min=1, max=10_000, help="The same: trials of a participant with a material, if known and equal."
         ),
     ] = None,
+    chance: Annotated[
+        str | None,
+        typer.Option("--chance", help="The same: what t-tests of materials are against, such as 1/4 or 0.25."),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Check whether printed numbers agree with one another or a dataset.
@@ -121,7 +125,7 @@ def audit(
 
     _believe(Path(target))
     people = tuple(_sizes(participants, PublishedError)) if participants else ()
-    stated = Stated(people, trials) if people or trials else None
+    stated = Stated(people, trials, chance) if people or trials or chance else None
     result = audits.audit(target, against, stated)
     if as_json:
         options.put(result.as_dict())
@@ -179,9 +183,10 @@ def power(
     """Estimate how many participants a study needs.
 
     Whole studies are simulated from a choice model, and each is tested as the protocol plans. The result is the power
-    by number of participants, with its Monte Carlo error, and the type I error when everybody guesses. The same seed
-    gives the same result on any number of cores or machines. With --looks the answers are looked at more than once, and
-    power, type I error and the participants on average are those of stopping early.
+    by number of participants, with its Monte Carlo error, and the type I error where answers are right as often as by
+    guessing while participants differ as much. The same seed gives the same result on any number of cores or machines.
+    With --looks the answers are looked at more than once, and power, type I error and the participants on average are
+    those of stopping early.
     """
     from analysis import published
     from analysis.documents import output

@@ -80,6 +80,55 @@ def test_swapped_rows_are_named_and_no_test_is_accused(made: dict[str, Any]) -> 
     assert all("the rows of glass and sand are swapped" in line.reason for line in accused)
 
 
+def test_swapped_rows_whose_stars_went_with_them_are_named(made: dict[str, Any]) -> None:
+    cells = made["table"][0]["cells"]
+    new = {k: {part: cells[(k + 3) % 6].get(part, "") for part in ("mean", "sd", "stars")} for k in range(6)}
+    accused = _accused(_with(made, new))
+    assert {line.quantity for line in accused} == {"mean", "SD", "stars"}
+    assert all("glass and sand are swapped, and their stars with them" in line.reason for line in accused)
+
+
+def test_an_sd_off_by_ten_beside_right_answers_alone_leaves_the_mean_alone(made: dict[str, Any]) -> None:
+    """No row adds up here, and the moved point gives the SD a digit more than its column has."""
+    moved = _with(made, {4: {"sd": f"{float(made['table'][0]['cells'][4]['sd']) / 10:.4f}"}})
+    tables = [{**t, "complete": False, "cells": tuple(t["cells"][k] for k in (0, 4, 8))} for t in moved["table"]]
+    (line,) = _accused({**moved, "table": tuple(tables)})
+    assert (line.quantity, line.subject) == ("SD", "sand -> sand")
+    assert "it is off by a power of ten" in line.reason
+
+
+def test_two_digits_of_a_percentage_are_told_as_swapped(made: dict[str, Any]) -> None:
+    tables = [
+        {
+            **t,
+            "cells": tuple(
+                {**c, **{part: f"{100 * float(c[part]):.1f}%" for part in ("mean", "sd")}} for c in t["cells"]
+            ),
+        }
+        for t in made["table"]
+    ]
+    right = tables[0]["cells"][4]["mean"]
+    (line,) = _accused(_with({**made, "table": tuple(tables)}, {4: {"mean": right[1] + right[0] + right[2:]}}))
+    assert line.recomputed == right
+    assert line.reason.startswith("two digits are swapped")
+
+
+def test_means_of_answered_trials_are_not_told_as_one_mistake_each() -> None:
+    """Thirds and sevenths are no tenths."""
+    names = ("glass", "sand", "snow")
+    cells = tuple(
+        {"presented": a, "answered": a, "mean": mean}
+        for a, mean in zip(names, ("0.333", "0.429", "0.714"), strict=True)
+    )
+    task = {"id": "one", "participants": 2, "trials": 10}
+    table = {"where": "Table", "task": "one", "complete": False, "cells": cells}
+    accused = _accused({"study": "made", "source": "Nobody", "task": (task,), "table": (table,)})
+    assert len(accused) == 3
+    assert all(
+        "one of 3 such means of its table: ratios of the answered trials alone" in line.reason for line in accused
+    )
+
+
 @pytest.mark.parametrize(("key", "by"), [("participants", 1), ("trials", 1)])
 def test_a_wrong_number_of_participants_or_trials_is_accused_alone(made: dict[str, Any], key: str, by: int) -> None:
     wrong = tuple({**task, key: task[key] + by} for task in made["task"][:1])

@@ -193,6 +193,15 @@ def test_slips_of_a_digit_or_the_point_are_named(printed: str, value: str, reaso
     assert mistakes.slip_of(Printed(printed), [point(Fraction(value))]) == reason
 
 
+def test_a_moved_point_is_named_beside_what_else_gives_the_number() -> None:
+    reason = mistakes.slip_of(Printed("0.70"), [point(Fraction("0.07"))])
+    assert reason.startswith("it is off by a power of ten; or two digits are swapped: 0.07 would stand")
+    cited = mistakes.Citation("Text", "one", "glass", "cannot be decided")
+    why = [mistakes.Mistake("it is one-tailed", (point(Fraction("0.00423")),))]
+    line = cited.number("P", Printed("0.00423"), [point(Fraction("0.0423"))], why)
+    assert line.reason == "it is one-tailed; or it is off by a power of ten"
+
+
 def test_a_slip_that_a_random_number_would_have_says_so() -> None:
     """Of two digits: 18 of 100 numbers are one digit off, by counting."""
     reason = mistakes.slip_of(Printed("0.71"), [point(Fraction("0.79"))])

@@ -116,7 +116,7 @@ def test_power_of_tiny_designs_is_that_of_every_outcome_counted(
     study = protocol(t_test(0.5, alpha), materials=2, repetitions=trials, people=(people,))
     result = run(study, two_answers(p, spread), participants=(people,), studies=40_000, seed=11)
     for kind, at in (("model", p), ("guessing", 0.5)):
-        significant, undefined = exact_power(people, trials, at, spread * (kind == "model"), Fraction(1, 2), alpha)
+        significant, undefined = exact_power(people, trials, at, spread, Fraction(1, 2), alpha)
         for question in result.questions[:2]:
             row = result.row(question, people, kind)  # type: ignore[arg-type]
             assert row is not None
@@ -227,7 +227,9 @@ def test_participants_who_are_all_the_same_are_counted() -> None:
     # Where everybody is always right, sign flips have P = 2 / 2^n: 0.031 of six participants, 0.125 of four.
     flipped = [row for row in result.rows if row.kind == "model" and FLIPS in row.question.subject]
     assert {row.question.tasks: row.power for row in flipped} == {("virtual",): 1.0, ("real",): 0.0}
-    assert "no variance" in report.text(result)
+    shown = " ".join(report.text(result).split())
+    assert "no variance" in shown
+    assert "all give the same ratio in this share of the studies, as at ceiling: copy paper, virtual 100 %;" in shown
     assert result.row(result.questions[0], 6).quantiles is None  # type: ignore[union-attr]
 
 
@@ -240,9 +242,12 @@ def test_the_smallest_number_is_stated_with_its_uncertainty() -> None:
     rows = tuple(replace(row, participants=n, tally=replace(row.tally, significant=k)) for n, k in shares.items())
     needed = replace(result, rows=rows, participants=tuple(shares)).needed(question)
     # Wilson's limits of 70, 81, 85 and 95 of 100: 0.604 to 0.781, 0.722 to 0.875, 0.767 to 0.907, 0.888 to 0.978.
-    assert (needed.earliest, needed.likely, needed.surely) == (10, 10, 14)
-    never = replace(result, rows=rows[:1], participants=(4,)).needed(question)
-    assert (never.earliest, never.likely, never.surely) == (4, None, None)
+    # Nine participants were not tried, and may suffice.
+    assert (needed.earliest, needed.likely, needed.surely) == (9, 10, 14)
+    control = [replace(r, participants=4) for r in result.rows if r.question == question and r.kind == "guessing"]
+    never = replace(result, rows=(*rows[:1], *control), participants=(4,))
+    assert never.needed(question) == simulate.Needed(None, 1, None)
+    assert "more than 4 (1 to more than 4)" in " ".join(report.text(never).split())
 
 
 @pytest.mark.parametrize(

@@ -76,6 +76,26 @@ def test_an_audit_of_a_page_finds_what_stands_in_it(tmp_path: Path) -> None:
     }
 
 
+@pytest.mark.parametrize(("t", "verdict"), [("7.75", "agrees"), ("5.77", "differs")])
+def test_t_of_a_material_is_held_against_its_mean(tmp_path: Path, t: str, verdict: str) -> None:
+    """(0.7 - 0.5) / (0.1 / sqrt(15)) is 7.746, and the digits of the mean and the SD leave 5.6 no room (by hand)."""
+    rows = ["Table 1", ",a,b", "a,0.700 (0.100),0.300 (0.100)", "b,0.100 (0.050),0.900 (0.050)", ""]
+    file = tmp_path / "p.csv"
+    file.write_text("\n".join([*rows, "name,t,df", f"a,{t},14", "c,2.00,14", ""]), encoding="utf-8")
+    found = paper.read(file, Stated((15,), None, "1/2"))
+    assert [(one.task, one.material, str(one.null)) for one in found.printed.tests] == [
+        ("task 1", "a", "1/2"),
+        ("14 df", "c", "0"),
+    ]
+    lines = audit(str(file), stated=Stated((15,), None, "1/2")).comparison.lines
+    assert [one.verdict for one in lines if one.quantity.startswith("t") and one.subject == "a"] == [verdict]
+    assert found.passed_over == ()
+    (said,) = paper.read(file, Stated((15,))).passed_over
+    assert (
+        said == "table 2, a: t was not held against a confusion table: what it is against is not known; give --chance."
+    )
+
+
 def test_a_confusion_table_without_its_participants_is_passed_over(tmp_path: Path) -> None:
     found = _read(tmp_path, PAGE, Stated())
     assert found.printed.table == ()
