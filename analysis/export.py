@@ -49,7 +49,7 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("delivery_error_s", "measured onset of the stimulus at the panel minus the onset asked for", "seconds"),
         ("gate_to_scheduled_s", "arrival of the frame that gave the gate to the onset first scheduled", "seconds"),
         ("stimulus_error", "rms of the difference of what was handed to the actuator from what was asked for", "share"),
-        ("left_out", "rms of the frequencies that no output of the rig carries", "share of the rms asked for"),
+        ("left_out", "rms of what the rig did not carry", "share of the rms asked for"),
         ("dissimilarity_m_s2", "equation (6) between what was handed to the actuator and what was asked for", "m/s^2"),
         ("dead_time_s", "confirmed answer to the trial before to this attempt armed", "seconds"),
         ("first_task", "the task that the participant did first", "text"),

@@ -348,7 +348,8 @@ def _times(axes: Axes, label: str, *, ticks: int = 12) -> None:
 
 CAUSES = {
     "rate": "output rate",
-    "band": "band of the response table",
+    "below": "below the response table",
+    "above": "above the response table",
     "held_back": "gain limit, highest level",
     "taken_down": "limits of panel and amplifier",
     "table": "steps of the response table",

@@ -15,14 +15,18 @@ LITTLE = 5e-6
 """Shares below are shown as less than 0.001 %."""
 
 
+ABOUT = (
+    "What the actuator was handed is held against what equations (1) to (5) ask for, in every attempt of the "
+    "participants analysed; error and left out are medians, in percent of the rms asked for."
+)
+
+
 def played_sections(study: Study) -> tuple[Section, ...]:
     """Return the section, or none where no stimulus of a rig is on record with its error.
 
     It is about every attempt of the participants analysed: what was done again was felt as well.
     """
-    attempts = study.attempts
-    used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
-    known = used[used["stimulus_error"].notna()]
+    known = _known(study)
     if known.empty:
         return ()
     groups = [
@@ -43,26 +47,29 @@ def played_sections(study: Study) -> tuple[Section, ...]:
         Section(
             "played",
             "What was played",
-            (_worst(known),),
+            (ABOUT, *(left_out(study) or ("The rig carried all that was asked for.",))),
             (table,),
             tuple(_record(*group) for group in groups),
         ),
     )
 
 
-def _worst(known: pd.DataFrame) -> str:
-    most = known.sort_values("left_out").iloc[-1]
-    about = (
-        "What the actuator was handed is held against what equations (1) to (5) ask for, in every attempt of the "
-        "participants analysed; error and left out are medians, in percent of the rms asked for."
-    )
-    if most["left_out"] < LITTLE:
-        return f"{about} The rig carried all frequencies that were asked for."
-    at = f"{most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s"
+def left_out(study: Study) -> tuple[str, ...]:
+    """Return in a sentence what the rig left out at most of what was asked for, or nothing where that is little."""
+    known = _known(study)
+    if known.empty or (most := known.sort_values("left_out").iloc[-1])["left_out"] < LITTLE:
+        return ()
     return (
-        f"{about} The rig did not carry all frequencies that were asked for: up to {_percent(most['left_out'])} % of "
-        f"the vibration (rms) was left out, of {at}. What participants felt and answered is about what was played."
+        f"The rig did not carry all that was asked for: up to {_percent(most['left_out'])} % of a vibration (rms) was "
+        f"left out, of {most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s. What participants felt and answered "
+        "is about what was played.",
     )
+
+
+def _known(study: Study) -> pd.DataFrame:
+    attempts = study.attempts
+    used = attempts[attempts["participant"].isin(attempts.loc[attempts["included"], "participant"])]
+    return used[used["stimulus_error"].notna()]
 
 
 def _methods(known: pd.DataFrame) -> str:

@@ -45,7 +45,7 @@ from analysis.report.plan import (
     overview,
     standing,
 )
-from analysis.report.played_section import played_sections
+from analysis.report.played_section import left_out, played_sections
 from analysis.statistics.anova import Anova, Effect
 from analysis.statistics.icc import NAMES
 from analysis.statistics.inference import RESAMPLES, EffectSize
@@ -172,7 +172,7 @@ def sections(
         "": (exclusions_section(study),),
     }
     return (
-        found_section(study, results, remark, stands),
+        found_section(study, results, (*remark, *left_out(study)), stands),
         overview_section(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )

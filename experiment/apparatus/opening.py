@@ -313,7 +313,12 @@ def open_actuator(
         from experiment.apparatus.panel.pcm import PcmActuator
 
         server = PcmActuator(
-            where, rate_hz=settings.rate_hz, full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive
+            where,
+            rate_hz=settings.rate_hz,
+            full_scale=settings.full_scale,
+            limit_m_s2=limit_m_s2,
+            drive=drive,
+            carries_hz=settings.carries_hz,
         )
         server.reach()
         return server
@@ -323,7 +328,14 @@ def open_actuator(
         raise ActuatorError(
             f"rig '{rig.rig.name}': got no audio stream for its actuator; allowed: the session's; open [audio] first"
         )
-    return AudioActuator(stream, audio_of(rig), full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive)
+    return AudioActuator(
+        stream,
+        audio_of(rig),
+        full_scale=settings.full_scale,
+        limit_m_s2=limit_m_s2,
+        drive=drive,
+        carries_hz=settings.carries_hz,
+    )
 
 
 def accelerometer_of(rig: Rig) -> AccelerometerRig:

@@ -56,7 +56,8 @@ def _port_rules(table: Any) -> Iterator[Broken]:
 def _actuator_rules(table: Any) -> Iterator[Broken]:
     """`pcm-tcp` needs `address`, `audio` has none.
 
-    Either `full_scale_m_s2` or the table `shaping` is there, never both.
+    Either `full_scale_m_s2` or the table `shaping` is there, never both. `low_hz` and `high_hz` stand beside
+    `full_scale_m_s2`, both or neither, and `high_hz` is greater.
     """
     yield from _port_rules(table)
     driver, address = table.get("driver"), table.get("address")
@@ -71,6 +72,13 @@ def _actuator_rules(table: Any) -> Iterator[Broken]:
             "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts; "
             "exactly one of them",
         )
+    low, high = table.get("low_hz"), table.get("high_hz")
+    if (low, high) != (None, None) and table.get("shaping") is not None:
+        yield Broken(("low_hz",), "no low_hz and high_hz beside [actuator.shaping]: its response table has the band")
+    elif (low is None) != (high is None):
+        yield Broken(("low_hz",), "low_hz and high_hz, or neither of them")
+    elif isinstance(low, int | float) and isinstance(high, int | float) and high <= low:
+        yield Broken(("high_hz",), f"a number greater than low_hz ({low})")
 
 
 class ShapingRig(Confined):
@@ -104,6 +112,8 @@ class ActuatorRig(Confined):
         address: of the PCM server.
         rate_hz: its sampling rate.
         full_scale_m_s2: the acceleration of a sample of 1.0, for a device that takes accelerations.
+        low_hz: the lowest frequency at which such a device was measured to move the panel as it is told.
+        high_hz: the highest; without both, nobody knows what such a device leaves out.
         shaping: the measured response, for a device that takes volts.
     """
 
@@ -113,6 +123,8 @@ class ActuatorRig(Confined):
     address: Address | None = None
     rate_hz: Annotated[int, Field(ge=1000, le=192_000)]
     full_scale_m_s2: Annotated[float, Field(gt=0, le=1000)] | None = None
+    low_hz: Annotated[float, Field(ge=0)] | None = None
+    high_hz: Annotated[float, Field(gt=0)] | None = None
     shaping: ShapingRig | None = None
 
     @property
@@ -122,6 +134,11 @@ class ActuatorRig(Confined):
             return self.shaping.full_scale_v
         # The rules refuse a rig with neither.
         return cast("float", self.full_scale_m_s2)
+
+    @property
+    def carries_hz(self) -> tuple[float, float] | None:
+        """The band of a device that takes accelerations, Hz; None where nobody measured it."""
+        return None if self.low_hz is None or self.high_hz is None else (self.low_hz, self.high_hz)
 
 
 def _accelerometer_rules(table: Any) -> Iterator[Broken]:

@@ -294,7 +294,7 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     from experiment import storage
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.servo import settings
-    from experiment.session.footstep.fidelity import refuse_what_leaves_out_too_much
+    from experiment.session.footstep.fidelity import judged
     from experiment.study.enrolment import default_root
 
     rig = rigs.load(rig_file)
@@ -304,15 +304,17 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
         bears, told = settings.judged(protocol.surfaces, settings.of(rig.servo, rig=rig.rig.name))
         refusal = RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
         return told, None if bears else refusal
+    folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
     most = protocol.footstep.synthesis.left_out_max
-    if most is None:
-        return f"Rig '{rig.rig.name}': the protocol sets no limit on what a rig leaves out of a vibration.", None
-    folder = recordings or default_root(protocol) / storage.RECORDINGS
+    allowed = "sets no limit" if most is None else f"allows {most:.4g}"
+    if most is None and recordings is None and not folder.exists():
+        limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
+        return f"{name}: {limitless}. What this one does is told where --recordings names their folder.", None
     try:
-        refuse_what_leaves_out_too_much(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+        told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
     except PalpateError as refused:
         return "", refused
-    return f"Rig '{rig.rig.name}': it leaves out no more than {most:.4g} (rms) of any in {folder}.", None
+    return f"{name}: {told}, of the recordings in {folder}. The protocol {allowed}.", None
 
 
 @commands.command(

@@ -1,14 +1,18 @@
 """The commands of recordings: record, validate, spectrum, plan."""
 
 import sys
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, ProtocolFile
-from experiment.errors import Interrupted, PalpateError, RecordingError
+from experiment.errors import Interrupted, PalpateError, RecordingError, RigError
+
+if TYPE_CHECKING:
+    from experiment.apparatus.rig import Rig
 
 commands = options.room()
 
@@ -164,7 +168,8 @@ def plan(
     """Print what a task needs and what it leaves out.
 
     Each omission is printed with the time and memory that it saves and the error that it causes, measured on this
-    machine while you wait.
+    machine while you wait, and so is a process of each task, on a simulated rig. The exit code is 2 where the protocol
+    does not allow what the rig leaves out.
     """
     import tempfile
 
@@ -194,7 +199,14 @@ def plan(
 
             source = f"SIMULATED recordings, {recordings}" if manifest.is_simulated(recordings) else str(recordings)
         plans = [
-            scene_cost.plan(protocol=protocol, rig=opened, rig_folder=rig.parent, task_id=one, recordings=recordings)
+            scene_cost.plan(
+                protocol=protocol,
+                rig=opened,
+                rig_folder=rig.parent,
+                task_id=one,
+                recordings=recordings,
+                process=_process(protocol_file, rig, opened, one, recordings),
+            )
             for one in tasks
         ]
     if as_json:
@@ -202,6 +214,26 @@ def plan(
         options.put({"recordings": source, "tasks": tables})
     else:
         typer.echo("\n\n\n".join([f"Measured with: {source}", *(one.text() for one in plans)]))
+    if any(one.refused for one in plans):
+        raise typer.Exit(RigError.exit_code)
+
+
+def _process(protocol_file: Path, rig_file: Path, rig: "Rig", task: str, recordings: Path) -> str:
+    """Return in words what a process of one task holds, with all of a simulated rig open."""
+    from experiment.cli.rig import simulated_far_ends
+    from experiment.rehearsal import held
+
+    if not rig.rig.simulated:
+        return "not measured, for the devices of this rig stay closed while it is planned for"
+    try:
+        with ExitStack() as opened:
+            ends = simulated_far_ends(rig, opened)
+            asked = held.Asked(
+                str(protocol_file), str(rig_file), task, str(recordings), ends.port, ends.address, ends.device
+            )
+            return held.started(asked, opened).told
+    except PalpateError as error:
+        return f"not measured: {error}"
 
 
 def _speeds(text: str | None) -> tuple[float, ...]:

@@ -87,9 +87,9 @@ def doctor(
     """Check a rig before a session.
 
     Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback, actuator,
-    disk and clocks are checked through the drivers that sessions use. With --protocol, a rig that leaves out more of
-    the recorded vibrations than that allows is red. Each check is green, or red with its remedy. The exit code is 2 if
-    any check is red.
+    disk and clocks are checked through the drivers that sessions use. With --protocol, what the rig leaves out of the
+    recorded vibrations is told, and is red where that is more than the protocol allows. Each check is green, or red
+    with its remedy. The exit code is 2 if any check is red.
     """
     from experiment.apparatus.doctor import doctor as doctors
     from experiment.clock import MonotonicClock
@@ -117,34 +117,38 @@ def doctor(
 def left_out(
     rig_file: Path, protocol_file: Path | None, dataset: Path | None, recordings: Path | None
 ) -> Iterator["Check"]:
-    """Yield whether the rig carries what the protocol wants of its recordings, where it says how much."""
+    """Yield what the rig leaves out of a footstep study's recordings, and whether the protocol allows that."""
     from experiment import storage
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.doctor import checks
     from experiment.errors import PalpateError, RigError
     from experiment.protocol import files
-    from experiment.session.footstep.fidelity import refuse_what_leaves_out_too_much
+    from experiment.session.footstep.fidelity import judged
     from experiment.study.enrolment import default_root
 
     protocol, name = files.load(protocol_file) if protocol_file is not None else None, "left out"
-    if protocol is None or protocol.footstep is None or protocol.footstep.synthesis.left_out_max is None:
+    if protocol is not None and (protocol.footstep is None or all(task.stimulus == "real" for task in protocol.tasks)):
         return
     try:
         rig = rigs.load(rig_file)
     except RigError:
         # A check of its own is red for it.
         return
+    if protocol is None:
+        yield checks.unchecked(name, "no protocol was given", "add --protocol, and the folder of its --recordings")
+        return
     folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS
     if recordings is None and not folder.exists():
         yield checks.unchecked(name, f"there are no recordings in {folder} yet", "give their folder, with --recordings")
         return
     try:
-        refuse_what_leaves_out_too_much(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+        told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
     except PalpateError as error:
         yield checks.refused(name, error)
         return
-    most = protocol.footstep.synthesis.left_out_max
-    yield checks.Check(name, "green", f"no more than {most:.4g} (rms) of any vibration in {folder}")
+    most = protocol.footsteps.synthesis.left_out_max
+    allowed = "anything, for the protocol has no footstep.synthesis.left_out_max" if most is None else f"{most:.4g}"
+    yield checks.Check(name, "green", told, allowed)
 
 
 def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":

@@ -176,8 +176,8 @@ class Synthesis(Confined):
         takes: how often each condition is recorded.
         speeds_mm_s: the speeds of the foot at which recordings are made.
         average: what of the takes is averaged: the magnitudes of their spectra, or signed coefficients.
-        left_out_max: the largest share of a vibration (rms) that a rig may leave out because no output of it carries
-            those frequencies; no participant is run on one that leaves out more.
+        left_out_max: the largest share of a vibration (rms) that a rig may leave out: frequencies beyond its band, and
+            what it holds back of others; no participant is run on one that leaves out more, or of which nobody knows.
     """
 
     RULES: ClassVar[Rules] = rules.synthesis

@@ -470,7 +470,8 @@ def _steps(footstep: Footstep) -> Iterator[Block]:
         "frequencies. Each trial's record says what share was left out."
         if synthesis.left_out_max is None
         else f"No session is run on a rig that leaves out more than {number(synthesis.left_out_max * 100)} % of the "
-        "vibration (rms) of any material, at any speed that counts, because it cannot carry those frequencies."
+        "vibration (rms) of any material, at any speed that counts, because it cannot carry those frequencies, or of "
+        "which nobody knows what it carries."
     )
     yield Said(
         f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "

@@ -130,8 +130,8 @@ FURTHER_COLUMNS: dict[str, dict[str, object]] = {
         "response says what they do."
     },
     "left_out": {
-        "Description": "Rms of the frequencies that no output of the rig carries, divided by the rms asked for; a part "
-        "of stimulus_error."
+        "Description": "Rms of what the rig did not carry, frequencies that got nothing and what others were held back "
+        "by, divided by the rms asked for; a part of stimulus_error."
     },
     "dissimilarity": {
         "Description": "Dissimilarity of what the actuator was handed to what was asked for, equation (6) of Okamoto "

@@ -31,9 +31,10 @@ class Computed(Record):
     """How the samples that a device was handed were computed, and how far they are from what was asked for.
 
     `method`: what made them, with the band where bins outside it are left out. What equations (1) to (5) ask for is the
-    measure: `relative_error` is the rms of the difference, and `left_out` that of the bins that no output carries, both
-    as parts of the rms asked for; `dissimilarity_m_s2` is that of equation (6) between the two. Where the device takes
-    volts, what they make of the panel is what the rig's response says, with an estimate of what its table misses.
+    measure: `relative_error` is the rms of the difference, and `left_out` that of what the rig did not carry, bins that
+    got nothing and what others were held back by, both as parts of the rms asked for; `dissimilarity_m_s2` is that of
+    equation (6) between the two. Where the device takes volts, what they make of the panel is what the rig's response
+    says, with an estimate of what its table misses.
 
     In a journal from before, `left_out` and `dissimilarity_m_s2` are None, and `relative_error` is rounding alone.
     """

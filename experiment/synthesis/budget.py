@@ -5,7 +5,8 @@ it last, so the squares of the shares add up:
 
 - `scene`: bins that the scene left out, because they are not felt;
 - `rate`: bins at or above half of the output rate;
-- `band`: bins beyond the frequencies at which the panel was measured, which get no voltage;
+- `below`, `above`: bins below the lowest or above the highest frequency that the rig is known to carry: those at which
+  the panel was measured, for no other bin gets a voltage, or those that its device is said to carry;
 - `held_back`: bins that the gain limit or the highest level measured keeps below what was asked;
 - `taken_down`: what the limits of panel and amplifier take from all the others, and what the limiter cuts off;
 - `table`: what straight lines between the measured values of the response miss. A panel's own curve is not known, so
@@ -23,7 +24,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from math import hypot, sqrt
+from math import hypot, inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,8 @@ class Budget:
     dissimilarity_m_s2: float
     scene: float = 0.0
     rate: float = 0.0
-    band: float = 0.0
+    below: float = 0.0
+    above: float = 0.0
     held_back: float = 0.0
     taken_down: float = 0.0
     table: float = 0.0
@@ -58,20 +60,27 @@ class Budget:
 
     @property
     def left_out(self) -> float:
-        """The share of the bins that no output carries."""
-        return hypot(self.scene, self.rate, self.band)
+        """The share that the rig does not carry: of bins that get nothing, and of what others are held back by."""
+        return hypot(self.scene, self.rate, self.below, self.above, self.held_back)
 
     @property
     def total(self) -> float:
         """The share of all of it."""
-        return hypot(self.left_out, self.held_back, self.taken_down, self.table, self.rounding)
+        return hypot(self.left_out, self.taken_down, self.table, self.rounding)
 
 
-def of_accelerations(stimulus: Stimulus, *, handed_m_s2: NDArray[np.float64], limited: int) -> Budget:
+def of_accelerations(
+    stimulus: Stimulus,
+    *,
+    handed_m_s2: NDArray[np.float64],
+    limited: int,
+    carries_hz: tuple[float, float] = (0.0, inf),
+) -> Budget:
     """Return the budget of a device that takes accelerations; it was handed these, m/s^2, shape (n,).
 
-    The limiter changed `limited` of the samples. Errors are those of `at_speed`, and `SynthesisError` for samples that
-    are not finite.
+    The limiter changed `limited` of the samples; the device carries the frequencies `carries_hz`, lowest and highest,
+    and moves the panel at no other. Errors are those of `at_speed`, and `SynthesisError` for samples that are not
+    finite.
     """
     asked = _asked(stimulus)
     # Against the equations, and not against the waveform that was prepared, which may be wrong itself.
@@ -80,7 +89,10 @@ def of_accelerations(stimulus: Stimulus, *, handed_m_s2: NDArray[np.float64], li
     if limited:
         reached = reached + _projected(off_m_s2, stimulus)
     off = _share(sqrt(float(np.mean(off_m_s2**2))), _rms_asked(stimulus))
-    return _budget(stimulus, np.abs(reached), **{"taken_down" if limited else "rounding": off})
+    reached = np.abs(reached)
+    beyond = {name: np.where(bins, reached, 0.0) for name, bins in _beyond(stimulus, carries_hz).items()}
+    shares = {name: _share(_rms(amplitudes), _rms_asked(stimulus)) for name, amplitudes in beyond.items()}
+    return _budget(stimulus, reached - sum(beyond.values()), **shares, **{"taken_down" if limited else "rounding": off})
 
 
 def of_voltages(
@@ -103,6 +115,7 @@ def of_voltages(
     reached = np.abs(shaped.reached_m_s2)
     short = wanted - reached
     known = np.isin(np.arange(carried), np.arange(carried)[within.at.known])
+    beyond = _beyond(stimulus, (float(response.frequencies_hz[0]), float(response.frequencies_hz[-1])))
     held_back = known & (shaped.scale * wanted - reached > SHORT * wanted)
     missed = within.missed_m_s2(np.abs(shaped.coefficients_v[within.at.known]))
     steepest_m_s2_per_v = (np.diff(within.at.curves, axis=0) / np.diff(within.at.levels_v)[:, None]).max(initial=0.0)
@@ -110,12 +123,19 @@ def of_voltages(
     return _budget(
         stimulus,
         reached,
-        band=_share(_rms(short[~known]), whole),
+        **{name: _share(_rms(short[bins & ~known]), whole) for name, bins in beyond.items()},
         held_back=_share(_rms(short[held_back]), whole),
         taken_down=_share(_rms(short[known & ~held_back]) if shaped.scale < 1 else 0.0, whole),
         table=_share(_rms(missed), whole),
         rounding=_share(off_m_s2, whole),
     )
+
+
+def _beyond(stimulus: Stimulus, carries_hz: tuple[float, float]) -> dict[str, NDArray[np.bool_]]:
+    """Return which of the carried bins lie below and above a band, by the names of their shares, shape (K,) each."""
+    spectra, (low_hz, high_hz) = stimulus.basis.spectra, carries_hz
+    f = bin_frequencies_hz(bins=spectra.samples, rate_hz=spectra.rate_hz)[: stimulus.basis.on.carried]
+    return {"below": f < low_hz, "above": f > high_hz}
 
 
 def _budget(stimulus: Stimulus, reached: NDArray[np.float64], **shares: float) -> Budget:

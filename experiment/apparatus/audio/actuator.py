@@ -125,6 +125,7 @@ class AudioActuator:
         full_scale: float,
         limit_m_s2: float,
         drive: Drive | None = None,
+        carries_hz: tuple[float, float] | None = None,
     ) -> None:
         """Take an output of the session's running stream, which stays open when the actuator is closed.
 
@@ -132,7 +133,7 @@ class AudioActuator:
         """
         self._stream = stream
         self._audio = audio
-        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive)
+        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=carries_hz)
         self._output_ns = audio.latency.output_ms * 1e6
         self._tolerance = audio.delivered
         self._samples: NDArray[np.float32] = np.zeros(0, np.float32)

@@ -28,6 +28,9 @@ from experiment.synthesis.tap import Ring
 from experiment.synthesis.voltages import Drive
 from experiment.synthesis.waveforms import Basis, Stimulus
 
+EVERY_HZ = (0.0, math.inf)
+"""What a device carries of which nothing else is said, Hz."""
+
 
 @dataclass(frozen=True)
 class Played:
@@ -35,7 +38,7 @@ class Played:
 
     Full scale is in V where there is a `drive`, which made the voltages, else in m/s^2. The limiter changed `limited`
     samples, and shaping took the whole stimulus down to `scale`, 1 where there is none. `method` says in words how the
-    samples were made.
+    samples were made. A device that takes accelerations moves the panel at the frequencies `carries_hz` alone.
     """
 
     stimulus: Stimulus | Ring
@@ -45,6 +48,7 @@ class Played:
     method: str
     drive: Drive | None = None
     scale: float = 1.0
+    carries_hz: tuple[float, float] = EVERY_HZ
 
     def budget(self) -> tuple[budget.Budget, Shaped | None]:
         """Return how the samples differ from what was asked for, and what shaping did, None where there is none.
@@ -55,7 +59,10 @@ class Played:
             raise TypeError("a tap's vibration has no budget of bins")
         handed = self.samples.astype(np.float64) * self.full_scale
         if self.drive is None:
-            return budget.of_accelerations(self.stimulus, handed_m_s2=handed, limited=self.limited), None
+            found = budget.of_accelerations(
+                self.stimulus, handed_m_s2=handed, limited=self.limited, carries_hz=self.carries_hz
+            )
+            return found, None
         voltages_v, shaped = self.drive.worked_out(self.stimulus, self.scale)
         found = budget.of_voltages(
             self.stimulus, handed_v=handed, voltages_v=voltages_v, shaped=shaped, response=self.drive.response
@@ -116,16 +123,25 @@ class Played:
 class Conditioner:
     """Shapes, limits and scales every stimulus before its device."""
 
-    def __init__(self, *, full_scale: float, limit_m_s2: float, drive: Drive | None = None) -> None:
+    def __init__(
+        self,
+        *,
+        full_scale: float,
+        limit_m_s2: float,
+        drive: Drive | None = None,
+        carries_hz: tuple[float, float] | None = None,
+    ) -> None:
         """Set the limits; `ActuatorError` if the protocol's is negative or not finite.
 
         A device that takes volts has a `drive`, and full scale, of a sample of 1.0, in V. Otherwise that is in m/s^2,
-        and the limiter holds to it or to `limit_m_s2`, whichever is lower.
+        and the limiter holds to it or to `limit_m_s2`, whichever is lower; `carries_hz` are the lowest and the highest
+        frequency at which such a device moves the panel, if that is known, for the record.
         """
         limit((), limit_m_s2)
         self._full_scale = full_scale
         self._limit = full_scale if drive is not None else min(limit_m_s2, full_scale)
         self._drive = drive
+        self._carries_hz = carries_hz or EVERY_HZ
         highest = np.float32(self._limit / full_scale)
         # Rounding to float32 must not lift a sample over the limit.
         self._highest = np.nextafter(highest, np.float32(0)) if float(highest) * full_scale > self._limit else highest
@@ -151,7 +167,7 @@ class Conditioner:
         samples = np.empty(bounded.shape, "<f4")
         np.divide(bounded, self._full_scale, out=samples, casting="same_kind")
         np.clip(samples, -self._highest, self._highest, out=samples)
-        return Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale)
+        return Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale, self._carries_hz)
 
     def _made(self, stimulus: Stimulus | Ring) -> tuple[NDArray[np.float64], float, str]:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""

@@ -61,7 +61,14 @@ class PcmActuator:
     """Implements `Actuator`."""
 
     def __init__(
-        self, address: str, *, rate_hz: int, full_scale: float, limit_m_s2: float, drive: Drive | None = None
+        self,
+        address: str,
+        *,
+        rate_hz: int,
+        full_scale: float,
+        limit_m_s2: float,
+        drive: Drive | None = None,
+        carries_hz: tuple[float, float] | None = None,
     ) -> None:
         """Prepare for the server at `host:port`; nothing is connected yet. `Conditioner` says what the limits are.
 
@@ -74,7 +81,7 @@ class PcmActuator:
         self._address = address
         self._peer = (host.strip("[]"), int(port))
         self._rate_hz = rate_hz
-        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive)
+        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=carries_hz)
         self._prepared: NDArray[np.float32] | None = None
 
     @property

@@ -7,6 +7,7 @@ voltages, which are shaped for each speed instead of prepared: `synthesis/voltag
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from math import inf
@@ -83,7 +84,9 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2)
-    condition = Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2, drive=drive)
+    condition = Conditioner(
+        full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=rig.actuator.carries_hz
+    )
     prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
     found, speeds = {}, speeds_mm_s(protocol)
     for material, basis in prepared.items():
@@ -107,31 +110,86 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
     return found
 
 
+def carried_hz(rig: Rig, rig_folder: Path) -> tuple[float, float] | None:
+    """Return the lowest and highest frequency at which a rig's panel was measured, Hz; None where it never was.
+
+    Raises `RigError` or `RecordingError` if the response table cannot be used.
+    """
+    from experiment.apparatus.panel.response_table import parse
+    from experiment.apparatus.rig import response_table
+
+    if (shaping := rig.actuator.shaping) is None:
+        return rig.actuator.carries_hz
+    measured = parse(rig_folder / shaping.response, response_table(rig_folder, shaping)).frequencies_hz
+    return float(measured[0]), float(measured[-1])
+
+
+def judged(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> str:
+    """Return in words what a rig leaves out of a study's recordings at most.
+
+    Raises `RigError` for more than the protocol allows, which says how much, and otherwise as `fidelity`.
+    """
+    carries_hz = carried_hz(rig, rig_folder)
+    found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+    if told := refusal(protocol, rig, found, carries_hz):
+        raise RigError(told)
+    worst = most_left_out(found, carries_hz)
+    known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
+    return known if carries_hz else f"{UNKNOWN}; where all are carried, {known}"
+
+
 def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> None:
     """Refuse a rig that leaves out more of a material than the protocol allows, at any speed that counts.
 
-    Raises `RigError`, which says how much, and otherwise as `fidelity`.
+    Errors are those of `judged`; nothing is measured for a protocol that allows anything.
     """
     if protocol.footsteps.synthesis.left_out_max is not None:
-        found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
-        if told := refusal(protocol, rig, found):
-            raise RigError(told)
+        judged(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
 
 
-def refusal(protocol: Protocol, rig: Rig, found: dict[str, Fidelity]) -> str:
-    """Return why no participant is run on a rig with this fidelity; empty where the protocol allows it."""
-    most = protocol.footsteps.synthesis.left_out_max
-    worst, speed_mm_s, material = max(
-        (each.left_out, v, material)
-        for material, of in found.items()
-        for v, each in zip(of.speeds_mm_s, of.budgets, strict=True)
+UNKNOWN = "nobody measured which frequencies its actuator carries"
+
+
+@dataclass(frozen=True)
+class MostLeftOut:
+    """The largest share (rms) that a rig leaves out of any vibration: in words, and what would lower it."""
+
+    share: float
+    told: str
+    remedy: str
+
+
+def most_left_out(found: dict[str, Fidelity], carries_hz: tuple[float, float] | None) -> MostLeftOut:
+    """Return what a rig leaves out at most of the materials, at any speed that counts, and by which cause most."""
+    budget, speed_mm_s, material = max(
+        (
+            (each, v, material)
+            for material, of in found.items()
+            for v, each in zip(of.speeds_mm_s, of.budgets, strict=True)
+        ),
+        key=lambda one: one[0].left_out,
     )
-    if most is None or worst <= most:
+    if budget.left_out < SHOWN:
+        return MostLeftOut(budget.left_out, "nothing", "")
+    parts = [(float(getattr(budget, field)), name, remedy) for field, name, remedy in causes(carries_hz)[:LEAVING_OUT]]
+    counting = [part for part in parts if part[0] >= max(parts)[0] / 2]
+    why = ", ".join(f"{share:.0%} {name}" for share, name, _ in counting)
+    told = f"{budget.left_out:.1%} (rms) of {material} at {speed_mm_s:.0f} mm/s ({why})"
+    return MostLeftOut(budget.left_out, told, " and ".join(remedy for *_, remedy in counting))
+
+
+def refusal(protocol: Protocol, rig: Rig, found: dict[str, Fidelity], carries_hz: tuple[float, float] | None) -> str:
+    """Return why no participant is run on a rig with this fidelity; empty where the protocol allows it."""
+    most, worst = protocol.footsteps.synthesis.left_out_max, most_left_out(found, carries_hz)
+    if most is None or (worst.share <= most and carries_hz is not None):
         return ""
+    allowed = f"allowed: {most:.4g} of it, by footstep.synthesis.left_out_max"
+    if worst.share > most:
+        whole = "palpate plan has the whole budget"
+        return f"rig '{rig.rig.name}': got {worst.told} left out; {allowed}; get {worst.remedy} ({whole})"
     return (
-        f"rig '{rig.rig.name}': got {worst:.1%} (rms) of {material} at {speed_mm_s:.0f} mm/s that no output carries; "
-        f"allowed: {most:.4g} of it, by footstep.synthesis.left_out_max; measure the response of the panel over more "
-        "frequencies, or use another rig (palpate plan shows the whole budget)"
+        f"rig '{rig.rig.name}': {UNKNOWN}; {allowed}; measure the panel, and write actuator.low_hz and high_hz into "
+        "the rig file"
     )
 
 
@@ -173,16 +231,28 @@ def _most(shares: NDArray[np.float64]) -> float | None:
     return float(known.max()) if known.size else None
 
 
-CAUSES = (
-    ("scene", "left out by the scene", "a wider band, or a lower floor, in [footstep.tactile] of the protocol"),
-    ("rate", "output rate", "an actuator.rate_hz of twice the highest frequency recorded"),
-    ("band", "band of the response table", "the response of the panel measured at lower and higher frequencies"),
-    ("held_back", "gain limit, highest level", "higher drive levels measured, or a higher gain_limit_v_per_m_s2"),
-    ("taken_down", "limits of panel and amplifier", "a higher full scale, or limit of vibration if the board approves"),
-    ("table", "steps of the response table", "more frequencies and levels, closest where the response bends"),
-    ("rounding", "rounding", "nothing that anybody could feel"),
-)
-"""Each share of a budget by its field, what it is called, and what would lower it."""
+LEAVING_OUT = 5
+"""So many of the causes, the first, leave something out; the others change all of a stimulus."""
+
+
+def causes(carries_hz: tuple[float, float] | None) -> tuple[tuple[str, str, str], ...]:
+    """Return each share of a budget by its field, what it is called, and what would lower it."""
+    low, high = (f"{end:g} Hz" for end in carries_hz or (0.0, inf))
+    return (
+        ("scene", "left out by the scene", "a wider band, or a lower floor, in [footstep.tactile] of the protocol"),
+        ("rate", "output rate", "an actuator.rate_hz of twice the highest frequency recorded"),
+        ("below", f"below the rig's {low}", f"a panel that moves, and is measured, below {low}"),
+        ("above", f"above the rig's {high}", f"a panel that moves, and is measured, above {high}"),
+        ("held_back", "gain limit, highest level", "higher drive levels measured, or a higher gain_limit_v_per_m_s2"),
+        (
+            "taken_down",
+            "limits of panel and amplifier",
+            "a higher full scale, or limit of vibration if the board approves",
+        ),
+        ("table", "steps of the response table", "more frequencies and levels, closest where the response bends"),
+        ("rounding", "rounding", "nothing that anybody could feel"),
+    )
+
 
 SHOWN = 5e-6
 """A share is shown as a number, and what would lower it is told, from here on: 0.0005 %."""
@@ -193,12 +263,20 @@ class ErrorBudget:
     """How far what a rig plays lies from what is asked for, by material, and how well the onset is known.
 
     `aims_ms` are the standard errors of contact at each speed when the onset is moved for the last time; None where it
-    is not. `refused` says why no participant is run on the rig, empty where they are.
+    is not. `carries_hz` is the band that the rig was measured in, None where it never was, and `schedules` says whether
+    its actuator can be told when to begin. `refused` says why no participant is run on the rig, empty where they are.
     """
 
     materials: dict[str, Fidelity]
     aims_ms: tuple[float | None, ...]
+    carries_hz: tuple[float, float] | None
+    schedules: bool
     refused: str
+
+    @property
+    def most_left_out(self) -> MostLeftOut:
+        """What the rig leaves out at most."""
+        return most_left_out(self.materials, self.carries_hz)
 
     @property
     def speeds_mm_s(self) -> tuple[float, ...]:
@@ -214,30 +292,36 @@ class ErrorBudget:
                 for material, of in self.materials.items()
             },
             "contact_standard_error_ms": list(self.aims_ms),
+            "carries_hz": self.carries_hz,
             "refused": self.refused or None,
         }
 
     def lines(self) -> list[str]:
         """Return it for a terminal."""
         slowest, *_, fastest = self.speeds_mm_s
+        unknown = f"  {UNKNOWN[0].upper()}{UNKNOWN[1:]}: this counts as if it carried all."
         return [
             "error budget: percent (rms) of what equations (1) to (5) ask for, least and most over "
             f"{len(self.speeds_mm_s)} speeds",
             f"from {slowest:.4g} to {fastest:.4g} mm/s",
             *_table([["", *self.materials], *self._causes()]),
+            *([unknown] if self.carries_hz is None else []),
             "",
             "beside it, and in no total",
             *_table(self._beside()),
-            f"  {self._timing()}",
+            *wrapped(f"  {BESIDE}"),
+            *wrapped(f"  {self._timing()}"),
             "",
             "what would lower it",
-            *self._lowered(),
-            *(["", f"REFUSED for participants: {self.refused}"] if self.refused else []),
+            *(line for told in self._lowered() for line in wrapped(f"  {told}")),
         ]
 
     def _causes(self) -> list[list[str]]:
         each = list(self.materials.values())
-        rows = [[name, *(percent(*one.range(attrgetter(field))) for one in each)] for field, name, _ in CAUSES]
+        rows = [
+            [name, *(percent(*one.range(attrgetter(field))) for one in each)]
+            for field, name, _ in causes(self.carries_hz)
+        ]
         rows.append(["all of it", *(percent(*one.range(attrgetter("total"))) for one in each)])
         return rows
 
@@ -246,20 +330,24 @@ class ErrorBudget:
         off = [one.range(attrgetter("dissimilarity_m_s2")) for one in each]
         rows = [
             ["", *self.materials],
-            ["dissimilarity (6) to what was asked for, m/s^2", *(_between(*one, "{:.3g}".format) for one in off)],
-            ["the same to the most similar material, m/s^2", *(_of(one.nearest_m_s2, "{:.3g}".format) for one in each)],
-            ["a recorded speed told from its neighbours", *(_up_to(one.interpolation) for one in each)],
-            ["standard error of the mean over takes", *(_up_to(one.averaging) for one in each)],
+            ["off what was asked for, (6)", *(_between(*one, "{:.3g}".format) for one in off)],
+            ["off the nearest material, (6)", *(_of(one.nearest_m_s2, "{:.3g}".format) for one in each)],
+            ["a speed from its neighbours", *(_up_to(one.interpolation) for one in each)],
+            ["standard error over takes", *(_up_to(one.averaging) for one in each)],
         ]
         if each[0].other_reading:
-            name = "W interpolated, not A inverted (equation 7)"
-            rows.append([name, *(_of(one.other_reading, _percent) for one in each)])
+            rows.append(["W interpolated, (7)", *(_of(one.other_reading, _percent) for one in each)])
         return rows
 
     def _timing(self) -> str:
         known = [(v, ms) for v, ms in zip(self.speeds_mm_s, self.aims_ms, strict=True) if ms is not None]
         if not known:
-            return "timing: the stimulus sounds after contact, for the onset cannot be scheduled or never in time"
+            why = (
+                "its onset can never be scheduled in time"
+                if self.schedules
+                else "this actuator cannot be told when to begin"
+            )
+            return f"timing: the stimulus sounds after contact, for {why}"
         slow, fast = known[0], known[-1]
         return (
             f"timing: contact has a standard error of {slow[1]:.2f} ms at {slow[0]:.0f} mm/s and {fast[1]:.2f} ms at "
@@ -269,20 +357,40 @@ class ErrorBudget:
     def _lowered(self) -> list[str]:
         each = list(self.materials.values())
         told = [
-            f"  {name}: {remedy}"
-            for field, name, remedy in CAUSES
+            f"{name}: {remedy}"
+            for field, name, remedy in causes(self.carries_hz)
             if max(one.range(attrgetter(field))[1] for one in each) >= SHOWN
         ]
         if any(one.interpolation is not None for one in each):
-            told.append("  speeds and takes: recordings at more speeds, more takes of each")
-        return [*told, "  timing: a tracker with less noise or more frames, or a shorter latency of the output"]
+            told.append("speeds and takes: recordings at more speeds, more takes of each")
+        if not self.schedules:
+            return [*told, "timing: an actuator on a channel of the audio device, which can be told when to begin"]
+        return [*told, "timing: a tracker with less noise or more frames, or a shorter latency of the output"]
 
 
 def error_budget(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> ErrorBudget:
     """Return the error budget of a study's recordings on a rig; errors as in `fidelity`."""
+    carries_hz = carried_hz(rig, rig_folder)
     found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
-    return ErrorBudget(found, aims_ms, refusal(protocol, rig, found))
+    schedules = rig.actuator.driver == "audio"
+    return ErrorBudget(found, aims_ms, carries_hz, schedules, refusal(protocol, rig, found, carries_hz))
+
+
+WIDTH = 100
+"""No line of a plan is wider, in characters."""
+
+BESIDE = (
+    "(6) is the dissimilarity in m/s^2, to what was asked for and to the most similar material. The rest is in "
+    "percent: a recorded speed told from its two neighbours, the standard error of the mean over takes, and W "
+    "interpolated in place of A inverted, equation (7)."
+)
+"""What the lines beside a budget are."""
+
+
+def wrapped(line: str, indent: int = 4) -> list[str]:
+    """Return a line of a plan as lines of at most `WIDTH` characters, each further one indented."""
+    return textwrap.wrap(line, WIDTH, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
 
 
 def percent(low: float, high: float) -> str:
@@ -291,8 +399,14 @@ def percent(low: float, high: float) -> str:
 
 
 def _table(rows: list[list[str]]) -> list[str]:
+    """Return a table in lines, as many of its columns beside one another as there is room for."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    return ["  " + "  ".join(map(str.ljust, row, widths)).rstrip() for row in rows]
+    fits, used = 1, 2 + widths[0]
+    while fits < len(widths) and (fits == 1 or used + 2 + widths[fits] <= WIDTH):
+        used += 2 + widths[fits]
+        fits += 1
+    shown = ["  " + "  ".join(map(str.ljust, row[:fits], widths)).rstrip() for row in rows]
+    return shown if fits == len(widths) else [*shown, "", *_table([[row[0], *row[fits:]] for row in rows])]
 
 
 def _percent(share: float) -> str:

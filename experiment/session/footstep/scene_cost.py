@@ -11,7 +11,6 @@ import tracemalloc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -22,7 +21,7 @@ from experiment.apparatus.audio.mixer import Mixer
 from experiment.apparatus.rig import Rig
 from experiment.protocol.models import Protocol
 from experiment.session import scene as scenes
-from experiment.session.footstep.fidelity import ErrorBudget, error_budget, percent
+from experiment.session.footstep.fidelity import SHOWN, UNKNOWN, ErrorBudget, error_budget, percent, wrapped
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import StreamSettings
@@ -180,32 +179,39 @@ class TaskPlan:
         }
 
     def text(self) -> str:
-        lines = [
-            f"Task {self.task}: {self.title}",
-            "",
-            "needs",
-            *(f"  {need}" for need in self.needs),
-            "",
-            "leaves out",
-        ]
+        lines = [f"Task {self.task}: {self.title}"]
+        if self.refused:
+            lines += ["", *wrapped(f"REFUSED for participants: {self.refused}", 4)]
+        lines += ["", "needs", *(f"  {need}" for need in self.needs), "", "leaves out"]
         for o in self.left_out:
             lines += [f"  {o.kind:9} {o.what}", f"            {o.saved()}; costs {o.costs}"]
         lines += ["", f"never left out: {', '.join(ALWAYS)}"]
-        return "\n".join(lines if self.budget is None else [*lines, "", *self.budget.lines()])
+        shown = [part for line in lines for part in (wrapped(line, 12) or [""])]
+        return "\n".join(shown if self.budget is None else [*shown, "", *self.budget.lines()])
+
+    @property
+    def refused(self) -> str:
+        """Why no participant is run; empty where they are."""
+        return "" if self.budget is None else self.budget.refused
 
 
 def _time(ms: float) -> str:
     return f"{ms:.1f} ms" if abs(ms) >= 1 else f"{ms * 1e3:.1f} us"
 
 
-def plan(*, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, recordings: Path) -> TaskPlan:
+def plan(
+    *, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, recordings: Path, process: str = ""
+) -> TaskPlan:
     """Plan a task, and measure what it leaves out; the rig's response table is found from `rig_folder`.
+
+    `process` is what is told of the task's process, if one was started.
 
     Raises `RecordingError` if a recording is missing or unusable, and `RigError` if the response table is.
     """
     scene = scenes.plan(protocol=protocol, task_id=task_id)
     title = protocol.task(task_id).title
-    heard = sound(scene, protocol, rig)
+    heard = (*sound(scene, protocol, rig), f"ports     {ports(scene, rig)}")
+    heard += (f"process   {process}",) if process else ()
     if scene.synthesis:
         budget = error_budget(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
         needs, left_out = _virtual(scene, protocol, rig, recordings, budget)
@@ -231,6 +237,16 @@ def sound(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> tuple[str, ...]:
         masker if scene.masker is None else f"{masker} on the headphones",
         f"stream    {counted} at {stream.rate_hz} Hz, {held_kb:.0f} kB of sound held",
     )
+
+
+def ports(scene: scenes.Scene, rig: Rig) -> str:
+    """Return which ports a task opens, of those that its rig has."""
+    opened = ["the tracker's"]
+    if scene.actuator and rig.actuator.address is not None:
+        opened.append("the actuator's")
+    if rig.audio is not None and scene.sounds(rig):
+        opened.append("the audio device's, as the stream says")
+    return " and ".join(opened)
 
 
 def _counted(number: int, noun: str) -> str:
@@ -312,29 +328,24 @@ def _virtual(
             lost = f"{percent(*of.range(lambda one: one.rate))} % (rms) of the vibration, which no such rate can carry"
             what = f"{dropped} of {basis.spectra.samples} bins of {material}, at or above half of {rate_hz} Hz"
             left_out.append(Omission("bins", what, None, None, lost))
-    needs.append(f"bins      {_carried(held, protocol, budget)}")
+    needs.append(f"bins      {_felt(held, protocol)}")
+    most = budget.most_left_out
+    carried = f"all but at most {most.told}" if most.share >= SHOWN else "all that is asked for"
+    needs.append(f"carried   {carried if budget.carries_hz else f'not known: {UNKNOWN}'}")
     return tuple(needs), tuple(left_out)
 
 
-def _carried(held: Mapping[str, CrinkleSpectra], protocol: Protocol, budget: ErrorBudget) -> str:
-    """Return which bins sound: all, those that may be felt, or fewer, where an output carries no more."""
-    ranges = [of.range(lambda one: hypot(one.rate, one.band)) for of in budget.materials.values()]
-    lost = percent(min(low for low, _ in ranges), max(high for _, high in ranges))
-    told = f"not all: no output carries {lost} % (rms) of the vibration (see the error budget). Asked for are "
-    return ("" if lost == "0" else told) + _felt(held, protocol)
-
-
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
-    """Return whether what lies outside the tactile band may be left out, and why."""
+    """Return which bins are asked for: whether those outside the tactile band may be left out, and why."""
     tactile, fastest = protocol.footsteps.tactile, scenes.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
-        return "all: the protocol counts trials at any speed, so nothing is known to stay below the floor"
+        return "all are asked for: the protocol counts trials at any speed, so nothing is known to stay below the floor"
     loudest, level = scenes.felt_outside(held, protocol)
     reached = f"reaches {level:.2g} m/s^2 rms at up to {fastest:g} mm/s ({loudest})"
     if level >= tactile.floor_m_s2:
-        return f"all of every material: what lies outside {band} {reached}, not below the floor {tactile.floor_m_s2:g}"
-    return f"{band} of every material: what lies outside {reached}, below the floor {tactile.floor_m_s2:g}"
+        return f"all are asked for: what lies outside {band} {reached}, not below the floor {tactile.floor_m_s2:g}"
+    return f"{band} are asked for: what lies outside {reached}, below the floor {tactile.floor_m_s2:g}"
 
 
 def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent: str) -> Omission:

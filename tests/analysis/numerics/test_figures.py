@@ -52,11 +52,11 @@ def test_a_dominated_way_is_grey_quartiles_are_bars_and_claims_are_lines() -> No
 def test_a_budget_has_a_line_for_each_cause_that_is_there_and_rings_of_the_truth() -> None:
     speeds = (20.0, 200.0)
     played = [
-        Played(IN_VOLTS, "paper", v, np.zeros(2, np.float32), Budget(1.0, 0.0, band=0.3, table=0.04), 0.31)
+        Played(IN_VOLTS, "paper", v, np.zeros(2, np.float32), Budget(1.0, 0.0, above=0.3, table=0.04), 0.31)
         for v in speeds
     ]
     [axes] = figures.budget(played).axes
     shown = {str(line.get_label()): np.asarray(line.get_ydata()) for line in axes.lines}
-    assert set(shown) == {"band of the response table", "steps of the response table", "all of it", "truth"}
+    assert set(shown) == {"above the response table", "steps of the response table", "all of it", "truth"}
     np.testing.assert_allclose(shown["all of it"], np.hypot(30, 4))
     np.testing.assert_allclose(shown["truth"], 31)

@@ -160,12 +160,12 @@ def test_a_budget_is_the_truth_and_its_shares_add_up(stimuli: list[played.Played
         shares = [getattr(one.budget, cause) for cause in played.CAUSES]
         assert sqrt(sum(share**2 for share in shares)) == pytest.approx(one.budget.total, rel=1e-12)
     in_volts = [one for one in stimuli if one.unit == IN_VOLTS]
-    assert all(one.budget.band > 0.1 for one in in_volts)
+    assert all(one.budget.left_out > 0.1 for one in in_volts)
     assert all(one.budget.total < 1e-7 for one in stimuli if one.unit == IN_M_S2)
 
 
 def test_a_budget_that_misses_a_cause_does_not_hold(stimuli: list[played.Played]) -> None:
-    assert not replace(stimuli[0], budget=replace(stimuli[0].budget, band=0.0)).holds
+    assert not replace(stimuli[0], budget=replace(stimuli[0].budget, below=0.0, above=0.0)).holds
 
 
 def test_the_truth_can_be_found_by_other_means(

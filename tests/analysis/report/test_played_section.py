@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from analysis.reading.dataset import read
-from analysis.report.played_section import played_sections
+from analysis.report.played_section import left_out, played_sections
 from tests.analysis.datasets import trial, write_dataset
 
 
@@ -34,8 +34,9 @@ def test_figures_by_task_and_material(tmp_path: Path) -> None:
     )
     (section,) = played_sections(read(root))
     assert (section.slug, section.title) == ("played", "What was played")
-    (about,) = section.paragraphs
-    assert "up to 25.00 % of the vibration (rms) was left out, of sand at 101 mm/s" in about
+    _, told = section.paragraphs
+    assert left_out(read(root)) == (told,)
+    assert "up to 25.00 % of a vibration (rms) was left out, of sand at 101 mm/s" in told
     (table,) = section.tables
     assert table.rows == (
         ("virtual", "sand", "3", "12.00", "30.00", "6.00", "25.00", "3.000", "4.000"),
@@ -49,10 +50,12 @@ def test_figures_by_task_and_material(tmp_path: Path) -> None:
 def test_a_rig_that_carried_everything_is_said_to_have(tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"1": {"virtual": [played(1, "sand", 2.5e-8, 0.0, 0.0)]}})
     (section,) = played_sections(read(root))
-    assert section.paragraphs[0].endswith("The rig carried all frequencies that were asked for.")
+    assert section.paragraphs[1] == "The rig carried all that was asked for."
+    assert left_out(read(root)) == ()
     assert section.tables[0].rows[0][3:7] == ("< 0.001", "< 0.001", "0.00", "0.00")
 
 
 def test_where_nothing_is_on_record_nothing_is_said(tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"1": {"real": [trial(1, "sand", "sand")]}})
     assert played_sections(read(root)) == ()
+    assert left_out(read(root)) == ()

@@ -129,6 +129,15 @@ def test_a_device_takes_accelerations_or_volts(write: Write) -> None:
             GOOD.replace("full_scale_m_s2 = 60.0\n", ""),
             r"actuator\.full_scale_m_s2: got nothing; allowed: .*exactly one",
         ),
+        (GOOD + "high_hz = 600.0\n", r"low_hz: got nothing; allowed: low_hz and high_hz, or neither of them"),
+        (
+            GOOD + "low_hz = 10.0\nhigh_hz = 9.0\n",
+            r"high_hz: got 9\.0; allowed: a number greater than low_hz \(10\.0\)",
+        ),
+        (
+            VOLTS.replace("[actuator.shaping]", "low_hz = 10.0\nhigh_hz = 600.0\n[actuator.shaping]"),
+            r"low_hz: got 10\.0; allowed: no low_hz and high_hz beside \[actuator\.shaping\]",
+        ),
         (
             VOLTS.replace("bench-2.csv", "../bench-2.csv"),
             r"shaping\.response: got .*; allowed: the name of a \.csv file in",

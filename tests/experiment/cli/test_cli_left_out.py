@@ -22,7 +22,7 @@ from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep import recorded_takes
 
 RIG = shipped("rigs/rehearsal.toml")
-TOLD = r"got 34\.\d% \(rms\) of copy paper at \d+ mm/s that no output carries; allowed: 0\.3 of it"
+TOLD = r"got 34\.\d% \(rms\) of copy paper at \d+ mm/s \(.*10 Hz, .*600 Hz\) left out; allowed: 0\.3 of it"
 
 
 @pytest.fixture(scope="module")
@@ -57,9 +57,15 @@ def test_check_refuses_it_below_the_boards_page(tmp_path: Path, recordings: Path
 def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> None:
     result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", recordings)
     assert result.exit_code == 0
-    assert result.stdout.endswith(f"Rig 'rehearsal': it leaves out no more than 0.5 (rms) of any in {recordings}.\n")
+    told = re.search(
+        r"Rig 'rehearsal': at most 34\.\d% \(rms\) of copy .* left out, of the recordings in (.*)\n$", result.stdout
+    )
+    assert told is not None
+    assert told[1] == f"{recordings}. The protocol allows 0.5."
     result = call("check", allowing(tmp_path, None), "--rig", RIG)
     assert (result.exit_code, "the protocol sets no limit" in result.stdout) == (0, True)
+    result = call("check", allowing(tmp_path, None), "--rig", RIG, "--recordings", recordings)
+    assert result.stdout.endswith(f"is left out, of the recordings in {recordings}. The protocol sets no limit.\n")
 
 
 def test_check_of_a_rig_without_recordings_says_that_there_are_none(tmp_path: Path) -> None:
@@ -76,13 +82,21 @@ def test_the_doctor_is_red_for_it(tmp_path: Path, recordings: Path) -> None:
     assert (red.name, red.verdict) == ("left out", "red")
     assert re.search(TOLD.partition("; allowed")[0], red.measured)
     assert red.allowed == "0.3 of it, by footstep.synthesis.left_out_max"
-    assert red.remedy.startswith("measure the response of the panel over more frequencies")
+    assert red.remedy.startswith("get a panel that moves, and is measured, below 10 Hz and")
     (green,) = looked(allowing(tmp_path, 0.5), recordings)
-    assert (green.verdict, green.measured) == ("green", f"no more than 0.5 (rms) of any vibration in {recordings}")
+    assert (green.verdict, green.allowed) == ("green", "0.5")
+    assert green.measured.startswith("at most 34.")
 
 
-def test_the_doctor_looks_where_a_protocol_has_a_limit_and_recordings_are(tmp_path: Path) -> None:
-    assert looked(None, None) == []
-    assert looked(allowing(tmp_path, None), None) == []
-    (unknown,) = looked(allowing(tmp_path, 0.3), None, tmp_path)
-    assert (unknown.verdict, unknown.remedy) == ("not checked", "give their folder, with --recordings")
+def test_the_doctor_tells_the_share_or_why_it_is_not_known(tmp_path: Path, recordings: Path) -> None:
+    (unasked,) = looked(None, None)
+    assert (unasked.verdict, unasked.measured) == ("not checked", "no protocol was given")
+    (free,) = looked(allowing(tmp_path, None), recordings)
+    assert (free.verdict, free.allowed) == (
+        "green",
+        "anything, for the protocol has no footstep.synthesis.left_out_max",
+    )
+    assert free.measured.startswith("at most 34.")
+    for most in (None, 0.3):
+        (unknown,) = looked(allowing(tmp_path, most), None, tmp_path)
+        assert (unknown.verdict, unknown.remedy) == ("not checked", "give their folder, with --recordings")

@@ -10,7 +10,7 @@ from experiment.errors import JournalError
 from experiment.records import chain, journal, transcript
 from experiment.records.entries import Entry, Footer, MaskerSet, Phase, Shown, Withdrawal
 from experiment.records.footstep import FootStep, TrackerClock, Zeroed
-from experiment.records.stimulus import Onset, Stimulus
+from experiment.records.stimulus import Computed, Onset, Stimulus
 from tests.experiment.records.test_resume import broken_off, step
 from tests.experiment.session.bench import COMPUTED, DELIVERED, HEADER
 
@@ -18,7 +18,7 @@ STIMULUS = Stimulus(
     asked_sha256="0" * 64,
     floored_bins=0,
     extrapolated=False,
-    computed=COMPUTED,
+    computed=COMPUTED.model_copy(update={"relative_error": 0.391, "left_out": 0.3458}),
     handed_sha256="0" * 64,
     handed_unit="V",
     handed_peak=0.5,
@@ -62,6 +62,10 @@ def test_one_trial_can_be_told_alone(tmp_path: Path) -> None:
         transcript.text(contents, 3)
 
 
+OLD = Computed(method="basis waveforms", relative_error=1e-13)
+"""Of a journal from before a stimulus had its budget."""
+
+
 def stepped(stimulus: Stimulus | None, onset: Onset | None) -> FootStep:
     return step(1, 1).model_copy(update={"stimulus": stimulus, "onset": onset})
 
@@ -70,12 +74,16 @@ def stepped(stimulus: Stimulus | None, onset: Onset | None) -> FootStep:
     ("stimulus", "onset", "said"),
     [
         (None, None, "no stimulus; frames"),
-        (STIMULUS, ONSET, "with a peak of at most 12.3 m/s^2 at the panel for 0.5 V; frames"),
-        (STIMULUS, None, "for 0.5 V; delivery was not measured; frames"),
+        (
+            STIMULUS,
+            ONSET,
+            "12.3 m/s^2 at the panel for 0.5 V, off by 39.10% (rms), 34.58% left out; frames",
+        ),
+        (STIMULUS.model_copy(update={"computed": OLD}), None, "for 0.5 V; delivery was not measured; frames"),
         (
             STIMULUS.model_copy(update={"handed_unit": "m/s^2"}),
             ONSET.model_copy(update={"delivered": None}),
-            "with a peak of at most 12.3 m/s^2; delivery was not measured; frames",
+            "a peak of at most 12.3 m/s^2, off by 39.10% (rms), 34.58% left out; delivery was not measured; frames",
         ),
     ],
 )

@@ -95,13 +95,37 @@ def test_each_bin_counts_once_under_what_kept_it() -> None:
     """5 Hz and 700 Hz lie outside of the table; 21 m/s^2 at 400 Hz are above the highest level, which reaches 20."""
     found = in_volts(bins(f5=1.0, f100=2.0, f400=21.0, f700=3.0))
     whole = sqrt(1 + 4 + 441 + 9)
-    assert found.band == pytest.approx(sqrt(10) / whole)
+    assert [found.below, found.above] == pytest.approx([1 / whole, 3 / whole])
     assert found.held_back == pytest.approx(1 / whole)
     assert (found.rate, found.scene, found.taken_down) == (0.0, 0.0, 0.0)
     assert found.table < 1e-15
-    assert found.left_out == found.band
+    assert found.left_out == pytest.approx(sqrt(11) / whole)
     assert found.total == pytest.approx(sqrt(11) / whole)
     assert found.dissimilarity_m_s2 == pytest.approx(1 + 1)
+
+
+def test_a_dead_band_within_the_table_is_left_out() -> None:
+    """The panel answers 100 times less between 290 and 310 Hz, and the gain limit is 1 V for each m/s^2."""
+    at_2 = np.array([[2.0, 20.0]])
+    dead = Response(
+        np.array([10.0, 280.0, 290.0, 310.0, 320.0, 600.0]),
+        np.array([1.0, 10.0]),
+        np.concatenate([at_2, at_2, at_2 / 100, at_2 / 100, at_2, at_2]),
+    )
+    found = in_volts(bins(f100=3.0, f300=4.0), dead, gain=1.0)
+    # 4 V bring about 0.08 m/s^2 of the 4 that were asked for.
+    assert found.left_out == found.held_back == pytest.approx(3.92 / 5)
+
+
+def test_a_device_in_accelerations_leaves_out_what_it_is_said_not_to_carry() -> None:
+    stimulus = bins(f5=1.0, f100=2.0, f700=3.0)
+    handed = stimulus.waveform_m_s2
+    found = of_accelerations(stimulus, handed_m_s2=handed, limited=0, carries_hz=(10.0, 600.0))
+    whole = sqrt(1 + 4 + 9)
+    assert [found.below, found.above] == pytest.approx([1 / whole, 3 / whole])
+    assert found.left_out == pytest.approx(sqrt(10) / whole)
+    assert found.dissimilarity_m_s2 == pytest.approx(1), "equation (6) sums to 500 Hz"
+    assert of_accelerations(stimulus, handed_m_s2=handed, limited=0).left_out == 0.0
 
 
 def test_what_the_limits_take_down_as_a_whole_is_told_apart_from_what_a_bin_lacks() -> None:

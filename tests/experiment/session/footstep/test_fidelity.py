@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,12 +17,15 @@ from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.session.footstep.fidelity import (
-    CAUSES,
     ErrorBudget,
     Fidelity,
     aim_ms,
+    carried_hz,
+    causes,
     error_budget,
     fidelity,
+    judged,
+    most_left_out,
     refusal,
     refuse_what_leaves_out_too_much,
     speeds_mm_s,
@@ -94,16 +98,43 @@ def test_the_shipped_rig_leaves_out_what_lies_above_its_table(found: dict[str, F
 def test_a_rig_is_refused_for_what_no_output_carries(
     protocol: Protocol, volts: Rig, found: dict[str, Fidelity], recordings: Path
 ) -> None:
-    assert refusal(protocol, volts, found) == ""
-    assert refusal(allowing(protocol, 0.35), volts, found) == ""
-    told = refusal(allowing(protocol, 0.3), volts, found)
+    carries_hz = carried_hz(volts, RIGS)
+    assert carries_hz == (10.0, 600.0), "the ends of the shipped table"
+    assert refusal(protocol, volts, found, carries_hz) == ""
+    assert refusal(allowing(protocol, 0.35), volts, found, carries_hz) == ""
+    told = refusal(allowing(protocol, 0.3), volts, found, carries_hz)
+    # Both ends of the table are at fault, and the lower one more.
     assert re.match(
-        r"rig 'headless': got 34\.\d% \(rms\) of copy paper at 193 mm/s that no output carries; allowed: 0\.3", told
+        r"rig 'headless': got 34\.\d% \(rms\) of copy paper at 193 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
+        r"rig's 600 Hz\) left out; allowed: 0\.3 of it, by footstep\.synthesis\.left_out_max; get a panel that moves, "
+        "and is measured, below 10 Hz and a panel",
+        told,
     )
-    with pytest.raises(RigError, match=r"allowed: 0\.1 of it, by footstep\.synthesis\.left_out_max; measure"):
+    with pytest.raises(RigError, match=r"allowed: 0\.1 of it, by footstep\.synthesis\.left_out_max; get a panel"):
         refuse_what_leaves_out_too_much(
             protocol=allowing(protocol, 0.1), rig=volts, rig_folder=RIGS, recordings=recordings
         )
+
+
+def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(protocol: Protocol, recordings: Path) -> None:
+    plain = rigs.load(shipped("rigs/laboratory.toml"))
+    given: dict[str, Any] = {"rig": plain, "rig_folder": RIGS, "recordings": recordings}
+    assert carried_hz(plain, RIGS) is None
+    with pytest.raises(RigError, match=r"nobody measured which .* allowed: 0\.9 of it, .* write actuator\.low_hz and"):
+        judged(protocol=allowing(protocol, 0.9), **given)
+    assert judged(protocol=protocol, **given).startswith("nobody measured which frequencies its actuator carries; ")
+    measured = plain.actuator.model_copy(update={"low_hz": 10.0, "high_hz": 600.0})
+    given["rig"] = plain.model_copy(update={"actuator": measured})
+    # As much as the rig in volts, whose table ends there, but for what its gain limit holds back.
+    assert re.match(r"at most 34\.\d% \(rms\) of copy paper at 193", judged(protocol=allowing(protocol, 0.35), **given))
+
+
+def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
+    dead = Fidelity((20.0,), (Budget(1.0, 0.0, above=0.1, held_back=0.3),), (1.0,), (), None, None)
+    most = most_left_out({"felt": dead}, (10.0, 600.0))
+    assert most.share == pytest.approx(0.1**0.5)
+    assert most.told == "31.6% (rms) of felt at 20 mm/s (30% gain limit, highest level)"
+    assert most.remedy == "higher drive levels measured, or a higher gain_limit_v_per_m_s2"
 
 
 def test_nothing_is_measured_for_a_protocol_that_allows_anything(
@@ -126,26 +157,39 @@ def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol,
 def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, volts: Rig, recordings: Path) -> None:
     budget = error_budget(protocol=allowing(protocol, 0.3), rig=volts, rig_folder=RIGS, recordings=recordings)
     text = "\n".join(budget.lines())
-    for field, name, remedy in CAUSES:
+    assert budget.carries_hz == (10.0, 600.0)
+    for field, name, remedy in causes(budget.carries_hz):
         assert hasattr(next(iter(budget.materials.values())).budgets[0], field)
         assert re.search(rf"(?m)^  {re.escape(name)}  +[\d<]", text)
-        assert (f"{name}: {remedy}" in text) == (field in ("band", "held_back", "taken_down", "table"))
+        lowered = field in ("below", "above", "held_back", "taken_down", "table")
+        assert (f"{name}: {remedy}" in text) == lowered
+    assert max(map(len, budget.lines())) <= 100
     assert re.search(r"(?m)^  all of it +23\.9 to 39\.1 +20\.6 to 27\.1 +17\.1 to 24\.9 +11\.2 to 28\.6$", text)
-    assert "W interpolated, not A inverted (equation 7)" in text
+    assert re.search(r"(?m)^  W interpolated, \(7\) +0\.22 to", text)
     assert "timing: contact has a standard error of" in text
-    assert "REFUSED for participants: rig 'headless'" in text
+    assert budget.refused.startswith("rig 'headless': got 34.")
     known = budget.as_dict()
     assert known["refused"] == budget.refused
     materials = known["materials"]
     assert isinstance(materials, dict)
-    assert materials["typing paper"]["budgets"][0]["band"] == pytest.approx(0.1118, abs=1e-4)
+    at_20 = materials["typing paper"]["budgets"][0]
+    assert at_20["below"] ** 2 + at_20["above"] ** 2 == pytest.approx(0.1118**2, abs=3e-5)
 
 
 def test_what_a_perfect_rig_leaves_is_said_without_advice() -> None:
     silent = Fidelity((20.0, 600.0), (Budget(1.0, 0.0, rounding=1e-8),) * 2, (1.0, 2.0), (), None, None)
-    lines = ErrorBudget({"felt": silent}, (None, None), "").lines()
+    lines = ErrorBudget({"felt": silent}, (None, None), None, schedules=False, refused="").lines()
+    assert "  Nobody measured which frequencies its actuator carries: this counts as if it carried all." in lines
     assert "  all of it                      <0.001" in lines
-    assert "  a recorded speed told from its neighbours       unknown" in lines
-    assert "  timing: the stimulus sounds after contact, for the onset cannot be scheduled or never in time" in lines
+    assert "  a speed from its neighbours    unknown" in lines
+    assert "  timing: the stimulus sounds after contact, for this actuator cannot be told when to begin" in lines
     after = lines[lines.index("what would lower it") + 1 :]
-    assert after == ["  timing: a tracker with less noise or more frames, or a shorter latency of the output"]
+    assert after == ["  timing: an actuator on a channel of the audio device, which can be told when to begin"]
+
+
+def test_more_materials_than_fit_stand_below_one_another() -> None:
+    plain = Fidelity((20.0, 600.0), (Budget(1.0, 0.0, table=0.01),) * 2, (1.0, 2.0), (), None, None)
+    named = {f"a long material name {i}": plain for i in range(5)}
+    lines = ErrorBudget(named, (1.0, 1.0), (10.0, 600.0), schedules=True, refused="").lines()
+    assert max(map(len, lines)) <= 100
+    assert sum(line.startswith("  steps of the response table  ") for line in lines) == 3

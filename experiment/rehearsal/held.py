@@ -1,0 +1,114 @@
+"""What a process of one task holds of the machine, for `palpate plan`: it is started, opens everything, and says so.
+
+`python -m experiment.rehearsal.held` is that process. It opens what a session opens up to its first trial, with
+nobody in the room, and ends when its input does, so that others can look at its ports meanwhile.
+"""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from experiment.errors import SessionError
+
+
+@dataclass(frozen=True)
+class Asked:
+    """One task of a protocol on a rig: paths, and the ports of simulated far ends, None for those of the rig file."""
+
+    protocol: str
+    rig: str
+    task: str
+    recordings: str
+    port: str | None = None
+    address: str | None = None
+    device: str | None = None
+
+
+@dataclass(frozen=True)
+class Held:
+    """What a process holds: resident memory, MB, threads and modules; and its processor time until all was open, s."""
+
+    mb: float
+    threads: int
+    modules: tuple[str, ...]
+    cpu_s: float
+
+    @property
+    def told(self) -> str:
+        """The same in words."""
+        held = f"{self.mb:.0f} MB, {self.threads} threads, {len(self.modules)} modules"
+        return f"{held}, open after {self.cpu_s:.1f} s of processor time"
+
+
+def started(asked: Asked, opened: ExitStack) -> Held:
+    """Return what a process of its own holds once all is open; it stays open until the stack is closed.
+
+    Raises `SessionError` if it cannot open something, or this is no system that tells what a process holds.
+    """
+    command = [sys.executable, "-m", "experiment.rehearsal.held", json.dumps(asdict(asked))]
+    pipe = subprocess.PIPE
+    process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True)  # noqa: S603
+    opened.enter_context(process)
+    line = process.stdout.readline() if process.stdout is not None else ""
+    if not line:
+        why = process.communicate()[1].strip().splitlines()
+        raise SessionError(f"task {asked.task}: its process ended: {why[-1] if why else 'it says no reason'}")
+    return Held(**json.loads(line))
+
+
+def _open(asked: Asked) -> None:
+    from experiment.apparatus import rig as rigs
+    from experiment.apparatus.ports import Tracker
+    from experiment.clock import MonotonicClock
+    from experiment.desk.terminal import TerminalConsole
+    from experiment.protocol import files
+    from experiment.session import scene
+    from experiment.session.laboratory import open_laboratory
+    from experiment.session.run import RealEnds
+
+    class Ends(RealEnds):
+        # The process waits for nobody, so its priority is no matter.
+        real_time = False
+
+        def sound_device(self, opened: ExitStack) -> str | None:  # type: ignore[override]  # noqa: ARG002
+            return asked.device
+
+        def panel(self, opened: ExitStack) -> str | None:  # type: ignore[override]  # noqa: ARG002
+            return asked.address
+
+        def tracker(self, opened: ExitStack) -> tuple[str | None, None]:  # type: ignore[override]  # noqa: ARG002
+            return asked.port, None
+
+        def check(self, tracker: Tracker, rig: rigs.Rig) -> None:
+            pass
+
+    protocol, rig = files.load(Path(asked.protocol)), Path(asked.rig)
+    needs_recordings = scene.plan(protocol=protocol, task_id=asked.task).synthesis
+    console = TerminalConsole(write=sys.stderr, ask=lambda _: "y", heading="")
+    with open_laboratory(
+        protocol=protocol,
+        rig=rigs.load(rig),
+        rig_folder=rig.parent,
+        participant="01",
+        task_id=asked.task,
+        dataset=Path(asked.recordings) / "none",
+        recordings=Path(asked.recordings) if needs_recordings else None,
+        clock=MonotonicClock(),
+        ends=Ends(console),
+    ):
+        cpu_s = time.process_time()
+        status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text("ascii").splitlines())
+        mb, threads = int(status["VmRSS"].split()[0]) * 1.024e-3, int(status["Threads"])
+        sys.stdout.write(json.dumps(asdict(Held(mb, threads, tuple(sorted(sys.modules)), cpu_s))) + "\n")
+        sys.stdout.flush()
+        sys.stdin.readline()
+
+
+if __name__ == "__main__":
+    _open(Asked(**json.loads(sys.argv[1])))
