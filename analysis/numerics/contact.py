@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from analysis.numerics import oracle
 from analysis.numerics.cases import Case, Seen
 from analysis.numerics.played import Condition
-from experiment.synthesis import contact
-from experiment.synthesis.contact import FREE, Advance, Block, Motion, Switch
+from experiment.synthesis.contact.block import ENTERING, FREE, RETURNING, Advance, Block, Motion, Switch
+from experiment.synthesis.contact.exact import advance
+from experiment.synthesis.contact.path import Trajectory, trajectory
 from experiment.synthesis.stepping import stability
 from experiment.synthesis.stepping.impact import Collision, closed_form, condition
 from experiment.synthesis.stepping.steppers import STEPPERS
@@ -162,7 +163,7 @@ def _grid(stiffness: float) -> Seen:
         lasts = float(oracle.impact(**given, speed=speed).release_s)
         for part, phase in product((0.013, 0.41, 30.0), (0.0, 0.37)):
             step_s = part * lasts
-            seen = impact(block_of(**given), contact.advance, speed=speed, step_s=step_s, phase=phase)
+            seen = impact(block_of(**given), advance, speed=speed, step_s=step_s, phase=phase)
             found = errors(seen, **given, speed=speed)
             most = max(most, found["release"], found["rebound"], found["penetration"])
             last = seen[-1]
@@ -201,9 +202,9 @@ def _undamped() -> Seen:
 
 def _springless() -> Seen:
     found = closed_form(Collision(0.0, 3.0, 0.1, 0.2))
-    block, at = Block((0.0, 0.0), (3.0, 0.0), (0.1, 0.1)), Motion(contact.ENTERING, 0.0, 0.2)
+    block, at = Block((0.0, 0.0), (3.0, 0.0), (0.1, 0.1)), Motion(ENTERING, 0.0, 0.2)
     for _ in range(40):
-        at, _seen = contact.advance(block, at, 0.05)
+        at, _seen = advance(block, at, 0.05)
     off = abs(at.deep_m / (0.1 * 0.2 / 3.0) - 1)
     never = found.release_s is None and at.phase != FREE
     return never and off <= CLAIMED, f"off by {off:.1e}" if never else "released"
@@ -215,9 +216,9 @@ def _resting() -> Seen:
         damping, w = 2 * ratio * sqrt(stiffness * mass), sqrt(stiffness / mass)
         force = 10 * mass * w * 1e-3
         block = Block((stiffness, 0.0), (damping, 0.0), (mass, mass), force_n=(force, 0.0))
-        at, step_s = Motion(contact.ENTERING, 0.0, 1e-3), 0.7 / w
+        at, step_s = Motion(ENTERING, 0.0, 1e-3), 0.7 / w
         for _ in range(4000):
-            at, seen = contact.advance(block, at, step_s)
+            at, seen = advance(block, at, step_s)
             if any(one.kind == "release" for one in seen):
                 return False, f"released at {stiffness:g} N/m"
         most = max(most, abs(at.deep_m * stiffness / force - 1))
@@ -234,7 +235,7 @@ def _grazing() -> Seen:
         block = Block((4.5e3, 0.0), (1.0, 0.0), (mass, mass), force_n=(-pull, 0.0))
         at, seen = Motion(FREE, -far, speed), list[Switch]()
         while not seen and at.deep_m_s > 0:
-            at, switches = contact.advance(block, at, step_s)
+            at, switches = advance(block, at, step_s)
             seen += switches
         if not seen:
             return False, f"no touch at {slow:g} m/s"
@@ -248,7 +249,7 @@ def _bouncing() -> Seen:
     block = Block((4.5e3, 0.0), (0.0, 0.0), (0.1, 0.1), force_n=(1.0, 0.0))
     at, bounces, most = Motion(FREE, 0.0, 0.2), 0, 0.0
     while bounces < 1000:
-        at, seen = contact.advance(block, at, 0.0137)
+        at, seen = advance(block, at, 0.0137)
         for one in seen:
             bounces += one.kind == "release"
             if one.kind != "deepest":
@@ -265,14 +266,14 @@ def _energy() -> Seen:
         at, step_s = Motion(FREE, 0.0, 1.0), float(10 ** rng.uniform(-2, 1)) / w
         before = 1.0
         for _ in range(40):
-            at, _seen = contact.advance(block, at, step_s)
+            at, _seen = advance(block, at, step_s)
             now = at.deep_m_s**2 + (w * at.deep_m) ** 2 if at.phase else at.deep_m_s**2
             most, before = max(most, now - before), now
     return most <= CLAIMED_ENERGY, f"at most {max(most, 0.0):.1e} of what was brought"
 
 
-def _hand(times: NDArray[np.float64], places: NDArray[np.float64], block: Block) -> contact.Trajectory:
-    return contact.trajectory([block], times_s=times, hand_m=np.stack([places, np.zeros_like(places)], axis=1))
+def _hand(times: NDArray[np.float64], places: NDArray[np.float64], block: Block) -> Trajectory:
+    return trajectory([block], times_s=times, hand_m=np.stack([places, np.zeros_like(places)], axis=1))
 
 
 def _dropped() -> Seen:
@@ -331,7 +332,7 @@ def _grows(method: str, ratio: float, h_w: float) -> bool:
         nominal_s=step_s,
     )
     once, swing = STEPPERS[method], 1e-9 * far
-    at, early, late = Motion(contact.RETURNING, far + swing, 0.0), 0.0, 0.0
+    at, early, late = Motion(RETURNING, far + swing, 0.0), 0.0, 0.0
     for n in range(SWINGS):
         at, _ = once(block, at, step_s)
         now = abs(at.deep_m - far) + abs(at.deep_m_s) / sqrt(stiffness)

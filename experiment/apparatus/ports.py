@@ -15,7 +15,7 @@ from experiment.records.stimulus import Delivered
 if TYPE_CHECKING:
     from experiment.apparatus.panel.conditioning import Played
     from experiment.apparatus.servo.rendering import Felt
-    from experiment.synthesis.contact import Block, Pair
+    from experiment.synthesis.contact.block import Block, Pair
     from experiment.synthesis.tap import Ring
     from experiment.synthesis.waveforms import Stimulus
 

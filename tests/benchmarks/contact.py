@@ -24,7 +24,8 @@ from analysis.numerics.contact import (
     contact_s,
     errors,
 )
-from experiment.synthesis.contact import FREE, Advance, Block, Motion, Switch, init, step
+from experiment.synthesis.contact.block import FREE, Advance, Block, Motion, Switch
+from experiment.synthesis.contact.path import init, step
 from experiment.synthesis.stepping.steppers import STEPPERS
 
 STEPS = 20_000

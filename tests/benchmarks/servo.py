@@ -32,7 +32,7 @@ from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.tapping import hand
 from experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess, pushed
 from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.synthesis.contact import Block
+from experiment.synthesis.contact.block import Block
 
 SECONDS = 30.0
 RATE_HZ, LIMIT_N = 2500, 3.0

@@ -11,7 +11,7 @@ from experiment.apparatus import host
 from experiment.apparatus.servo.link import ServoProcess
 from experiment.apparatus.servo.process import Orders
 from experiment.clock import MonotonicClock
-from experiment.synthesis.contact import Block
+from experiment.synthesis.contact.block import Block
 
 PRESSED_FRAMES = 25
 """So many frames after the touch the hand surely presses."""

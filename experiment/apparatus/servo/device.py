@@ -26,7 +26,7 @@ from zlib import crc32
 
 from experiment.apparatus.servo.rendering import NO_FORCE, bounded
 from experiment.errors import ServoError
-from experiment.synthesis.contact import Pair
+from experiment.synthesis.contact.block import Pair
 
 MESSAGE = struct.Struct("<IIff")
 MESSAGE_BYTES = MESSAGE.size + 4

@@ -27,7 +27,7 @@ from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
 from experiment.apparatus.tracker.frames import Decoder
 from experiment.clock import Clock, MonotonicClock, monotonic_ns
 from experiment.errors import ServoError, TrackerStopped
-from experiment.synthesis.contact import Block
+from experiment.synthesis.contact.block import Block
 
 SLICE_S = 0.05
 """A read waits no longer for the hand, s."""

@@ -37,7 +37,7 @@ from experiment.apparatus.servo.rendering import Rendered
 from experiment.apparatus.tracker.frames import Decoder
 from experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
 from experiment.errors import PalpateError, ServoError
-from experiment.synthesis.contact import Block
+from experiment.synthesis.contact.block import Block
 
 SILENT_NS = 2_000_000
 """After so long without what a force rests on there is none, ns."""

@@ -1,7 +1,7 @@
 """From samples of the hand to the force on it, and to touches; pure, and silent at whatever it cannot believe.
 
 Places are heights above the face of the block at rest, and places along it, mm; the block lies below zero. Between two
-samples the hand moves straight (`synthesis.contact`).
+samples the hand moves straight (`synthesis.contact.path`).
 
 The force is zero, and stays so until the hand is outside of the block, where a sample is no number, comes `GAP_S` or
 more after the one before or no later than it, or lies so far from it that no hand is that fast. A force that began in
@@ -16,8 +16,9 @@ from typing import NamedTuple
 
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.errors import SynthesisError
-from experiment.synthesis import contact
-from experiment.synthesis.contact import Block, Left, Pair, State
+from experiment.synthesis.contact import path
+from experiment.synthesis.contact.block import Block, Pair
+from experiment.synthesis.contact.path import Left, State
 
 GAP_S = 0.01
 """Samples farther apart are no path, s. Ours: ten times the slowest tracker's period."""
@@ -122,7 +123,7 @@ def step(block: Block | None, at: Rendered, us: int, place_mm: Pair) -> tuple[Re
     if state is None or (place_mm[0] > AWAY_MM and _has_moved(state)):
         return moved._replace(state=_outside(block, hand_m)), ()
     try:
-        stepped = contact.step((block,), state, hand_m=hand_m, dt_s=passed_us * 1e-6)
+        stepped = path.step((block,), state, hand_m=hand_m, dt_s=passed_us * 1e-6)
     except SynthesisError:
         return moved, ()
     touches = tuple(
@@ -135,7 +136,7 @@ def step(block: Block | None, at: Rendered, us: int, place_mm: Pair) -> tuple[Re
 
 def _outside(block: Block, hand_m: Pair) -> State | None:
     try:
-        return contact.init((block,), hand_m=hand_m)
+        return path.init((block,), hand_m=hand_m)
     except SynthesisError:
         # It is inside.
         return None

@@ -23,7 +23,7 @@ from experiment.protocol.models import Step
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.records.tapping import Place, Tapped
 from experiment.session.kind import Limits, Log
-from experiment.synthesis.contact import Block
+from experiment.synthesis.contact.block import Block
 from experiment.synthesis.tap import Rings
 
 FROM_MM = 10.0

@@ -24,7 +24,7 @@ from experiment.records.tapping import FIRST, SECOND, TIE, Changed, PairLaidOut,
 from experiment.session.kind import FarEnds, Limits, Log, Meaning, Measured, Seen
 from experiment.session.tapping.taps import Lying, Taps
 from experiment.synthesis import tap
-from experiment.synthesis.contact import Block
+from experiment.synthesis.contact.block import Block
 from experiment.synthesis.tap import Rings, Surface
 
 if TYPE_CHECKING:

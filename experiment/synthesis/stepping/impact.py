@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis import contact
-from experiment.synthesis.contact import FREE, Block, Law, Motion, Switch
-from experiment.synthesis.oscillator import Oscillator, carry, moved
+from experiment.synthesis.contact import exact
+from experiment.synthesis.contact.block import FREE, Block, Law, Motion, Switch
+from experiment.synthesis.contact.oscillator import Oscillator, carry, moved
 from experiment.synthesis.stepping import stability
 from experiment.synthesis.stepping.steppers import EXACT, stepper
 
@@ -124,11 +124,11 @@ class Course:
 def closed_form(of: Collision) -> Impact:
     """Return the exact outcome."""
     axis, block, v = of.block.normal, of.block, of.speed_m_s
-    release, peak = contact.release_after(block, 0.0, v), contact.deepest_after(axis, 0.0, v)
+    release, peak = exact.release_after(block, 0.0, v), exact.deepest_after(axis, 0.0, v)
     if release == inf:
         penetration = moved(axis, carry(axis, peak), 0.0, v)[0] if peak < inf else _approached(of)
         return Impact(None, None, penetration, peak if peak < inf else None, None, None, _never(of, penetration, peak))
-    x, u = contact.released(block, *moved(axis, carry(axis, release), 0.0, v))
+    x, u = exact.released(block, *moved(axis, carry(axis, release), 0.0, v))
     peak = min(peak, release)
     deepest, _ = moved(axis, carry(axis, peak), 0.0, v)
     lost = dissipated_j(of, release)

@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.oscillator import carry, oscillator
+from experiment.synthesis.contact.oscillator import carry, oscillator
 from experiment.synthesis.stepping.steppers import EXACT, stepper
 
 UNSTABLE = 1e-14

@@ -10,7 +10,7 @@ through a switch, whatever their order elsewhere.
 - `implicit midpoint`: the force at the middle of the step, solved for.
 - `exponential`: the exact motion of the phase in which the step begins, to its end.
 - `rk4 with events`: `rk4`, with touch and release located by shorter steps, and gone on from there.
-- `exact`: `contact.advance`, the default.
+- `exact`: `exact.advance`, the default.
 """
 
 from __future__ import annotations
@@ -18,9 +18,19 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from experiment.errors import SynthesisError
-from experiment.synthesis import contact
-from experiment.synthesis.contact import ENTERING, FREE, RETURNING, Advance, Block, Kind, Motion, Switch, pull_m_s2
-from experiment.synthesis.oscillator import Oscillator, carry, moved
+from experiment.synthesis.contact import exact
+from experiment.synthesis.contact.block import (
+    ENTERING,
+    FREE,
+    RETURNING,
+    Advance,
+    Block,
+    Kind,
+    Motion,
+    Switch,
+    pull_m_s2,
+)
+from experiment.synthesis.contact.oscillator import Oscillator, carry, moved
 
 Point = tuple[float, float, float, float]
 """Penetration, its rate, the path along the face, its rate: m and m/s."""
@@ -231,6 +241,6 @@ STEPPERS: dict[str, Advance] = {
     "implicit midpoint": _blind(_midpoint),
     "exponential": _blind(_exponential),
     "rk4 with events": _located,
-    EXACT: contact.advance,
+    EXACT: exact.advance,
 }
 """Every stepper by its name."""

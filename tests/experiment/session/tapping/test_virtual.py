@@ -23,7 +23,7 @@ from experiment.records.tapping import Changed, Tapped
 from experiment.session import attempt, runner
 from experiment.session.tapping import virtual
 from experiment.synthesis import tap
-from experiment.synthesis.contact import Block
+from experiment.synthesis.contact.block import Block
 from tests.experiment.protocol.tapping import rendering
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole

@@ -16,7 +16,7 @@ from experiment.errors import SynthesisError
 from experiment.synthesis.stepping.impact import Collision, answer, closed_form, condition, in_steps
 from experiment.synthesis.stepping.steppers import STEPPERS
 from tests.experiment.synthesis.collisions import Exact
-from tests.experiment.synthesis.test_oscillator import RATIOS
+from tests.experiment.synthesis.contact.test_oscillator import RATIOS
 
 CLAIMED = 1e-11
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from analysis.numerics import contact as simulated
 from experiment.errors import SynthesisError
-from experiment.synthesis.contact import RETURNING, Block, Motion
+from experiment.synthesis.contact.block import RETURNING, Block, Motion
 from experiment.synthesis.stepping import stability
 from experiment.synthesis.stepping.steppers import STEPPERS
 

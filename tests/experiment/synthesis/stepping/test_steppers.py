@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.contact import FREE, RETURNING, Block, Motion
+from experiment.synthesis.contact.block import FREE, RETURNING, Block, Motion
 from experiment.synthesis.stepping.impact import Collision, closed_form, in_steps
 from experiment.synthesis.stepping.steppers import STEPPERS, stepper
 

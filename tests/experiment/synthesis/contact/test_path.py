@@ -11,8 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis import contact
-from experiment.synthesis.contact import ENTERING, FREE, Block, Left, Motion, advance, init, step, trajectory
+from experiment.synthesis.contact import exact
+from experiment.synthesis.contact.block import ENTERING, FREE, Block, Motion, Switch
+from experiment.synthesis.contact.exact import advance, touch
+from experiment.synthesis.contact.path import Left, Trajectory, init, step, trajectory
 
 DT = 400e-6
 
@@ -21,7 +23,7 @@ def wall(**changed: Any) -> Block:
     return Block(**{"stiffness_n_m": (2500.0, 0.0), "damping_n_s_m": (10.0, 0.0), "mass_kg": (inf, inf), **changed})
 
 
-def straight(block: Block, times: np.ndarray[Any, np.dtype[np.float64]], speed: float) -> contact.Trajectory:
+def straight(block: Block, times: np.ndarray[Any, np.dtype[np.float64]], speed: float) -> Trajectory:
     return trajectory([block], times_s=times, hand_m=np.stack([-0.001 + speed * times, 0 * times], axis=1))
 
 
@@ -129,7 +131,7 @@ def test_a_mass_that_is_let_go_and_pressed_back_touches_again_before_it_has_left
     assert at.phase == FREE
     assert at.deep_m > 0
     pressed = Block((4500.0, 0.0), (60.0, 0.0), (0.1, 0.1), force_n=(50.0, 0.0))
-    after, x, u = contact.touch(pressed, at.deep_m, at.deep_m_s)
+    after, x, u = touch(pressed, at.deep_m, at.deep_m_s)
     assert 0 < after < inf
     assert x > 0
     assert 4500 * x + 60 * u == pytest.approx(0.0, abs=1e-10)
@@ -138,7 +140,7 @@ def test_a_mass_that_is_let_go_and_pressed_back_touches_again_before_it_has_left
 def test_a_chain_of_bounces_in_one_step_is_that_of_many() -> None:
     block = Block((4500.0, 0.0), (0.5, 0.0), (0.1, 0.1), force_n=(1.0, 0.0))
     one, seen = advance(block, Motion(FREE, 0.0, 0.2), 0.3)
-    many, rest = Motion(FREE, 0.0, 0.2), list[contact.Switch]()
+    many, rest = Motion(FREE, 0.0, 0.2), list[Switch]()
     for _ in range(300):
         many, more = advance(block, many, 0.001)
         rest += more
@@ -148,7 +150,7 @@ def test_a_chain_of_bounces_in_one_step_is_that_of_many() -> None:
 
 
 def test_endless_bounces_in_one_step_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(contact, "MOST_SWITCHES", 500)
+    monkeypatch.setattr(exact, "MOST_SWITCHES", 500)
     block = Block((1e9, 0.0), (0.0, 0.0), (1e-6, 1e-6), force_n=(1.0, 0.0))
     with pytest.raises(SynthesisError, match="more than 500 touches and releases; allowed: fewer; take shorter"):
         advance(block, Motion(FREE, 0.0, 1e-3), 1.0)

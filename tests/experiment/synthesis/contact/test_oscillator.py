@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.oscillator import carry, falls_through_zero, moved, oscillator, parabola_rises
+from experiment.synthesis.contact.oscillator import carry, falls_through_zero, moved, oscillator, parabola_rises
 from experiment.synthesis.stepping.impact import Collision
 from tests.experiment.synthesis.collisions import Exact
 

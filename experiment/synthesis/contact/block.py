@@ -1,0 +1,168 @@
+"""The virtual block of a tapping study, and how the hand stands to it: equations (4) to (6) of Wellman and Howe.
+
+A block is a mass behind a plane face, with a spring and a damper along the normal of the face and along the face (K, C
+and M are diagonal in these two axes). The hand's penetration r is counted from the face, along the normal. While the
+hand touches,
+
+    F = -K r - C dr/dt    (4)        M d2r/dt2 = F    (5)        -F pushes the hand out    (6)
+
+(5) is an equation for r because the hand moves on a straight line, at constant speed, from one sample to the next: r''
+is then minus the acceleration of the block. A constant force may be added to (5), which presses the block and the hand
+together. The spring along the face begins where the hand touched.
+
+Two laws say when the force acts:
+
+- `clamped`, the default: it never pulls. It acts while r > 0 and K r + C dr/dt > 0. With damping it ends while the
+  spring is still compressed.
+- `printed`: it acts while r > 0, as the paper prints it, and pulls at the end.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from math import inf, isfinite, pi
+from typing import Literal, NamedTuple
+
+from experiment.errors import SynthesisError
+from experiment.synthesis.contact.oscillator import Carry, Oscillator, carry, oscillator
+
+Law = Literal["clamped", "printed"]
+Pair = tuple[float, float]
+
+FREE, ENTERING, RETURNING = 0, 1, 2
+"""Phases of a contact: none; before the hand was deepest; since then."""
+
+
+@dataclass(frozen=True)
+class Block:
+    """One block; pairs are (along the normal, along the face).
+
+    `stiffness_n_m` is the diagonal of K in N/m, `damping_n_s_m` that of C in N s/m, and `mass_kg` that of M in kg; an
+    infinite mass is a block that is held. `face_m` is a point of its face, (x, y), and `into` the unit vector from the
+    face into the block. `force_n` presses block and hand together, N. The exponentials of steps of `nominal_s` are
+    prepared; other steps cost more time and are as exact.
+    """
+
+    stiffness_n_m: Pair
+    damping_n_s_m: Pair
+    mass_kg: Pair
+    law: Law = "clamped"
+    face_m: Pair = (0.0, 0.0)
+    into: Pair = (1.0, 0.0)
+    force_n: Pair = (0.0, 0.0)
+    nominal_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Refuse what no equation accepts. Raises `SynthesisError`."""
+        if not all(map(isfinite, (*self.face_m, *self.into))) or abs(self.into[0] ** 2 + self.into[1] ** 2 - 1) > 1e-9:
+            raise SynthesisError(
+                f"block: got the face {self.face_m} and the direction {self.into}; allowed: finite numbers, and a "
+                "direction of length 1; correct them"
+            )
+        if not 0 <= self.nominal_s < inf:
+            raise SynthesisError(f"nominal_s: got {self.nominal_s} s; allowed: zero or more; correct it")
+        _ = self.ready
+
+    @cached_property
+    def normal(self) -> Oscillator:
+        """The motion along the normal while the hand touches."""
+        return self._axis(0)
+
+    @cached_property
+    def along(self) -> Oscillator:
+        """The motion along the face while the hand touches."""
+        return self._axis(1)
+
+    @cached_property
+    def ready(self) -> tuple[float, float, float, float, bool, Carry, Carry]:
+        """`pulls`, the pushes along normal and face, `clamps`, and what a nominal step does to both."""
+        carried = carry(self.normal, self.nominal_s), carry(self.along, self.nominal_s)
+        return *self.pulls, self.normal.push_m_s2, self.along.push_m_s2, self.clamps, *carried
+
+    @cached_property
+    def half_turn_s(self) -> float:
+        """Half a period along the normal, s; infinity where nothing oscillates."""
+        return pi / self.normal.root_per_s if self.normal.split_per_s2 < 0 else inf
+
+    @cached_property
+    def clamps(self) -> bool:
+        """Whether the force ends before the hand has left; where there is no force at all, it ends at the face."""
+        return self.law == "clamped" and any(self.pulls)
+
+    @cached_property
+    def held(self) -> bool:
+        """Whether the block does not give way."""
+        return self.mass_kg[0] == inf
+
+    @cached_property
+    def pulls(self) -> Pair:
+        """K / M and C / M along the normal; K and C of a block that is held, where only their ratio counts."""
+        if self.held:
+            return self.stiffness_n_m[0], self.damping_n_s_m[0]
+        return self.normal.stiffness_per_s2, 2 * self.normal.decay_per_s
+
+    @cached_property
+    def diagonals(self) -> tuple[float, float, float, float]:
+        """K and C along the normal, then along the face, N/m and N s/m."""
+        return self.stiffness_n_m[0], self.damping_n_s_m[0], self.stiffness_n_m[1], self.damping_n_s_m[1]
+
+    def force_at(self, at: Motion) -> Pair:
+        """Return -F (6), which pushes the hand out of the block and back along its face, N."""
+        phase, deep, rate, along, aside, _, _ = at
+        if not phase:
+            return 0.0, 0.0
+        k, c, k_along, c_along = self.diagonals
+        out = k * deep + c * rate
+        return (0.0 if out < 0 and self.clamps else out), k_along * along + c_along * aside
+
+    def _axis(self, i: int) -> Oscillator:
+        return oscillator(
+            stiffness_n_m=self.stiffness_n_m[i],
+            damping_n_s_m=self.damping_n_s_m[i],
+            mass_kg=self.mass_kg[i],
+            force_n=self.force_n[i],
+        )
+
+
+class Motion(NamedTuple):
+    """The hand in the axes of one block: `phase`, penetration and its rate, path along the face and its rate.
+
+    The path along the face begins at the touch. `since_s` is the time since the last touch or release; `owed_s` is what
+    rounding has kept back of it.
+    """
+
+    phase: int
+    deep_m: float
+    deep_m_s: float
+    along_m: float = 0.0
+    along_m_s: float = 0.0
+    since_s: float = 0.0
+    owed_s: float = 0.0
+
+
+Kind = Literal["touch", "deepest", "release"]
+
+
+class Switch(NamedTuple):
+    """A touch, the first moment at which the hand goes no deeper, or a release.
+
+    `after_s` is counted from the beginning of the step, `since_s` from the touch, or from the release before a touch.
+    """
+
+    kind: Kind
+    after_s: float
+    since_s: float
+    deep_m: float
+    deep_m_s: float
+
+
+Advance = Callable[[Block, Motion, float], tuple[Motion, tuple[Switch, ...]]]
+"""A stepper: block, motion and the length of a step, s -> the motion after it, and what happened on the way."""
+
+
+def pull_m_s2(block: Block, x: float, u: float) -> float:
+    """Return (K r + C dr/dt) / M along the normal, what the clamped law wants above zero; without M if it is held."""
+    b, a2 = block.pulls
+    return b * x + a2 * u

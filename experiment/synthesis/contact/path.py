@@ -1,0 +1,209 @@
+"""The hand's path through blocks: places of the hand in, forces on it and touches out, sample by sample.
+
+Between two samples the hand moves on a straight line, at constant speed. Blocks that nothing touches take no steps:
+their state is where they were left, and at which speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf, isfinite
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from experiment.errors import SynthesisError
+from experiment.synthesis.contact.block import ENTERING, FREE, Advance, Block, Motion, Pair, Switch, pull_m_s2
+from experiment.synthesis.contact.exact import advance
+
+
+class Left(NamedTuple):
+    """A block that nothing touches: where its face and a point on it are, m, how fast they go, m/s, and since when, s.
+
+    All are along the block's own normal and face.
+    """
+
+    face_m: float
+    beside_m: float
+    face_m_s: float
+    beside_m_s: float
+    at_s: float
+
+
+class State(NamedTuple):
+    """The hand, (x, y), its velocity since the sample before, and each block, at a time that begins at zero."""
+
+    time_s: float
+    hand_m: Pair
+    hand_m_s: Pair
+    blocks: tuple[Motion | Left, ...]
+
+
+class Stepped(NamedTuple):
+    """The state after a step; the force on the hand, (x, y), N; and what happened, each with its block's place."""
+
+    state: State
+    force_n: Pair
+    switches: tuple[tuple[int, Switch], ...]
+
+
+@dataclass(frozen=True)
+class Trajectory:
+    """A whole path of the hand through n samples.
+
+    `force_n` is the force on the hand at each sample, (x, y), N, shape (n, 2). `deep_m` is the penetration of each
+    block, m, zero or less where it is not touched, and `touching` says where its force acts, both of shape (n, blocks).
+    `switches` hold the time from the first sample, s, the block's place, and what happened there.
+    """
+
+    force_n: NDArray[np.float64]
+    deep_m: NDArray[np.float64]
+    touching: NDArray[np.bool_]
+    switches: tuple[tuple[float, int, Switch], ...]
+
+
+def init(blocks: Sequence[Block], *, hand_m: Pair) -> State:
+    """Return the state in which all blocks and the hand rest, the hand at (x, y), m, outside of every block.
+
+    Raises `SynthesisError` if the hand is not at a finite place, or inside a block.
+    """
+    _placed(hand_m)
+    for i, block in enumerate(blocks):
+        if (deep := _beside(block, hand_m)[0] - _beside(block, block.face_m)[0]) > 0:
+            raise SynthesisError(
+                f"hand: got {hand_m} m, which is {deep:g} m inside block {i + 1}; allowed: a place outside of every "
+                "block; begin there"
+            )
+    return State(0.0, hand_m, (0.0, 0.0), tuple(Left(*_beside(one, one.face_m), 0.0, 0.0, 0.0) for one in blocks))
+
+
+def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, advance: Advance = advance) -> Stepped:
+    """Return what follows when the hand has gone straight to (x, y), m, in `dt_s`, s.
+
+    `blocks` are those that `init` was given. A block that is not touched, and that the hand's path does not reach, is
+    returned as it was. Raises `SynthesisError` unless the hand is at a finite place and the time above zero and finite.
+    """
+    if not 0 < dt_s < inf:
+        raise SynthesisError(f"step: got {dt_s:g} s; allowed: a finite time above zero; give the time between samples")
+    (before_x, before_y), (x, y) = state.hand_m, hand_m
+    moving = (x - before_x) / dt_s, (y - before_y) / dt_s
+    if not (moving[0] - moving[0] == 0.0 == moving[1] - moving[1]):
+        _placed(hand_m)
+        raise SynthesisError(f"hand: got a step to {hand_m} m in {dt_s:g} s; allowed: a finite speed; check the times")
+    now_s, force_x, force_y = state.time_s + dt_s, 0.0, 0.0
+    change_x, change_y = moving[0] - state.hand_m_s[0], moving[1] - state.hand_m_s[1]
+    turned = bool(change_x or change_y)
+    after: list[Motion | Left] = []
+    switches: list[tuple[int, Switch]] = []
+    for i, (block, was) in enumerate(zip(blocks, state.blocks, strict=True)):
+        into_x, into_y = block.into
+        if isinstance(was, Left):
+            ahead = x * into_x + y * into_y - (was.face_m + was.face_m_s * (now_s - was.at_s))
+            if ahead <= 0 and block.normal.push_m_s2 == 0 == block.along.push_m_s2:
+                after.append(was)
+                continue
+            at = _joined(block, was, state)
+        else:
+            at = was
+        began: tuple[Switch, ...] = ()
+        if turned:
+            phase, deep, rate, along, aside, since, owed = at
+            rate += change_x * into_x + change_y * into_y
+            aside += change_y * into_x - change_x * into_y
+            at = Motion(phase, deep, rate, along, aside, since, owed)
+            b, a2 = block.pulls
+            if not (phase and deep > 0 and b * deep + a2 * rate > 0):
+                at, began = _turned(block, at)
+        at, seen = advance(block, at, dt_s)
+        if began or seen:
+            switches += [(i, one) for one in (*began, *seen)]
+        if at.phase:
+            out, back = block.force_at(at)
+            force_x -= out * into_x - back * into_y
+            force_y -= out * into_y + back * into_x
+            after.append(at)
+        else:
+            after.append(_parted(block, at, hand_m, moving, now_s) if at.deep_m <= 0 else at)
+    return Stepped(State(now_s, hand_m, moving, tuple(after)), (force_x, force_y), tuple(switches))
+
+
+def trajectory(
+    blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike, advance: Advance = advance
+) -> Trajectory:
+    """Return the forces along a whole path of the hand: times rise, shape (n,); places are (x, y), m, shape (n, 2).
+
+    Raises `SynthesisError` for other shapes, times that do not rise, or what `init` and `step` refuse.
+    """
+    times, places = np.asarray(times_s, dtype=np.float64), np.asarray(hand_m, dtype=np.float64)
+    if times.ndim != 1 or not times.size or places.shape != (times.size, 2):
+        raise SynthesisError(
+            f"path: got times of shape {times.shape} and places of shape {places.shape}; allowed: (n,) and (n, 2), n "
+            "being one or more; give a place for each time"
+        )
+    forces = np.zeros((times.size, 2))
+    deep, touching = np.zeros((times.size, len(blocks))), np.zeros((times.size, len(blocks)), dtype=np.bool_)
+    at, path = times.tolist(), [(x, y) for x, y in places.tolist()]
+    state = init(blocks, hand_m=path[0])
+    deep[0] = [penetration_m(block, one, state) for block, one in zip(blocks, state.blocks, strict=True)]
+    switches: list[tuple[float, int, Switch]] = []
+    for n in range(1, times.size):
+        state, forces[n], seen = step(blocks, state, hand_m=path[n], dt_s=at[n] - at[n - 1], advance=advance)
+        deep[n] = [penetration_m(block, one, state) for block, one in zip(blocks, state.blocks, strict=True)]
+        touching[n] = [isinstance(one, Motion) and one.phase != FREE for one in state.blocks]
+        switches += [(at[n - 1] - at[0] + one.after_s, i, one) for i, one in seen]
+    return Trajectory(forces, deep, touching, tuple(switches))
+
+
+def penetration_m(block: Block, at: Motion | Left, state: State) -> float:
+    """Return how deep the hand is in a block, m, along its normal; negative outside."""
+    return at.deep_m if isinstance(at, Motion) else _joined(block, at, state).deep_m
+
+
+def _joined(block: Block, at: Motion | Left, state: State) -> Motion:
+    """Return a block that was left, as seen from the hand."""
+    if isinstance(at, Motion):
+        return at
+    deep, along = _beside(block, state.hand_m)
+    deep_m_s, along_m_s = _beside(block, state.hand_m_s)
+    flown = state.time_s - at.at_s
+    return Motion(
+        FREE,
+        min(deep - (at.face_m + at.face_m_s * flown), 0.0),
+        deep_m_s - at.face_m_s,
+        along - (at.beside_m + at.beside_m_s * flown),
+        along_m_s - at.beside_m_s,
+    )
+
+
+def _parted(block: Block, at: Motion, hand_m: Pair, hand_m_s: Pair, now_s: float) -> Motion | Left:
+    """Return a block that the hand has left; one that a force presses on goes on being followed."""
+    if block.normal.push_m_s2 or block.along.push_m_s2:
+        return at
+    deep, along = _beside(block, hand_m)
+    deep_m_s, along_m_s = _beside(block, hand_m_s)
+    return Left(deep - at.deep_m, along - at.along_m, deep_m_s - at.deep_m_s, along_m_s - at.along_m_s, now_s)
+
+
+def _turned(block: Block, at: Motion) -> tuple[Motion, tuple[Switch, ...]]:
+    """Return the motion after the hand's velocity has changed, which the force of the damper follows at once."""
+    phase, x, u, _, v, since, _ = at
+    touches = x > 0 and (not block.clamps or pull_m_s2(block, x, u) > 0)
+    if phase and not touches and not (x == 0 and u > 0):
+        return Motion(FREE, x, u, 0.0, v), (Switch("release", 0.0, since, x, u),)
+    if touches and not phase:
+        # The path along the face begins anew, and so does the time since the last switch.
+        return Motion(ENTERING, x, u, 0.0, v), (Switch("touch", 0.0, since, x, u),)
+    return at, ()
+
+
+def _beside(block: Block, vector: Pair) -> Pair:
+    """Return a vector in the axes of a block: along its normal, and along its face."""
+    (x, y), (into_x, into_y) = vector, block.into
+    return x * into_x + y * into_y, y * into_x - x * into_y
+
+
+def _placed(hand_m: Pair) -> None:
+    if not all(map(isfinite, hand_m)):
+        raise SynthesisError(f"hand: got {hand_m} m; allowed: finite numbers; check the tracker")
