@@ -69,6 +69,7 @@ class ScreenWords(Confined):
         slow: of the last step, where the protocol has rules about its speed.
         right: as `slow`.
         fast: as `slow`.
+        finished: when all trials of a task are answered, while the experimenter writes down what is left.
         thanks: once the session has ended.
         gone: while there is no connection with the session.
     """
@@ -89,6 +90,7 @@ class ScreenWords(Confined):
     slow: Line = "too slow"
     right: Line = "good speed"
     fast: Line = "too fast"
+    finished: Line = "You have answered all of this part. Please wait for the experimenter."
     thanks: Line = "This session is over. Thank you."
     gone: Line = "Please wait a moment. The experimenter will be with you."
 

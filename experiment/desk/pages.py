@@ -115,6 +115,8 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
             return "\n".join((words.answer, *prompt.answers))
         case "break":
             return words.pause
+        case "finished":
+            return words.finished
         case "thanks":
             return words.thanks
         case "wait":
