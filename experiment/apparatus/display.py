@@ -64,6 +64,7 @@ class ScreenWords(Confined):
         rest: while the tracker is zeroed.
         ready: a trial is armed.
         answer: the answer is waited for.
+        compare: the same, while two samples are there to be tried.
         pause: during a break, above the time that is left.
         pause_over: once that time is over.
         slow: of the last step, where the protocol has rules about its speed.
@@ -85,6 +86,7 @@ class ScreenWords(Confined):
     rest: Line = "Rest your foot still on the panel."
     ready: Line = "You may step."
     answer: Line = "Say aloud what you felt."
+    compare: Line = "Feel both, as often as you wish. Then say your answer aloud."
     pause: Line = "Time for a break."
     pause_over: Line = "The break is over. We go on when you are ready."
     slow: Line = "too slow"

@@ -1,4 +1,6 @@
-"""Pictures of a whole practised visit: run `python -m tests.benchmarks.pictures FOLDER [PROTOCOL]`.
+"""Pictures of a whole practised visit: run `python -m tests.benchmarks.pictures FOLDER [ID TASK]`.
+
+With the id of a shipped protocol it is the first trials of that task.
 
 A session runs in a process of its own, with the participant's screen in a window on an X server of its own where there
 are Xvfb and PsychoPy. Two consoles attend it, one of 80 x 24 characters and one as large as a window of 1280 x 800. The
@@ -45,8 +47,8 @@ WINDOW_PX = (1280, 800)
 APART_S, PATIENCE_S = 1.0, 90.0
 SETTLES_S = 0.4
 
-PAUSED_AT = 2
-"""The visit pauses once, when so many answers are on disk."""
+PAUSED_AT, MOST = 2, 4
+"""The visit pauses once, when so many answers are on disk; of a shipped protocol so many are drawn."""
 
 STANDING = Standing(
     task="two", purpose="STUDY", trials=40, answered=3, remaining=37, recent=(Told(trial=3, words="felt"),)
@@ -204,11 +206,13 @@ class Visit:
         sys.stdout.write(f"{stem}\n")
         sys.stdout.flush()
 
-    async def go(self) -> None:
-        """Go through the visit to its end."""
+    async def go(self, most: int | None) -> None:
+        """Go through the visit to its end, or to so many answers."""
         asked, paused, seen = -1, False, set[str]()
         ends_s = time.monotonic() + PATIENCE_S
         while (view := self.small.view_now).ended is None and time.monotonic() < ends_s:
+            if most is not None and view.standing.answered >= most:
+                break
             name = view.question.kind if view.question is not None else view.state
             if (new := f"{view.standing.task}-{name}") not in seen:
                 seen.add(new)
@@ -250,14 +254,14 @@ class Visit:
             await self.press("escape")
 
 
-async def drawn(path: Path, folder: Path, screen: str | None, address: str) -> None:
-    """Draw a visit whose session listens at `path`, and whose console is served at `address`."""
+async def drawn(path: Path, folder: Path, screen: str | None, address: str, most: int | None) -> None:
+    """Draw a visit whose session listens at `path`, and whose console is served at `address`, or its first answers."""
     async with (
         browsing(address) as page,
         attending(path, SMALL_SIZE) as (small, _),
         attending(path, LARGE_SIZE) as (large, _),
     ):
-        await Visit(small, large, folder, screen, page).go()
+        await Visit(small, large, folder, screen, page).go(most)
 
 
 async def drawn_of_views(folder: Path) -> None:
@@ -312,12 +316,14 @@ def main() -> None:
     """Draw a visit into the folder that is named."""
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    asyncio.run(drawn_of_views(folder))
+    named = sys.argv[2:]
+    if not named:
+        asyncio.run(drawn_of_views(folder))
     with tempfile.TemporaryDirectory() as name, display() as screen:
         there = Path(name)
         protocol = there / "small.toml"
-        if len(sys.argv) > 2:
-            shutil.copy(shipped(sys.argv[2]), protocol)
+        if named:
+            shutil.copy(shipped(f"{named[0]}.toml"), protocol)
         else:
             protocol.write_text(re.sub("repetitions = [0-9]", "repetitions = 2", SMALL), "utf-8")
         rig = written_rig(there, protocol, screen=screen is not None)
@@ -326,6 +332,7 @@ def main() -> None:
         with socket.create_server(("127.0.0.1", 0)) as free:
             port = free.getsockname()[1]
         command = ["run", str(protocol), "--practice", "--rig", str(rig), "--dataset", str(there / "data")]
+        command += ["--task", named[1]] if named else []
         environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "HOME": name, "COLUMNS": "300"}
         served = folder / "served.log"
         with running(
@@ -337,7 +344,8 @@ def main() -> None:
             with running([*command, "--serve", "127.0.0.1", "--port", str(port)], environment, served):
                 until(lambda: "token=" in served.read_text("utf-8"))
                 found = re.search(r"http://\S+token=\S+", served.read_text("utf-8"))
-                asyncio.run(drawn(path, folder, screen, found[0] if found else "about:blank"))
+                most = MOST if named else None
+                asyncio.run(drawn(path, folder, screen, found[0] if found else "about:blank", most))
     as_png(folder)
 
 
