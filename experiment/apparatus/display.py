@@ -64,11 +64,13 @@ class ScreenWords(Confined):
         rest: while the tracker is zeroed.
         ready: a trial is armed.
         answer: the answer is waited for.
+        compare: the same, while two samples are there to be tried.
         pause: during a break, above the time that is left.
         pause_over: once that time is over.
         slow: of the last step, where the protocol has rules about its speed.
         right: as `slow`.
         fast: as `slow`.
+        finished: when all trials of a task are answered, while the experimenter writes down what is left.
         thanks: once the session has ended.
         gone: while there is no connection with the session.
     """
@@ -84,11 +86,13 @@ class ScreenWords(Confined):
     rest: Line = "Rest your foot still on the panel."
     ready: Line = "You may step."
     answer: Line = "Say aloud what you felt."
+    compare: Line = "Feel both, as often as you wish. Then say your answer aloud."
     pause: Line = "Time for a break."
     pause_over: Line = "The break is over. We go on when you are ready."
     slow: Line = "too slow"
     right: Line = "good speed"
     fast: Line = "too fast"
+    finished: Line = "You have answered all of this part. Please wait for the experimenter."
     thanks: Line = "This session is over. Thank you."
     gone: Line = "Please wait a moment. The experimenter will be with you."
 

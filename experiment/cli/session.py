@@ -218,12 +218,18 @@ def _attend(folder: Path, participant: str, by: str) -> None:
     path = link.place(folder, participant)
     while True:
         begun = None if link.answers(path) else _begin(path)
-        # Loaded while the session's process loads.
-        from experiment.desk.console.app import attend
+        try:
+            # Loaded while the session's process loads.
+            from experiment.desk.console.app import attend
 
-        if begun is not None:
-            _wait_for(begun, path)
-        left = attend(path, Hello(role="console", by=by))
+            if begun is not None:
+                _wait_for(begun, path)
+            left = attend(path, Hello(role="console", by=by))
+        except KeyboardInterrupt:
+            # Before a console took the key: nobody is left at the session that was begun for it.
+            if begun is not None:
+                begun.send_signal(signal.SIGINT)
+            raise
         if left.why == "gone" and left.again:
             continue
         if left.why == "left":

@@ -374,7 +374,8 @@ class LinkedConsole:
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:  # noqa: ARG002
         waited = self._watched()
-        self._now(state="armed", trial=trial, attempt=attempt, heard="")
+        # Of a pair nothing is waited for: the next is its question.
+        self._now(state="preparing" if self._view.pairs else "armed", trial=trial, attempt=attempt, heard="")
         return waited
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:

@@ -175,7 +175,7 @@ class View(Message):
 Label = Literal["", "PRACTICE", "PILOT", "REHEARSAL"]
 """What every screen says that shows no session of a study."""
 
-Show = Literal["wait", "instructions", "masker", "rest", "ready", "answer", "break", "thanks"]
+Show = Literal["wait", "instructions", "masker", "rest", "ready", "answer", "compare", "break", "finished", "thanks"]
 """What the participant's screen may show: a closed list, so that nothing else can reach it."""
 
 

@@ -113,8 +113,12 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
             return words.ready
         case "answer":
             return "\n".join((words.answer, *prompt.answers))
+        case "compare":
+            return "\n".join((words.compare, *prompt.answers))
         case "break":
             return words.pause
+        case "finished":
+            return words.finished
         case "thanks":
             return words.thanks
         case "wait":

@@ -1,8 +1,8 @@
 """What the participant's screen shows, from what the console does: nothing that is presented or laid out passes.
 
-Of a view only its state, the kind of its question, the protocol's own instruction, the pace of the last step, the
-masker's place under its limit, the end of a break, whether a fault ended the session, and the label of a practice are
-looked at.
+Of a view only its state, whether samples are compared, whether its step is the debriefing, the kind of its question,
+the protocol's own instruction, the pace of the last step, the masker's place under its limit, the end of a break,
+whether a fault ended the session, and the label of a practice are looked at.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import get_args
 
 from experiment.desk.messages import ENTER, Gauges, Label, Prompt, Show, View
+from experiment.desk.port import DEBRIEFING
 from experiment.protocol.models import Protocol
 from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 
@@ -82,6 +83,10 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
     if show == "thanks" and view.ended is not None and view.ended.exit_code:
         # A fault ended it; the experimenter sees to it, and the session goes on.
         show = "wait"
+    if show == "answer" and view.pairs:
+        show = "compare"
+    if show == "wait" and view.step == DEBRIEFING:
+        show = "finished"
     gauges = view.gauges
     own = asked if asked is not None and asked.kind in theirs.answerable else None
     offered = {choice.key for choice in own.choices} if own is not None else set()
@@ -90,7 +95,7 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
     return Prompt(
         show=show,
         text=view.instruction if show == "instructions" else "",
-        answers=theirs.answers if show == "answer" else (),
+        answers=theirs.answers if show in ("answer", "compare") else (),
         question=own.number if own is not None else None,
         keys=tuple(key for key in KEYS if key in offered),
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,

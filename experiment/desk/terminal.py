@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 GONE = "the screen is gone ({})"
 
+ENDED = "the input ended, and nobody can type"
+
 
 REMARKS = "note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON"
 """What may be typed instead of a key."""
@@ -99,7 +101,7 @@ class _Lines:
         try:
             return self._read(prompt)
         except EOFError:
-            raise KeyboardInterrupt from None
+            raise ScreenGone(ENDED) from None
         except (OSError, ValueError) as error:
             raise ScreenGone(GONE.format(error)) from error
 
@@ -115,7 +117,7 @@ class _Lines:
 class TerminalConsole(_Lines):
     """Implements `Console` on a text stream: an answer's key is typed, and typed again to confirm it.
 
-    Nothing that was typed before a question answers it. The end of the input (Ctrl-D) interrupts as Ctrl-C does.
+    Nothing that was typed before a question answers it. The end of the input (Ctrl-D) pauses as Ctrl-C does.
     """
 
     def __init__(

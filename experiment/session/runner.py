@@ -354,7 +354,7 @@ class _Session:
             return pause
         self._follow(Event.FOUND)
         self._log.write(Phase(state=self._state, detail="the tracker is back"))
-        console.show("The tracker is back; the trial is armed again.")
+        console.show("The device is back; the trial begins again.")
         return ""
 
     def _missing(self, wait_s: float) -> str:

@@ -306,8 +306,8 @@ def _refuse_rehearsal(root: Path) -> None:
     if storage.plan_path(root).exists():
         raise DatasetError(
             f"{root}: this is the dataset of practice or of a rehearsal, and its participants are simulated: nobody "
-            "enrols, consents or withdraws; name the folder of a study with --dataset, or delete this one if it is not "
-            "needed"
+            "enrols, consents or withdraws; name the folder of a study with --dataset, delete this one if it is not "
+            "needed, or try these commands in a pilot, which is no data of the study (palpate enrol --pilot)"
         )
 
 

@@ -1,9 +1,12 @@
-"""Pictures of a whole practised visit: run `python -m tests.benchmarks.pictures FOLDER [PROTOCOL]`.
+"""Pictures of a whole practised visit: run `python -m tests.benchmarks.pictures FOLDER [ID TASK]`.
+
+With the id of a shipped protocol it is the first trials of that task.
 
 A session runs in a process of its own, with the participant's screen in a window on an X server of its own where there
 are Xvfb and PsychoPy. Two consoles attend it, one of 80 x 24 characters and one as large as a window of 1280 x 800. The
 small one is keyed as an experimenter would; at each new step both, and the window, are drawn into FOLDER. Questions
-that practice does not ask are drawn of views that are made up. With Chromium the drawings of consoles become PNG.
+that practice does not ask are drawn of views that are made up. With Chromium the drawings of consoles become PNG, and
+what `--serve` shows in a browser of 1280 x 800 is drawn beside them.
 
 Not a test: it asserts nothing; somebody looks at the pictures.
 """
@@ -11,17 +14,20 @@ Not a test: it asserts nothing; somebody looks at the pictures.
 from __future__ import annotations
 
 import asyncio
+import base64
 import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, closing, contextmanager
 from pathlib import Path
 
+import aiohttp
 from textual import events
 from textual.pilot import Pilot
 
@@ -29,7 +35,9 @@ from experiment.desk import link
 from experiment.desk.console.app import Console, Left
 from experiment.desk.link import Link
 from experiment.desk.messages import Choice, Ended, Gauges, Hello, Lamp, Question, Standing, Told, View
+from experiment.protocol import files
 from experiment.protocol.files import shipped
+from experiment.rehearsal import study
 from tests.experiment.desk.console.scripted import ScriptedEnd
 from tests.experiment.protocol.small import SMALL
 
@@ -39,8 +47,8 @@ WINDOW_PX = (1280, 800)
 APART_S, PATIENCE_S = 1.0, 90.0
 SETTLES_S = 0.4
 
-PAUSED_AT = 2
-"""The visit pauses once, when so many answers are on disk."""
+PAUSED_AT, MOST = 2, 4
+"""The visit pauses once, when so many answers are on disk; of a shipped protocol so many are drawn."""
 
 STANDING = Standing(
     task="two", purpose="STUDY", trials=40, answered=3, remaining=37, recent=(Told(trial=3, words="felt"),)
@@ -108,10 +116,14 @@ def window(name: str, file: Path) -> None:
     Image.frombytes("RGB", WINDOW_PX, got.data, "raw", "BGRX").save(file)
 
 
-def written_rig(folder: Path, *, screen: bool) -> Path:
-    """Write the headless rig, or without JACK the rehearsal's, with the participant's screen if there is a display."""
+def written_rig(folder: Path, protocol: Path, *, screen: bool) -> Path:
+    """Write the rig of a protocol's practice, of footsteps with a sound card where there is JACK; and the participant's
+    screen, if there is a display.
+    """
     shutil.copy(shipped("rigs/rehearsal-response.csv"), folder)
-    text = shipped(f"rigs/{'headless' if shutil.which('jackd') else 'rehearsal'}.toml").read_text("utf-8")
+    loaded = files.load(protocol)
+    sounds = loaded.footstep is not None and shutil.which("jackd") is not None
+    text = (shipped("rigs/headless.toml") if sounds else study.simulated_rig(loaded)).read_text("utf-8")
     rig = folder / "rig.toml"
     rig.write_text(text + ("\n[screen]\nfullscreen = false\n" if screen else ""), "utf-8")
     return rig
@@ -126,11 +138,51 @@ async def attending(path: Path, size: tuple[int, int]) -> AsyncIterator[tuple[Co
             yield app, pilot
 
 
-class Visit:
-    """Whoever keys the small console, and draws both."""
+Draws = Callable[[Path], Awaitable[None]]
+"""Writes a picture of a browser's page."""
 
-    def __init__(self, small: Console, large: Console, folder: Path, screen: str | None) -> None:
+
+@asynccontextmanager
+async def browsing(address: str) -> AsyncIterator[Draws | None]:
+    """Open a page in Chromium, 1280 x 800, and yield what draws it; None where there is no Chromium."""
+    browser = shutil.which("chromium") or shutil.which("google-chrome")
+    if browser is None:
+        yield None
+        return
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
+        options = ["--headless", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0", "--hide-scrollbars"]
+        options += [f"--user-data-dir={profile}", f"--window-size={WINDOW_PX[0]},{WINDOW_PX[1]}"]
+        process = await asyncio.create_subprocess_exec(browser, *options, address, stderr=subprocess.DEVNULL)
+        try:
+            while not (told := Path(profile) / "DevToolsActivePort").exists():
+                await asyncio.sleep(0.1)
+            port = told.read_text("utf-8").split()[0]
+            async with aiohttp.ClientSession() as client:
+                async with client.get(f"http://127.0.0.1:{port}/json/list") as listed:
+                    (page,) = [one for one in await listed.json() if one["type"] == "page"]
+                async with client.ws_connect(page["webSocketDebuggerUrl"], max_msg_size=0) as tools:
+                    size = {"width": WINDOW_PX[0], "height": WINDOW_PX[1], "deviceScaleFactor": 1, "mobile": False}
+                    await tools.send_json({"id": 1, "method": "Emulation.setDeviceMetricsOverride", "params": size})
+                    await tools.receive_json()
+
+                    async def draw(file: Path) -> None:
+                        await tools.send_json({"id": 2, "method": "Page.captureScreenshot"})
+                        file.write_bytes(base64.b64decode((await tools.receive_json())["result"]["data"]))
+
+                    yield draw
+        finally:
+            process.kill()
+            await process.wait()
+
+
+class Visit:
+    """Whoever keys the small console, and draws both, the participant's window, and a browser's page."""
+
+    def __init__(
+        self, small: Console, large: Console, folder: Path, screen: str | None, page: Draws | None = None
+    ) -> None:
         self.small, self.large = small, large
+        self._page = page
         self._folder = folder
         self._screen = screen
         self._drawn = 0
@@ -149,14 +201,18 @@ class Visit:
             (self._folder / f"{stem}-{size}.svg").write_text(app.export_screenshot(title=stem), "utf-8")
         if self._screen is not None:
             window(self._screen, self._folder / f"{stem}-window.png")
+        if self._page is not None:
+            await self._page(self._folder / f"{stem}-served.png")
         sys.stdout.write(f"{stem}\n")
         sys.stdout.flush()
 
-    async def go(self) -> None:
-        """Go through the visit to its end."""
+    async def go(self, most: int | None) -> None:
+        """Go through the visit to its end, or to so many answers."""
         asked, paused, seen = -1, False, set[str]()
         ends_s = time.monotonic() + PATIENCE_S
         while (view := self.small.view_now).ended is None and time.monotonic() < ends_s:
+            if most is not None and view.standing.answered >= most:
+                break
             name = view.question.kind if view.question is not None else view.state
             if (new := f"{view.standing.task}-{name}") not in seen:
                 seen.add(new)
@@ -198,10 +254,14 @@ class Visit:
             await self.press("escape")
 
 
-async def drawn(path: Path, folder: Path, screen: str | None) -> None:
-    """Draw a visit whose session listens at `path`."""
-    async with attending(path, SMALL_SIZE) as (small, _), attending(path, LARGE_SIZE) as (large, _):
-        await Visit(small, large, folder, screen).go()
+async def drawn(path: Path, folder: Path, screen: str | None, address: str, most: int | None) -> None:
+    """Draw a visit whose session listens at `path`, and whose console is served at `address`, or its first answers."""
+    async with (
+        browsing(address) as page,
+        attending(path, SMALL_SIZE) as (small, _),
+        attending(path, LARGE_SIZE) as (large, _),
+    ):
+        await Visit(small, large, folder, screen, page).go(most)
 
 
 async def drawn_of_views(folder: Path) -> None:
@@ -231,34 +291,61 @@ def as_png(folder: Path) -> None:
             subprocess.run([str(browser), *options, *shot], capture_output=True, check=False, timeout=120)
 
 
+@contextmanager
+def running(command: list[str], environment: dict[str, str], log: Path) -> Iterator[None]:
+    """Run palpate in a process of its own, and end it."""
+    with log.open("wb") as said:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "experiment", *command], env=environment, stdout=said, stderr=said
+        )
+        try:
+            yield
+        finally:
+            process.kill()
+            process.wait()
+
+
+def until(holds: Callable[[], object]) -> None:
+    """Wait until something holds."""
+    ends_s = time.monotonic() + PATIENCE_S
+    while not holds() and time.monotonic() < ends_s:
+        time.sleep(0.05)
+
+
 def main() -> None:
     """Draw a visit into the folder that is named."""
     folder = Path(sys.argv[1])
     folder.mkdir(parents=True, exist_ok=True)
-    asyncio.run(drawn_of_views(folder))
+    named = sys.argv[2:]
+    if not named:
+        asyncio.run(drawn_of_views(folder))
     with tempfile.TemporaryDirectory() as name, display() as screen:
         there = Path(name)
         protocol = there / "small.toml"
-        if len(sys.argv) > 2:
-            shutil.copy(shipped(sys.argv[2]), protocol)
+        if named:
+            shutil.copy(shipped(f"{named[0]}.toml"), protocol)
         else:
             protocol.write_text(re.sub("repetitions = [0-9]", "repetitions = 2", SMALL), "utf-8")
-        rig = written_rig(there, screen=screen is not None)
-        command = [sys.executable, "-m", "experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
-        command += ["--dataset", str(there / "data"), "--session-at", str(there / "s")]
-        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "HOME": name}
-        with (folder / "session.log").open("wb") as log:
-            session = subprocess.Popen(
-                command, env=environment | ({"DISPLAY": screen} if screen else {}), stdout=log, stderr=log
-            )
-            try:
-                ends_s = time.monotonic() + PATIENCE_S
-                while not link.answers(there / "s") and time.monotonic() < ends_s:
-                    time.sleep(0.05)
-                asyncio.run(drawn(there / "s", folder, screen))
-            finally:
-                session.kill()
-                session.wait()
+        rig = written_rig(there, protocol, screen=screen is not None)
+        os.environ["XDG_RUNTIME_DIR"] = name
+        path = link.place(there / "data", "01")
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port = free.getsockname()[1]
+        command = ["run", str(protocol), "--practice", "--rig", str(rig), "--dataset", str(there / "data")]
+        command += ["--task", named[1]] if named else []
+        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2]), "HOME": name, "COLUMNS": "300"}
+        served = folder / "served.log"
+        with running(
+            [*command, "--session-at", str(path)],
+            environment | ({"DISPLAY": screen} if screen else {}),
+            folder / "session.log",
+        ):
+            until(lambda: link.answers(path))
+            with running([*command, "--serve", "127.0.0.1", "--port", str(port)], environment, served):
+                until(lambda: "token=" in served.read_text("utf-8"))
+                found = re.search(r"http://\S+token=\S+", served.read_text("utf-8"))
+                most = MOST if named else None
+                asyncio.run(drawn(path, folder, screen, found[0] if found else "about:blank", most))
     as_png(folder)
 
 

@@ -268,7 +268,7 @@ def in_words(run: Run) -> list[Wrong]:
 
 
 INTERRUPTED = "paused: interrupted at the keyboard"
-SCREEN_GONE = r"paused: the screen is gone \(.*\)"
+SCREEN_GONE = r"paused: (the screen is gone \(.*\)|the input ended, and nobody can type)"
 
 EVERYWHERE = (
     Moment("fork", 0.4),

@@ -38,6 +38,10 @@ def write_rig(folder: Path, name: str, **changed: str) -> Path:
     return path
 
 
+HURRIED = {"READY_S": (0.05, 0.1), "SPEAKS_LOG_S": (-2.0, 0.1)}
+"""A simulated participant who needs no time to get ready and hardly any to answer, by their names in its module."""
+
+
 class Laboratory:
     """What stands there: a panel, and a line to a foot that steps when the tracker is drained, as it is when armed."""
 

@@ -35,6 +35,11 @@ def terminal(tmp_path: Path) -> Iterator[Terminal]:
             os.kill(process, signal.SIGKILL)
 
 
+def is_python(process: int) -> bool:
+    """Return whether a process is palpate itself, and not the terminal's server or shell, whose commands name it."""
+    return Path(f"/proc/{process}/exe").readlink().name.startswith("python")
+
+
 def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Terminal) -> None:
     terminal.begin("--task", "one")
     terminal.until(lambda text: "FAMILIARISE" in text and "Enter" in text)
@@ -55,6 +60,13 @@ def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Ter
     (session,) = terminal.processes("--session-at")
     terminal.begin("--task", "one")
     terminal.answer()
+
+    # Killed: it comes back to the step.
+    (console,) = (one for one in terminal.processes("run") if one != session and is_python(one))
+    os.kill(console, signal.SIGKILL)
+    terminal.until(lambda text: "left with 137" in text)
+    terminal.again("--task", "one")
+    terminal.until(lambda text: "ARMED" in text or "What did the participant say?" in text)
 
     # Its terminal closed: nothing of the console stays, and the session does.
     terminal.close()

@@ -1,202 +1,175 @@
-"""A practised visit over the desk's socket: stopped at every step, in every way, it goes on there and loses nothing."""
+"""A visit over the desk's socket: at every step stopped in every way, it goes on there and loses nothing."""
 
 from __future__ import annotations
 
-import os
 import re
-import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from contextlib import closing
+from datetime import date, timedelta
 from pathlib import Path
 
 import pytest
 
 from experiment import storage
 from experiment.dataset.verify import verify
-from experiment.desk import link
 from experiment.desk.link import Line
-from experiment.desk.messages import Choose, Correct, Hello, Pause, Repeat, Reply, Stop, TakeNote, Typed, View, Write
+from experiment.desk.messages import Choose, Correct, Hello, Pause, Prompt, Repeat, Stop, TakeNote, Typed, View
 from experiment.records import journal
 from experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Visited
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import progress
+from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
+from tests.rig.laboratory import write_rig
+from tests.rig.visited import PATIENCE_S, Desk
 
-ME = Hello(role="console", by="test")
 TASKS = ("one", "two")
 """In the order in which participant 01 practises them."""
-PATIENCE_S = 60.0
-
-
-@dataclass
-class Desk:
-    """Somebody at a console: runs the session's process, connects to it, and keys what the participant says."""
-
-    folder: Path
-    replies: list[Reply] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        (self.folder / "small.toml").write_text(re.sub("repetitions = [0-9]", "repetitions = 1", SMALL), "utf-8")
-        self.socket = self.folder / "s"
-        self.process: subprocess.Popen[bytes] | None = None
-        self.there: Line | None = None
-        self._asked = 0
-        self._last: View | None = None
-
-    @property
-    def root(self) -> Path:
-        return self.folder / "data"
-
-    def connect(self) -> None:
-        """Begin the session's process if none listens, and connect to it."""
-        if self.process is None or self.process.poll() is not None:
-            command = ["run", "small.toml", "--practice", "--dataset", "data", "--session-at", str(self.socket)]
-            with (self.folder / "log").open("ab") as log:
-                self.process = subprocess.Popen(
-                    [sys.executable, "-m", "experiment", *command],
-                    cwd=self.folder,
-                    env={**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])},
-                    stdin=subprocess.DEVNULL,
-                    stderr=log,
-                    start_new_session=True,
-                )
-        ends_s = time.monotonic() + PATIENCE_S
-        while not link.answers(self.socket):
-            assert self.process.poll() is None, (self.folder / "log").read_text("utf-8")
-            assert time.monotonic() < ends_s
-            time.sleep(0.02)
-        self.there = Line(self.socket, ME)
-
-    def close(self) -> None:
-        if self.there is not None:
-            self.there.close()
-        if self.process is not None:
-            self.process.kill()
-            self.process.wait()
-
-    def press(self, view: View, key: str) -> None:
-        assert self.there is not None
-        assert view.question is not None
-        self.there.send(Choose(question=view.question.number, key=key))
-
-    def answer(self, view: View) -> None:
-        """Do what an experimenter does at this question."""
-        assert self.there is not None
-        asked = view.question
-        assert asked is not None
-        if asked.kind == "write":
-            self.there.send(Write(question=asked.number, text=f"an answer to {asked.text[:8]}"))
-        elif asked.kind == "answer":
-            said = next(line for line in reversed(view.lines) if line.startswith("The participant says: "))
-            words = said.removeprefix("The participant says: ").rstrip(".")
-            self.press(view, next(choice.key for choice in asked.choices if choice.answer and words in choice.words))
-        else:
-            self.press(view, "enter")
-
-    def views(self) -> Iterator[View]:
-        """Yield what the session shows, until it is gone; each new question once."""
-        assert self.there is not None
-        last: tuple[object, ...] = ()
-        for message in self.there.messages():
-            if isinstance(message, Reply):
-                self.replies.append(message)
-                continue
-            assert isinstance(message, View)
-            now = (message.question, message.state, message.trial, message.ended)
-            if now != last:
-                last = now
-                yield message
-
-    def visit(self, at: Callable[[View], bool] = lambda _: False) -> View:
-        """Go on with the visit until `at` says so, or its end; return the view at that moment."""
-        assert self.there is not None
-        if self._last is not None and self._last.question is not None and self._last.question.number != self._asked:
-            self._asked = self._last.question.number
-            self.answer(self._last)
-        for view in self.views():
-            self._last = view
-            if at(view) or view.ended is not None:
-                return view
-            if view.question is not None and view.question.number != self._asked:
-                self._asked = view.question.number
-                self.answer(view)
-        raise AssertionError(f"the session is gone: {(self.folder / 'log').read_text('utf-8')}")
-
-    def again(self) -> None:
-        """Come back: connect anew, to the session's process or to another."""
-        if self.there is not None:
-            self.there.close()
-        self._asked, self._last = 0, None
-        self.connect()
 
 
 @pytest.fixture
 def desk(tmp_path: Path) -> Iterator[Desk]:
-    one = Desk(tmp_path)
-    try:
+    (tmp_path / "small.toml").write_text(re.sub("repetitions = [0-9]", "repetitions = 1", SMALL), "utf-8")
+    with closing(Desk(tmp_path, ("run", "small.toml", "--practice"))) as one:
         yield one
-    finally:
-        one.close()
 
 
 def entries(desk: Desk, task: str) -> tuple[AnyEntry, ...]:
     return journal.read_if_begun(storage.journal_path(desk.root, "01", task)).entries
 
 
+def at_question(kind: str, words: str = "") -> Callable[[View], bool]:
+    """Return what tells a view of such a question, whose text holds the words."""
+    return lambda view: view.question is not None and view.question.kind == kind and words in view.question.text
+
+
+BREAK_S = 5.0
 STEPS: dict[str, Callable[[View], bool]] = {
-    "familiarise": lambda view: view.question is not None and view.question.kind == "familiarise",
-    "place": lambda view: view.question is not None and view.question.kind == "place",
-    "armed": lambda view: view.state == "armed",
-    "answer": lambda view: view.question is not None and view.question.kind == "answer",
-    "confirm": lambda view: view.question is not None and view.question.kind == "confirm",
-    "second task": lambda view: view.standing.task == TASKS[1] and view.question is not None,
-    "write": lambda view: view.question is not None and view.question.kind == "write",
-    "debrief": lambda view: view.question is not None and view.question.kind == "debrief",
+    "consent": at_question("agree", "consent"),
+    "voices": at_question("agree", "sound"),
+    "identity": at_question("agree", "at the panel"),
+    "familiarise": lambda view: view.step == TASKS[0] and at_question("familiarise")(view),
+    "masker": at_question("level"),
+    "say": at_question("say"),
+    "rest": at_question("rest"),
+    "place": at_question("place"),
+    "armed": lambda view: view.state == "armed" and view.question is None,
+    "answer": at_question("answer"),
+    "confirm": at_question("confirm"),
+    "break": at_question("break"),
+    "second task": lambda view: view.step == TASKS[1] and at_question("familiarise")(view),
+    "report": at_question("write", "report"),
+    "payment": at_question("write", "handed"),
+    "debrief": at_question("debrief"),
 }
+"""Every step of a visit, in the order in which they are first met."""
+
+ANEW = {"identity", "masker", "say", "rest", "place", "armed", "answer", "confirm"}
+"""What a visit that was stopped may ask again on its way back to where it was; each session has its devices made ready,
+and a trial without a confirmed answer is done again."""
 
 
-@pytest.mark.parametrize("how", ["key", "console", "kill"])
-def test_a_visit_that_is_stopped_at_every_step_goes_on_there(desk: Desk, how: str) -> None:
-    """By the stop key, by a console that is closed, and by SIGKILL of the session's process."""
+@pytest.fixture
+def visit(tmp_path: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> Iterator[Desk]:
+    """A sealed study of one trial a material, and a participant who has not consented yet."""
+    text = re.sub("repetitions = [0-9]", "repetitions = 1", SMALL)
+    text = text.replace('stimulus = "virtual"', 'stimulus = "real"').replace(
+        "break_min_s = 61", f"break_min_s = {BREAK_S}"
+    )
+    text = text.replace('pause_key = "="', 'pause_key = "="\nmicrophone = true')
+    text = text.replace('statement = "You may', 'voice_recordings = true, statement = "You may')
+    text = re.sub("min_s = [56]\\b", "min_s = 0", text)
+    text = re.sub(r"approved_on = 2020-02-01\nexpires_on = 2021-02-01", "", text)
+    (tmp_path / "small.toml").write_text(text, "utf-8")
+    rig = write_rig(tmp_path, "rehearsal", port='"/dev/none"', address='"127.0.0.1:1"')
+    rig.write_text(rig.read_text("utf-8").replace("[tracker]", "[tracker]\nzeroing_mm = 3.0"), "utf-8")
+    monkeypatch.chdir(tmp_path)
+    days = ["--approved-on", date.today(), "--expires-on", date.today() + timedelta(9)]
+    assert palpate("seal", "small.toml", "--approval-number", "17", *days)[0] == 0
+    assert palpate("enrol", "small.toml", "-p", "01", "--dataset", "data", "--seed", "1")[0] == 0
+    with closing(Desk(tmp_path, ("run", "small.toml", "-p", "01", "--rig", "rig.toml"), simulated=True)) as one:
+        yield one
+
+
+def reach(visit: Desk, step: str) -> View:
+    """Go on to a step; on the way nothing is asked anew that was done, but for what each session asks."""
+    names = list(STEPS)
+    # While processes begin anew, the break may end.
+    there = [STEPS[name] for name in ((step, "second task") if step == "break" else (step,))]
+    before = [name for name in names[: names.index(step)] if name not in ANEW]
+    passed: set[str] = set()
+
+    def is_there(view: View) -> bool:
+        passed.update(name for name in before if STEPS[name](view))
+        return any(at(view) for at in there)
+
+    view = visit.visit(is_there)
+    assert view.ended is None, (step, view.ended)
+    assert passed <= set(before[-1:]), step
+    return view
+
+
+def catch_up(visit: Desk, stopped: View) -> None:
+    """Lose the console, and a participant's screen; keys of the question before answer nothing."""
+    assert visit.there is not None
+    process = visit.process
+    if stopped.question is not None:
+        for key in ("enter", "f", "y"):
+            visit.there.send(Choose(question=stopped.question.number - 1, key=key))
+    visit.there.send(Typed(keys="f"))
+    with closing(Line(visit.socket, Hello(role="screen", by="screen"))) as screen:
+        shown = next(screen.messages())
+        assert isinstance(shown, Prompt)
+        assert "felt" not in shown.model_dump_json()
+    visit.again()
+    assert visit.process is process
+    view = visit.look()
+    if stopped.question is not None:
+        assert view.question == stopped.question
+        assert (view.state, view.step, view.trial) == (stopped.state, stopped.step, stopped.trial)
+
+
+def stop(visit: Desk, deed: Pause | Stop) -> None:
+    """Stop by key, and go on: in the same process after a pause, and in another one after the end for today."""
+    assert visit.there is not None
+    assert visit.process is not None
+    visit.there.send(deed)
+    if isinstance(deed, Pause):
+        visit.look(at_question("continue"))
+        return
+    assert visit.look(lambda view: view.ended is not None).ended is not None
+    visit.process.join(PATIENCE_S)
+    assert visit.process.exitcode == 0
+    visit.again()
+
+
+def test_a_visit_that_is_stopped_at_every_step_in_every_way_goes_on_there(visit: Desk) -> None:
+    """One visit: at each step its console and its screen are lost, it is stopped by key, and its process is killed."""
     said: dict[str, set[tuple[int, str | None]]] = {task: set() for task in TASKS}
-    for step, at in STEPS.items():
-        desk.again()
-        stopped = desk.visit(at)
-        assert stopped.ended is None, step
-        process = desk.process
-        assert process is not None
-        assert desk.there is not None
+    visit.connect()
+    for number, step in enumerate(STEPS):
+        catch_up(visit, reach(visit, step))
         for task in TASKS:
-            if found := entries(desk, task):
+            if found := entries(visit, task):
                 now = set(progress(found).said)
                 assert said[task] <= now, step
                 said[task] = now
-        if how == "key":
-            desk.there.send(Stop())
-            assert desk.visit(lambda view: view.ended is not None).ended is not None, step
-            assert process.wait(PATIENCE_S) == 0, step
-        elif how == "kill":
-            process.send_signal(signal.SIGKILL)
-            process.wait()
-        else:
-            desk.again()
-            assert desk.process is process
-            # It has caught up with the first view.
-            view = next(desk.views())
-            assert (view.standing.task, view.step) == (stopped.standing.task, stopped.step), step
-    desk.again()
-    end = desk.visit()
+        stop(visit, Pause() if number % 2 else Stop())
+        reach(visit, step)
+        visit.kill()
+        visit.again()
+        reach(visit, step)
+    end = visit.visit()
     assert end.ended is not None
     assert end.ended.exit_code == 0
     for task in TASKS:
-        done = progress(entries(desk, task))
+        done = progress(entries(visit, task))
         assert done.complete
         assert sorted(done.answered) == list(range(1, len(done.header.order) + 1))
         assert said[task] <= set(done.said)
-    assert verify(desk.root).refused == 0
+    stated = [entry.step for task in TASKS for entry in entries(visit, task) if isinstance(entry, Visited)]
+    assert [step for step in stated if step != "identity"] == ["report", "payment"]
+    assert verify(visit.root).refused == 0
 
 
 def test_what_is_asked_for_at_any_moment_is_done_answered_and_on_record(desk: Desk) -> None:
@@ -232,9 +205,7 @@ def test_what_is_asked_for_at_any_moment_is_done_answered_and_on_record(desk: De
 def test_what_is_said_at_the_end_of_a_visit_is_on_record_once(desk: Desk) -> None:
     desk.connect()
     desk.visit(STEPS["debrief"])
-    assert desk.process is not None
-    desk.process.send_signal(signal.SIGKILL)
-    desk.process.wait()
+    desk.kill()
     desk.again()
     desk.visit()
     assert [e.step for e in entries(desk, TASKS[1]) if isinstance(e, Visited)] == ["report", "payment"]

@@ -16,9 +16,18 @@ from experiment.records import journal
 from experiment.records.entries import MaskerSet, Phase, Redo, Spoken
 from experiment.records.footstep import FootStep, Probed, Zeroed
 from experiment.rehearsal import session, study
+from experiment.rehearsal.footstep import participant
 from experiment.rehearsal.footstep.panel import CardPanel
 from experiment.rehearsal.wires.sound_card import WiredCard
 from tests.rig import sound
+from tests.rig.laboratory import HURRIED
+
+
+@pytest.fixture
+def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody waits for a participant who only thinks."""
+    for name, value in HURRIED.items():
+        monkeypatch.setattr(participant, name, value)
 
 
 def short(tmp_path: Path) -> Path:
@@ -56,6 +65,7 @@ def rehearsed(tmp_path: Path) -> Path:
     return root
 
 
+@pytest.mark.usefixtures("hurried")
 def test_a_session_runs_in_real_time_on_a_sound_card_of_its_own(tmp_path: Path) -> None:
     with sound.sound_card():
         pass
@@ -89,6 +99,7 @@ def test_a_session_runs_in_real_time_on_a_sound_card_of_its_own(tmp_path: Path) 
     assert all(louder == (softer or 0.0) + 2.0 for softer, louder in pairwise(levels[:-1]))
 
 
+@pytest.mark.usefixtures("hurried")
 def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -152,6 +163,7 @@ def zeroed(tmp_path: Path) -> Path:
     return rig
 
 
+@pytest.mark.usefixtures("hurried")
 def test_a_zeroed_tracker_is_rehearsed_in_real_time(tmp_path: Path) -> None:
     where = {"protocol_file": short(tmp_path), "rig_file": zeroed(tmp_path), "out": tmp_path / "made"}
     with pytest.raises(DatasetError, match=r"a resting foot, and no foot rests in simulated time; add --real-time"):

@@ -50,6 +50,8 @@ PROMPTS: dict[str, Prompt] = {
     "answer": Prompt(show="answer"),
     "break": Prompt(show="break"),
     "break that is over": Prompt(show="break", until_ns=0),
+    "compare": Prompt(show="compare", answers=("first", "second", "no difference")),
+    "finished": Prompt(show="finished"),
     "thanks": Prompt(show="thanks"),
 }
 

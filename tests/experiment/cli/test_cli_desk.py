@@ -1,4 +1,4 @@
-"""What a session's command does for its screens: their first view, and the participant's screen beside it."""
+"""What a session's command does for its screens: their first view, and what it begins and ends beside them."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from experiment.protocol.models import Protocol
 
 
 class Process:
-    """Stands for the process of a participant's screen, and keeps what was done to it."""
+    """Stands for the process of a session or of a participant's screen, and keeps what was done to it."""
 
     def __init__(self, command: list[str], **_: Any) -> None:
-        assert "screen" in command
+        assert {"screen", "--session-at"} & set(command)
         self.done: list[str] = []
         begun.append(self)
 
@@ -27,6 +27,9 @@ class Process:
     def wait(self) -> int:
         self.done.append("wait")
         return -9
+
+    def send_signal(self, number: int) -> None:
+        self.done.append(f"signal {number}")
 
     def poll(self) -> int | None:
         self.done.append("poll")
@@ -60,6 +63,19 @@ def test_the_screen_of_a_session_that_ended_well_says_thanks_and_ends_by_itself(
     with desk.beside(tmp_path / "s", tmp_path / "p.toml", rig):
         pass
     assert begun[0].done == ["poll"]
+
+
+def test_an_interrupt_while_a_console_is_opened_ends_the_session_that_was_begun_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr(session, "_wait_for", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        session._attend(tmp_path, "01", "console")
+    assert begun[0].done == ["signal 2"]
 
 
 def test_without_a_table_for_it_no_screen_is_opened(tmp_path: Path) -> None:

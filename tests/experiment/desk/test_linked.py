@@ -448,6 +448,14 @@ def test_whoever_arms_is_told_that_somebody_had_to_be_waited_for(monkeypatch: py
     assert not bench.linked.rearm(trial=1, attempt=3, reason="the foot stopped")
 
 
+@pytest.mark.parametrize(("pairs", "state"), [(False, "armed"), (True, "preparing")])
+def test_of_a_pair_nothing_is_armed(pairs: bool, state: str) -> None:
+    one = LinkedConsole(View(pairs=pairs))
+    one.came(1, 0)
+    one.arm(trial=1, attempt=1, trials=4)
+    assert shown(one).state == state
+
+
 def test_another_trial_is_laid_out_without_the_attempts_of_the_last(bench: Bench) -> None:
     bench.linked.arm(trial=1, attempt=3, trials=4)
     laid = bench.asks(lambda: bench.linked.place(trial=2, presented=("cork",)))

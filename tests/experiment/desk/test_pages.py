@@ -42,6 +42,14 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     "rest": (Prompt(show="rest"), "Rest your foot still on the panel."),
     "ready": (Prompt(show="ready"), "You may step."),
     "answer": (Prompt(show="answer"), "Say aloud what you felt."),
+    "compare": (
+        Prompt(show="compare", answers=("first", "second")),
+        "Feel both, as often as you wish. Then say your answer aloud.\nfirst\nsecond",
+    ),
+    "finished": (
+        Prompt(show="finished"),
+        "You have answered all of this part. Please wait for the experimenter.",
+    ),
     "thanks": (Prompt(show="thanks"), "This session is over. Thank you."),
     "no session": (None, "Please wait a moment. The experimenter will be with you."),
 }

@@ -118,7 +118,7 @@ ORDER: tuple[tuple[str, Callable[[LinkedConsole], object], str, str], ...] = (
     ("", lambda desk: desk.arm(trial=2, attempt=2, trials=4), "ready", "ready"),
     ("", lambda desk: desk.attend(None), "wait", "wait"),
     ("continue", lambda desk: desk.goes_on(why="It paused."), "break", "wait"),
-    ("debrief", LinkedConsole.debrief, "wait", "wait"),
+    ("debrief", LinkedConsole.debrief, "finished", "finished"),
 )
 """What a session asks of its desk, in a real order: what the participant sees meanwhile, and afterwards."""
 

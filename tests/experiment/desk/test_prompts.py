@@ -34,7 +34,9 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
     if gauges is not None and other.gauges is not None:
         kept = {name: getattr(gauges, name) for name in ("pace", "masker_db_a", "masker_limit_db_a")}
         gauges = other.gauges.model_copy(update=kept)
-    matters = {name: getattr(view, name) for name in ("state", "instruction", "pause_until_ns", "label")}
+    matters = {
+        name: getattr(view, name) for name in ("state", "step", "pairs", "instruction", "pause_until_ns", "label")
+    }
     ended = view.ended
     if ended is not None and other.ended is not None:
         ended = other.ended.model_copy(update={"exit_code": ended.exit_code})
@@ -72,6 +74,19 @@ def test_every_kind_of_question_has_its_page() -> None:
 )
 def test_every_state_has_its_page(state: str, show: str) -> None:
     assert prompt(View.model_validate({"state": state}), THEIRS).show == show
+
+
+def test_who_compares_is_told_to_feel_both() -> None:
+    asked = Question(number=3, kind="answer", text="", choices=())
+    shown = prompt(View(pairs=True, question=asked), THEIRS)
+    assert (shown.show, shown.answers) == ("compare", THEIRS.answers)
+
+
+@pytest.mark.parametrize("kind", ["write", "debrief"])
+def test_who_has_answered_everything_is_told_so_until_the_end(kind: str) -> None:
+    asked = Question.model_validate({"number": 3, "kind": kind, "text": "", "choices": ()})
+    assert prompt(View(step="debriefing", question=asked), THEIRS).show == "finished"
+    assert prompt(View(step="debriefing"), THEIRS).show == "finished"
 
 
 @pytest.mark.parametrize(("exit_code", "show"), [(0, "thanks"), (2, "wait"), (70, "wait")])

@@ -193,12 +193,12 @@ def test_the_maskers_level_is_shown_changed_and_kept() -> None:
     ]
 
 
-def test_the_end_of_the_input_interrupts_as_the_keyboard_does() -> None:
+def test_the_end_of_the_input_is_named() -> None:
     def ended(_: str) -> str:
         raise EOFError
 
     one = TerminalConsole(write=io.StringIO(), ask=ended, heading="")
-    with pytest.raises(KeyboardInterrupt):
+    with pytest.raises(ScreenGone, match="the input ended, and nobody can type"):
         one.ask(trial=1, answers=ANSWERS, others=OTHERS)
 
 

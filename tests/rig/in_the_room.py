@@ -1,0 +1,33 @@
+"""A session with a participant whose devices are SIMULATED: foot, panel, masker and microphone, and who answers."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import Any
+
+from experiment.rehearsal.session import Job, SimulatedEnds
+from experiment.session import laboratory, run
+from experiment.session.attempt import Devices
+from tests.experiment.session.test_masking import ScriptedMasker
+from tests.experiment.session.test_spoken import ScriptedMicrophone
+
+SEED = 1
+
+
+@contextmanager
+def _opened(**asked: Any) -> Iterator[Devices]:
+    who, task, clock = asked["participant"], asked["task_id"], asked["clock"]
+    job = Job(asked["dataset"], who, (task,), SEED, "none", real_time=True)
+    world = SimulatedEnds(
+        job, asked["protocol"], asked["rig"], task, clock, lambda: None, None, asked["ends"].console()
+    )
+    with laboratory.open_laboratory(**asked | {"ends": world}) as devices, ThreadPoolExecutor(1) as computing:
+        yield replace(devices, masker=ScriptedMasker(clock), microphone=ScriptedMicrophone(clock), computing=computing)
+
+
+def simulate() -> None:
+    """Have the sessions of this process meet simulated devices."""
+    vars(run)["open_laboratory"] = _opened
