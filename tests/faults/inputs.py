@@ -203,11 +203,14 @@ SLOW = ("numerics", "devices", "rehearse", "record", "plan", "validate", "doctor
 
 
 def arguments(draws: random.Random) -> list[str]:
-    """A command line that starts nothing long: the slow commands lack what they need, by an option that nobody has."""
+    """A command line that starts nothing long: the slow commands are given an option that nobody has.
+
+    It comes twice, for an option before it that lacks its value would take the first.
+    """
     command = draws.choice(COMMANDS)
     some = [draws.choice(draws.choice((OPTIONS, VALUES))) for _ in range(draws.randrange(6))]
     if command in SLOW:
-        some.append("--no-such-option")
+        some += ["--no-such-option"] * 2
     if command == "power":
         some += ["--studies", "0"]
     return [command, *some]
