@@ -126,7 +126,8 @@ def audit(
     _believe(Path(target))
     people = tuple(_sizes(participants, PublishedError)) if participants else ()
     stated = Stated(people, trials, chance) if people or trials or chance else None
-    result = audits.audit(target, against, stated)
+    with options.working("Holding the numbers against one another"):
+        result = audits.audit(target, against, stated)
     if as_json:
         options.put(result.as_dict())
     else:
@@ -488,7 +489,10 @@ def tell_analysis(
     from analysis.documents.tables import WIDTH
 
     _believe(*datasets)
-    result = analyses.analyse(datasets, out, figures=figures, titles=titles, dissimilarities=dissimilarities)
+    with options.working("Reading the dataset") as say:
+        result = analyses.analyse(
+            datasets, out, figures=figures, titles=titles, dissimilarities=dissimilarities, say=say
+        )
     if as_json:
         options.put(result.as_dict())
     else:

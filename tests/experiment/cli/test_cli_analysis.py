@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
+import sys
 from pathlib import Path
 
+import pytest
+
+from experiment.cli import options
 from experiment.cli.analysis import commands
 from tests.conftest import Palpate
 
@@ -109,4 +114,17 @@ def test_the_tables_of_a_page(palpate: Palpate, tmp_path: Path) -> None:
 def test_what_a_toml_file_says_itself_is_not_given_beside_it(palpate: Palpate) -> None:
     code, _, err = palpate("audit", "okamoto2012", "--participants", "5")
     assert code == 2
-    assert "got --participants or --trials; allowed: for an HTML page or a CSV file" in err
+    assert "got --participants, --trials or --chance; allowed: for an HTML page or a CSV file" in err
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_terminal_is_told_what_is_being_computed_and_a_pipe_is_not(
+    terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = io.StringIO()
+    monkeypatch.setattr(told, "isatty", lambda: terminal, raising=False)
+    monkeypatch.setattr(sys, "__stderr__", told)
+    with options.working("Reading the dataset") as say:
+        say("Drawing figures")
+    assert ("Drawing figures" in told.getvalue()) == terminal
+    assert capsys.readouterr() == ("", "")
