@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -105,13 +105,14 @@ def analyse(
     figures: bool = True,
     titles: bool = False,
     dissimilarities: Path | None = None,
+    say: Callable[[str], None] = lambda _: None,
 ) -> Analysis:
     """Analyse these BIDS datasets, pooled if there are several, and write everything into `out`.
 
     `out` is by default `derivatives/palpate` in a single dataset. Drawing the figures takes most of the time; they have
     `titles` inside for slides, and for a paper none, for the caption says what they show. The CSV
     file of `dissimilarities` is that of `analysis.reading.dissimilarities.from_file`; by default they are the published
-    ones.
+    ones. `say` is told what is being done.
 
     Raises:
         DatasetError: for a dataset or file that cannot be read, datasets that do not go together or have no trial left,
@@ -126,6 +127,7 @@ def analyse(
     if not study.attempts["included"].any():
         raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
     printed = published.load(study.id)
+    say("Computing tables and models")
     if study.answers is not None:
         if dissimilarities is not None:
             raise DatasetError(f"{study.id}: got --dissimilarities and comparisons; allowed: one of them; leave it out")
@@ -137,6 +139,7 @@ def analyse(
     results = compute(study, printed.pairs() if printed else {}, alike)
     comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
     parts = sections(study, results, comparison, printed)
+    say("Drawing figures and writing the report" if figures else "Writing the report")
     content = _content(study, results, comparison, parts, figures=figures, titles=titles)
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
 

@@ -358,6 +358,17 @@ def of_df(n: int, sizes: Iterable[int]) -> Iterator[tuple[int, str]]:
             yield size - 1, f"it was taken from {plural(size, 'participant')}, where n is {n}"
 
 
+def _nearest(printed: Printed, values: Sequence[Interval], *, squares: bool) -> str:
+    """Return the values beside a number that lies between them and is none; nothing where it lies beyond them all."""
+    at = printed.exact**2 if squares else printed.exact
+    ends = (
+        max((float(one.high) for one in values if one.high < at), default=None),
+        min((float(one.low) for one in values if one.low > at), default=None),
+    )
+    beside = [math.sqrt(max(end, 0.0)) if squares else end for end in ends if end is not None]
+    return " or ".join(as_printed(printed, end, 1) for end in beside) if len(beside) == 2 else ""
+
+
 def _above_zero(p: str) -> str:
     """Return a P as text, and one of which no digit is left as the bound that its digits set."""
     return f"<{p[:-1]}1" if re.fullmatch(r"0\.0+", p) else p
@@ -410,6 +421,8 @@ class Citation:
         verdict, fitting = judge(printed, values, squares=squares)
         # One more digit where a number does not stand, lest it look like the one that is shown beside it.
         text, low, high = shown(printed, fitting, squares=squares, further=verdict not in AGREES)
+        if verdict == "differs" and (nearest := _nearest(printed, values, squares=squares)):
+            text = f"{nearest}, of {text}"
         if quantity == "P":
             text = " to ".join(dict.fromkeys(_above_zero(part) for part in text.split(" to ")))
         reason = ""

@@ -58,7 +58,11 @@ def fit(counts: Integers) -> Lapses:
     np.fill_diagonal(fitted, 0.0)
     g2 = float(2 * (xlogy(wrong, wrong) - xlogy(wrong, np.where(fitted > 0, fitted, 1.0))).sum())
     trials = counts.sum(axis=1)
-    return Lapses(float(a.sum() / trials.sum()), a / trials, b, max(g2, 0.0), materials * materials - 3 * materials + 1)
+    rows, columns = wrong.any(axis=1), wrong.any(axis=0)
+    # Cells without their margin are fitted by 0 and deviate from nothing (Bishop, Fienberg and Holland 1975, ch. 5.2).
+    cells = int((np.outer(rows, columns) & ~np.eye(materials, dtype=bool)).sum())
+    df = max(cells - int(rows.sum()) - int(columns.sum()) + 1, 0)
+    return Lapses(float(a.sum() / trials.sum()), a / trials, b, max(g2, 0.0), df)
 
 
 def fits(counts: Integers) -> tuple[Floats, Floats]:

@@ -125,8 +125,12 @@ def audit(
 
     _believe(Path(target))
     people = tuple(_sizes(participants, PublishedError)) if participants else ()
+    share = re.fullmatch(r"0?(\.[0-9]{1,9})|([1-9][0-9]{0,3})/([1-9][0-9]{0,3})", chance or "1/2")
+    if share is None or not 0 < float(share[1] or int(share[2]) / int(share[3])) < 1:
+        raise PublishedError(f"--chance: got {chance}; allowed: a share such as 1/4 or 0.25; give one")
     stated = Stated(people, trials, chance) if people or trials or chance else None
-    result = audits.audit(target, against, stated)
+    with options.working("Holding the numbers against one another"):
+        result = audits.audit(target, against, stated)
     if as_json:
         options.put(result.as_dict())
     else:
@@ -488,7 +492,10 @@ def tell_analysis(
     from analysis.documents.tables import WIDTH
 
     _believe(*datasets)
-    result = analyses.analyse(datasets, out, figures=figures, titles=titles, dissimilarities=dissimilarities)
+    with options.working("Reading the dataset") as say:
+        result = analyses.analyse(
+            datasets, out, figures=figures, titles=titles, dissimilarities=dissimilarities, say=say
+        )
     if as_json:
         options.put(result.as_dict())
     else:

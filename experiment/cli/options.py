@@ -111,6 +111,21 @@ def columns(most: int) -> int:
 
 
 @contextmanager
+def working(what: str) -> Iterator[Callable[[str], None]]:
+    """Say at a terminal what is being computed, until it is; yield what says something else then."""
+    import sys
+
+    from rich.console import Console
+
+    console = Console(file=sys.__stderr__)
+    if not console.is_terminal:
+        yield lambda _: None
+        return
+    with console.status(what) as status:
+        yield status.update
+
+
+@contextmanager
 def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
     """Show a progress bar on standard error; yield what sets its total and draws it, and what advances it.
 

@@ -46,6 +46,8 @@ MOST_MARKS, MOST_OWN_MARKS = 2, 4
 
 def hidden(text: str, but: str = "") -> tuple[str, ...]:
     """Return each character of a text that is refused, once, except those in `but`."""
+    if text.isascii() and text.isprintable():
+        return ()
     return tuple(one for one in dict.fromkeys(text) if one not in but and _is_hidden(one))
 
 

@@ -202,6 +202,15 @@ def test_a_moved_point_is_named_beside_what_else_gives_the_number() -> None:
     assert line.reason == "it is one-tailed; or it is off by a power of ten"
 
 
+def test_a_number_between_its_values_is_shown_beside_the_nearest() -> None:
+    cited = mistakes.Citation("Text", "one", "glass", "cannot be decided")
+    values = [point(Fraction(one)) for one in ("4.5", "4.69", "4.75", "4.9")]
+    assert cited.number("t(14)", Printed("4.71"), values).recomputed == "4.690 or 4.750, of 4.500 to 4.900"
+    assert cited.number("t(14)", Printed("5.71"), values).recomputed == "4.500 to 4.900"
+    squares = [point(Fraction(one)) for one in ("0.04", "0.09")]
+    assert cited.number("SD", Printed("0.25"), squares, squares=True).recomputed == "0.200 or 0.300, of 0.200 to 0.300"
+
+
 def test_a_slip_that_a_random_number_would_have_says_so() -> None:
     """Of two digits: 18 of 100 numbers are one digit off, by counting."""
     reason = mistakes.slip_of(Printed("0.71"), [point(Fraction("0.79"))])

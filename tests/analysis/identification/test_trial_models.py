@@ -109,6 +109,40 @@ def _cbpp() -> Design:
     return Design(right, herds, ("intercept", "2", "3", "4"), matrix, {"period": (1, 2, 3)}, {}, {}, ())
 
 
+def test_gee_is_that_of_its_equations() -> None:
+    """Liang and Zeger (1986), equation 7, solved from 0, and Mancl and DeRouen (2001), equation 5, by matrices.
+
+    The correlation is the moment estimate that was found, whose equation statsmodels alone is trusted with.
+    """
+    data, found = _cbpp(), gee(_cbpp())
+    beta = np.zeros(4)
+    for _ in range(50):
+        bread, score, parts = np.zeros((4, 4)), np.zeros(4), []
+        for herd in range(15):
+            own = data.participants == herd
+            x, y = data.matrix[own], data.correct[own]
+            mu = 1 / (1 + np.exp(-x @ beta))
+            root = np.sqrt(mu * (1 - mu))
+            alike = np.full((len(y), len(y)), found.spread) + (1 - found.spread) * np.eye(len(y))
+            slope, inverse = x * (mu * (1 - mu))[:, None], np.linalg.inv(root[:, None] * alike * root)
+            parts.append((slope, inverse, y - mu))
+            bread += slope.T @ inverse @ slope
+            score += slope.T @ inverse @ (y - mu)
+        beta += np.linalg.solve(bread, score)
+    outer = np.linalg.inv(bread)
+    meat = np.zeros((4, 4))
+    for slope, inverse, left in parts:
+        spared = np.linalg.solve(np.eye(len(left)) - slope @ outer @ slope.T @ inverse, left)
+        one = slope.T @ inverse @ spared
+        meat += np.outer(one, one)
+    covariance = outer @ meat @ outer
+    assert [one.estimate for one in found.coefficients] == pytest.approx(beta.tolist(), rel=1e-6)
+    assert [one.error for one in found.coefficients] == pytest.approx(np.sqrt(np.diag(covariance)).tolist(), rel=1e-6)
+    # Hotelling (1931): (n - q) / (q (n - 1)) of Wald's statistic is F on q and n - q df; n = 15 herds, q = 3 periods.
+    wald = beta[1:] @ np.linalg.solve(covariance[1:, 1:], beta[1:])
+    assert found.terms[0].p == pytest.approx(stats.f.sf(wald * 12 / 42, 3, 12), rel=1e-6)
+
+
 def test_the_mixed_logit_is_at_maximum_likelihood() -> None:
     """The likelihood by its definition: each herd's integral over a normal intercept, at 60 Hermite nodes."""
     data = _cbpp()

@@ -27,6 +27,22 @@ def test_the_deviance_is_as_printed() -> None:
     assert [round(found.g2, 1), found.df] == migration["quasi_independence"]
 
 
+@pytest.mark.parametrize(
+    ("counts", "g2"),
+    [
+        ([[20, 0, 0, 0], [5, 12, 4, 3], [2, 6, 15, 4], [3, 1, 2, 18]], 3.30508852587),
+        ([[20, 4, 1, 0], [5, 12, 4, 0], [2, 6, 15, 0], [3, 1, 2, 18]], 3.58404698472),
+    ],
+)
+def test_a_material_that_is_never_wrong_or_never_a_wrong_answer_takes_its_degrees_of_freedom(
+    counts: list[list[int]], g2: float
+) -> None:
+    """R 4.2: glm(n ~ factor(i) + factor(j), poisson) of the wrong cells without that row or column, which has 3 df."""
+    found = fit(np.array(counts))
+    assert found.g2 == pytest.approx(g2, abs=1e-7)
+    assert found.df == 3
+
+
 def test_counts_that_the_model_gives_give_it_back() -> None:
     lapses, biases = np.array([0.1, 0.5, 1.0, 0.25]), np.array([0.1, 0.2, 0.3, 0.4])
     counts = 10_000 * (np.diag(1 - lapses) + lapses[:, None] * biases)

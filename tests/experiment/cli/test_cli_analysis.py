@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import io
 import json
+import sys
 from pathlib import Path
 
+import pytest
+
+from experiment.cli import options
 from experiment.cli.analysis import commands
 from tests.conftest import Palpate
 
@@ -109,4 +114,25 @@ def test_the_tables_of_a_page(palpate: Palpate, tmp_path: Path) -> None:
 def test_what_a_toml_file_says_itself_is_not_given_beside_it(palpate: Palpate) -> None:
     code, _, err = palpate("audit", "okamoto2012", "--participants", "5")
     assert code == 2
-    assert "got --participants or --trials; allowed: for an HTML page or a CSV file" in err
+    assert "got --participants, --trials or --chance; allowed: for an HTML page or a CSV file" in err
+
+
+@pytest.mark.parametrize("chance", ["3", "1/0", "0", "5/4", "a quarter"])
+def test_a_chance_that_is_no_share_is_refused(palpate: Palpate, tmp_path: Path, chance: str) -> None:
+    (tmp_path / "p.csv").write_text(",a,b\na,0.9,0.1\nb,0.2,0.8\n", encoding="utf-8")
+    code, _, err = palpate("audit", tmp_path / "p.csv", "--participants", "5", "--chance", chance)
+    assert (code, err.count("\n")) == (2, 1)
+    assert f"--chance: got {chance}; allowed: a share such as 1/4 or 0.25; give one" in err
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_terminal_is_told_what_is_being_computed_and_a_pipe_is_not(
+    terminal: bool, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    told = io.StringIO()
+    monkeypatch.setattr(told, "isatty", lambda: terminal, raising=False)
+    monkeypatch.setattr(sys, "__stderr__", told)
+    with options.working("Reading the dataset") as say:
+        say("Drawing figures")
+    assert ("Drawing figures" in told.getvalue()) == terminal
+    assert capsys.readouterr() == ("", "")
