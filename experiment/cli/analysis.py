@@ -474,6 +474,7 @@ def tell_analysis(
     *,
     as_json: bool,
     figures: bool,
+    pictures: bool = True,
     titles: bool = False,
     full: bool = False,
     dissimilarities: Path | None = None,
@@ -483,7 +484,8 @@ def tell_analysis(
     from analysis.documents.tables import WIDTH
 
     _believe(*datasets)
-    result = analyses.analyse(datasets, out, figures=figures, titles=titles, dissimilarities=dissimilarities)
+    drawn = {"figures": figures, "pictures": pictures, "titles": titles}
+    result = analyses.analyse(datasets, out, **drawn, dissimilarities=dissimilarities)
     if as_json:
         options.put(result.as_dict())
     else:
