@@ -103,16 +103,18 @@ def analyse(
     out: Path | None = None,
     *,
     figures: bool = True,
+    pictures: bool = True,
     titles: bool = False,
     dissimilarities: Path | None = None,
     say: Callable[[str], None] = lambda _: None,
 ) -> Analysis:
     """Analyse these BIDS datasets, pooled if there are several, and write everything into `out`.
 
-    `out` is by default `derivatives/palpate` in a single dataset. Drawing the figures takes most of the time; they have
-    `titles` inside for slides, and for a paper none, for the caption says what they show. The CSV
-    file of `dissimilarities` is that of `analysis.reading.dissimilarities.from_file`; by default they are the published
-    ones. `say` is told what is being done.
+    `out` is by default `derivatives/palpate` in a single dataset. Drawing the figures takes most of the time, half of
+    it for `pictures`, which are PNG files of them. They have `titles` inside for slides, and for a paper
+    none, for the caption says what they show. The CSV file of `dissimilarities` is that of
+    `analysis.reading.dissimilarities.from_file`; by default they are the published ones.
+    `say` is told what is being done.
 
     Raises:
         DatasetError: for a dataset or file that cannot be read, datasets that do not go together or have no trial left,
@@ -131,7 +133,7 @@ def analyse(
     if study.answers is not None:
         if dissimilarities is not None:
             raise DatasetError(f"{study.id}: got --dissimilarities and comparisons; allowed: one of them; leave it out")
-        return _comparisons(study, printed, place, figures=figures, titles=titles)
+        return _comparisons(study, printed, place, figures=figures, pictures=pictures, titles=titles)
     if dissimilarities is not None:
         alike = from_file(dissimilarities, study.materials)
     else:
@@ -140,11 +142,13 @@ def analyse(
     comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
     parts = sections(study, results, comparison, printed)
     say("Drawing figures and writing the report" if figures else "Writing the report")
-    content = _content(study, results, comparison, parts, figures=figures, titles=titles)
+    content = _content(study, results, comparison, parts, figures=figures, pictures=pictures, titles=titles)
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
 
 
-def _comparisons(study: Study, printed: Published | None, place: Path, *, figures: bool, titles: bool) -> Analysis:
+def _comparisons(
+    study: Study, printed: Published | None, place: Path, *, figures: bool, pictures: bool, titles: bool
+) -> Analysis:
     """Write the analysis of a study of comparisons."""
     # Its scales need statsmodels, which no other analysis does.
     from analysis.comparison.results import compute
@@ -158,7 +162,9 @@ def _comparisons(study: Study, printed: Published | None, place: Path, *, figure
 
         drawn = _named(study, comparison_figures.sheets(found, study.label, titles=titles))
     title, numbers = study.name.removeprefix(f"{study.label}: "), _compared(study, found)
-    content = page.folder(title, study.label, parts, drawn, comparison_sections.METHODS, numbers) | _bids(study)
+    content = page.folder(
+        title, study.label, parts, drawn, comparison_sections.METHODS, numbers, pictures=pictures
+    ) | _bids(study)
     return Analysis(study, found, None, parts, place, publish(place, content, study.label, "analyse"))
 
 
@@ -178,6 +184,7 @@ def _content(
     parts: tuple[Section, ...],
     *,
     figures: bool,
+    pictures: bool,
     titles: bool,
 ) -> dict[str, bytes]:
     title = study.name.removeprefix(f"{study.label}: ")
@@ -187,7 +194,9 @@ def _content(
 
         drawn = _named(study, sheets(results, study.label, titles=titles))
     numbers, counts = _numbers(study, results, comparison), _counts(results)
-    return page.folder(title, study.label, parts, drawn, METHODS, numbers, further=(counts,)) | _bids(study)
+    return page.folder(
+        title, study.label, parts, drawn, METHODS, numbers, further=(counts,), pictures=pictures
+    ) | _bids(study)
 
 
 def _bids(study: Study) -> dict[str, bytes]:

@@ -91,13 +91,15 @@ def folder(
     numbers: Mapping[str, Any],
     *,
     further: Sequence[Section] = (),
+    pictures: bool = True,
 ) -> dict[str, bytes]:
     """Return a folder of results, path within it -> content: figures, tables, every number as JSON, and the report.
 
-    `label` is that of the dataset, empty for a study's own data. No number may be NaN or infinite. The sections in
+    `label` is that of the dataset, empty for a study's own data. Figures are SVG, and where there are `pictures` PNG
+    beside it. No number may be NaN or infinite. The sections in
     `further` have tables, but are not part of the report.
     """
-    files = drawings(sheets, "figures/") if sheets else {}
+    files = drawings(sheets, "figures/", pictures=pictures) if sheets else {}
     files |= tables((*sections, *further), label, "tables/")
     files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
@@ -232,9 +234,9 @@ def tables(parts: Iterable[Section], label: str, folder: str = "") -> dict[str, 
     return {name: content.encode() for name, content in files.items()}
 
 
-def drawings(sheets: Iterable[Sheet], folder: str = "") -> dict[str, bytes]:
-    """Return every figure as SVG and as PNG, by name."""
+def drawings(sheets: Iterable[Sheet], folder: str = "", *, pictures: bool = True) -> dict[str, bytes]:
+    """Return every figure as SVG, and where there are `pictures` as PNG too, by name."""
     from analysis.documents import drawing
 
-    kinds = {"svg": drawing.svg, "png": drawing.png}
+    kinds = {"svg": drawing.svg, **({"png": drawing.png} if pictures else {})}
     return {f"{folder}{one.name}.{kind}": draw(one.figure) for one in sheets for kind, draw in kinds.items()}

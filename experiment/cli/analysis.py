@@ -483,6 +483,7 @@ def tell_analysis(
     *,
     as_json: bool,
     figures: bool,
+    pictures: bool = True,
     titles: bool = False,
     full: bool = False,
     dissimilarities: Path | None = None,
@@ -492,10 +493,9 @@ def tell_analysis(
     from analysis.documents.tables import WIDTH
 
     _believe(*datasets)
+    drawn = {"figures": figures, "pictures": pictures, "titles": titles}
     with options.working("Reading the dataset") as say:
-        result = analyses.analyse(
-            datasets, out, figures=figures, titles=titles, dissimilarities=dissimilarities, say=say
-        )
+        result = analyses.analyse(datasets, out, **drawn, dissimilarities=dissimilarities, say=say)
     if as_json:
         options.put(result.as_dict())
     else:

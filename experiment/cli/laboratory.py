@@ -261,8 +261,8 @@ def rehearse(
 
     In a REHEARSAL a simulated foot is measured through a real serial port, and a simulated observer judges what the
     actuator was sent; or a simulated participant taps and compares simulated surfaces. The answers go into the journal,
-    and the tables are made from the dataset on disk. To continue a rehearsal that was interrupted, run the same command
-    again.
+    and the tables are made from the dataset on disk, with figures for the report; `palpate analyse` draws them as PNG
+    too. To continue a rehearsal that was interrupted, run the same command again.
     """
     from experiment.cli.analysis import tell_analysis
     from experiment.desk.terminal import TerminalConsole
@@ -289,7 +289,7 @@ def rehearse(
             tick=tick,
             screen=screen,
         )
-    tell_analysis([dataset], None, as_json=as_json, figures=True)
+    tell_analysis([dataset], None, as_json=as_json, figures=True, pictures=False)
 
 
 @commands.command(

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
@@ -36,6 +37,9 @@ from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.storage import foot_path, rig_path
+
+Each = Callable[[Callable[[Path], None], Iterable[Path]], Iterable[None]]
+"""Calls a function with each path."""
 
 LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same
@@ -120,19 +124,25 @@ class Placed:
         return np.asarray(self.at_s + passed_s * (1 + self.drift_ppm * 1e-6), np.float64)
 
 
-def build(root: Path) -> None:
+def build(root: Path, each: Each = map) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
-    A journal without a header is one of a session which never started: it is left out. Raises what `believed` raises,
+    `each` is `map`, or that of a pool of processes, which write the files of several sessions at once. A journal
+    without a header is one of a session which never started: it is left out. Raises what `believed` raises,
     and `DatasetError` if there is no journal and none was erased, or a foot trace is not the one its journal names.
     """
     dataset = believed(root)
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
         raise DatasetError(f"{root}: got no journal; allowed: one or more; run a session first")
     bids.write_files(_study_files(root, dataset))
-    for session in _sessions(dataset):
-        bids.write_files(_events(root, dataset, session))
-        _write_foot(root, session, ORIGINS[dataset.purpose])
+    for _ in each(partial(_build_session, root, dataset.protocol, dataset.purpose), [of[0] for of in dataset.sessions]):
+        pass
+
+
+def _build_session(root: Path, protocol: Protocol, purpose: Purpose, path: Path) -> None:
+    session = _session(path, journal.read(path))
+    bids.write_files(_events(root, protocol, purpose, session))
+    _write_foot(root, session, ORIGINS[purpose])
 
 
 def check_tables(root: Path) -> Believed:
@@ -167,9 +177,12 @@ def edited(root: Path, dataset: Believed, under_way: Collection[Path] = ()) -> l
         found = unlike(_study_files(root, replace(dataset, sessions=tuple(told))))
     doubts += found
     for session in _sessions(dataset):
-        found = unlike(_events(root, dataset, session))
+        made = partial(_events, root, dataset.protocol, dataset.purpose)
+        found = unlike(made(session))
         if found and session.path in under_way:
-            earlier = (unlike(_events(root, dataset, then)) for then in _since_footer(session))
+            earlier = (
+                unlike(_events(root, dataset.protocol, dataset.purpose, then)) for then in _since_footer(session)
+            )
             unmade = not until_footer(session.contents).lines and not _has_table(root, session.contents.header)
             found = [] if unmade else min([found, *earlier], key=len)
         doubts += found
@@ -200,8 +213,8 @@ def _sessions(dataset: Believed) -> Iterator[_Session]:
     return (_session(path, journal.read(path)) for path, _ in dataset.sessions)
 
 
-def _events(root: Path, dataset: Believed, session: _Session) -> bids.Files:
-    protocol, origin, header = dataset.protocol, ORIGINS[dataset.purpose], session.contents.header
+def _events(root: Path, protocol: Protocol, purpose: Purpose, session: _Session) -> bids.Files:
+    origin, header = ORIGINS[purpose], session.contents.header
     task = _task_text(protocol, protocol.task(header.task), origin, header.session_id)
     paired = protocol.comparison is not None
     rows = comparison.rows(session.contents, origin) if paired else _rows(session, origin)

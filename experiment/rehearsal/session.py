@@ -8,11 +8,12 @@ from __future__ import annotations
 import multiprocessing
 import signal
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import FIRST_EXCEPTION, Future, ProcessPoolExecutor, wait
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +24,12 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock, ManualClock, MonotonicClock
+from experiment.dataset.build import Each
 from experiment.desk.port import Console
 from experiment.errors import Interrupted
 from experiment.protocol import files
 from experiment.protocol.models import Protocol
+from experiment.recordings.manifest import MANIFEST
 from experiment.records import journal
 from experiment.records.entries import Footer
 from experiment.rehearsal.footstep.foot import Foot
@@ -41,6 +44,7 @@ from experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from experiment.session import runner, scene
+from experiment.session.kind import Stimuli
 from experiment.session.laboratory import header, open_laboratory
 from experiment.synthesis import waveforms
 from experiment.synthesis.tap import Surface
@@ -86,8 +90,8 @@ def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: C
     At `desk` an experimenter practises: the keys are theirs, and familiarisation may end at once.
     """
     kept = storage.protocol_path(job.dataset)
-    protocol, rig_file = files.load(kept), kept.with_name("rig.toml")
-    rig = rigs.load(rig_file)
+    rig_file = kept.with_name("rig.toml")
+    protocol, rig = _study(kept, rig_file, storage.read_bytes(kept), storage.read_bytes(rig_file))
     position = job.tasks.index(task_id) + 1
     clock = MonotonicClock() if job.real_time else ManualClock(_simulated_now_ns(job, task_id, position))
     recordings = job.dataset / storage.RECORDINGS if scene.plan(protocol=protocol, task_id=task_id).synthesis else None
@@ -192,6 +196,14 @@ class SimulatedEnds:
             return materials
         return {material: _silenced(basis) for material, basis in materials.items()}
 
+    def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
+        folder = self.job.dataset / storage.RECORDINGS
+        key = folder, storage.read_bytes(folder / MANIFEST), self.job.control, self.task_id
+        if key not in _stimuli:
+            _stimuli.clear()
+            _stimuli[key] = prepare()
+        return _stimuli[key]
+
     def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
         if self.job.control != "silence":
             return surfaces
@@ -260,6 +272,16 @@ class SimulatedEnds:
         )
 
 
+_stimuli: dict[tuple[Path, bytes, str, str], Stimuli] = {}
+"""What this process prepared last: for recordings, control and task it is the same for every participant."""
+
+
+@lru_cache(maxsize=1)
+def _study(kept: Path, rig_file: Path, *_contents: bytes) -> tuple[Protocol, rigs.Rig]:
+    """Return the study that a rehearsal's folder keeps, read once for the same contents."""
+    return files.load(kept), rigs.load(rig_file)
+
+
 def _silenced(basis: Basis) -> Basis:
     """Return the control condition: the same material, with no vibration in any of its bins."""
     silent = replace(basis.spectra, amplitudes=np.zeros_like(basis.spectra.amplitudes))
@@ -276,8 +298,10 @@ def _simulated_now_ns(job: Job, task_id: str, position: int) -> int:
 _queue: multiprocessing.SimpleQueue[None] | None = None
 
 
-def rehearse_at_once(todo: Sequence[Job], jobs: int, tick: Tick) -> None:
+def rehearse_at_once(todo: Sequence[Job], jobs: int, tick: Tick, finish: Callable[[Each], None]) -> None:
     """Rehearse every participant of `todo`, `jobs` at a time; `tick` is called here after each confirmed answer.
+
+    At the end `finish` is called, with what calls a function in as many processes as there are jobs.
 
     Raises `Interrupted` at the keyboard, with what is confirmed on disk, and `PalpateError` if a part failed.
     """
@@ -296,6 +320,7 @@ def rehearse_at_once(todo: Sequence[Job], jobs: int, tick: Tick) -> None:
                     _end_at(interrupts)
                     for future in done:
                         future.result()
+                finish(pool.map)
             except BaseException:
                 for worker in multiprocessing.active_children():
                     worker.terminate()

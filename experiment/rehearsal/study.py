@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
@@ -114,9 +115,9 @@ def rehearse(
         if jobs == 1 or screen is not None:
             for job in todo:
                 rehearse_participant(job, tick, screen)
+            build.build(out)
         else:
-            rehearse_at_once(todo, jobs, tick)
-    build.build(out)
+            rehearse_at_once(todo, jobs, tick, partial(build.build, out))
     return out
 
 

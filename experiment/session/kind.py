@@ -24,7 +24,19 @@ from experiment.records.progress import Progress
 
 if TYPE_CHECKING:
     from experiment.synthesis.tap import Surface
+    from experiment.synthesis.voltages import Drive
     from experiment.synthesis.waveforms import Basis
+
+
+@dataclass(frozen=True)
+class Stimuli:
+    """What a task's stimuli are made of: its materials prepared, by their ids, and what drives the actuator with them.
+
+    `drive` is None for an actuator that takes accelerations. Neither ever changes, so that sessions may share them.
+    """
+
+    materials: Mapping[str, Basis]
+    drive: Drive | None
 
 
 class Log(Protocol):
@@ -200,6 +212,10 @@ class FarEnds(Protocol):
 
     def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
         """Return what is presented for each material, by its id: itself, unless a rehearsal controls for it."""
+        ...
+
+    def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
+        """Return what `prepare` prepares, or what it did for an earlier session of the same rehearsal."""
         ...
 
     def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:

@@ -31,6 +31,9 @@ from experiment.study import enrolment, people, roster
 from experiment.study.allocation import Allocation, allocated, find
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from experiment.session.kind import Stimuli
     from experiment.synthesis.tap import Surface
     from experiment.synthesis.waveforms import Basis
 
@@ -61,6 +64,9 @@ class RealEnds:
 
     def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
         return materials
+
+    def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
+        return prepare()
 
     def tracker(self, opened: ExitStack) -> tuple[None, None]:  # noqa: ARG002
         return None, None

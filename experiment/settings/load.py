@@ -20,6 +20,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date, time
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from types import MappingProxyType
@@ -161,7 +162,7 @@ def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], Mapping[Pla
         place, got = found
         line = None if got == storage.TOO_DEEP else _nearest(locate(text), place)
         raise ProtocolError(str(path), [Problem(written(place)[:60], line, got, _NO_DEEPER)])
-    return document, locate(text)
+    return document, _Lines(text)
 
 
 def checked(
@@ -416,6 +417,26 @@ def locate(text: str) -> dict[Place, int]:
     must accept the text.
     """
     return _Locator(text.replace("\r\n", "\n")).run()
+
+
+class _Lines(Mapping[Place, int]):
+    """What `locate` returns for a text, found only when a line is asked for: a file without mistakes needs none."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    @cached_property
+    def _found(self) -> dict[Place, int]:
+        return locate(self._text)
+
+    def __getitem__(self, place: Place) -> int:
+        return self._found[place]
+
+    def __iter__(self) -> Iterator[Place]:
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        return len(self._found)
 
 
 class _Locator:

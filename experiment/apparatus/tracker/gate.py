@@ -112,6 +112,10 @@ class Sifted(NamedTuple):
     dropped: int = 0
 
 
+MANY = 32
+"""From so many readings on, as a rehearsal has them, they are compared all at once."""
+
+
 class Scrutiny:
     """What is held against a tracker's readings: a foot's speed, the sensor's noise, and the rate of the frames."""
 
@@ -129,6 +133,13 @@ class Scrutiny:
         agree are believed, and one alone is dropped.
         """
         believed, held, dropped = state
+        if (
+            held is None
+            and believed is not None
+            and samples.device_us.size >= MANY
+            and self._all_near(believed, samples)
+        ):
+            return Sifted((int(samples.device_us[-1]), float(samples.height_mm[-1])), None, dropped), samples
         passed: list[tuple[int, float]] = []
         for read in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
             if held is None and (believed is None or not self._near(believed, read)):
@@ -200,6 +211,12 @@ class Scrutiny:
 
     def _near(self, one: tuple[int, float], other: tuple[int, float]) -> bool:
         return abs(other[1] - one[1]) <= (other[0] - one[0]) * FASTEST_MM_S / 1e6 + self._apart_mm
+
+    def _all_near(self, believed: tuple[int, float], samples: Samples) -> bool:
+        """Return whether `_near` holds from each reading to the next, the one that was believed last before them."""
+        apart_us = np.diff(samples.device_us, prepend=believed[0])
+        apart_mm = np.abs(np.diff(samples.height_mm, prepend=believed[1]))
+        return bool((apart_mm <= apart_us * FASTEST_MM_S / 1e6 + self._apart_mm).all())
 
     def _jumps_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return by how much more than allowed the sample after each of `at` is off what its neighbours' speed makes.

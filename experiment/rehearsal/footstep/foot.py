@@ -23,7 +23,8 @@ from numpy.typing import NDArray
 
 from experiment.apparatus import host
 from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.tracker.frames import encode
+from experiment.apparatus.tracker import frame_runs
+from experiment.apparatus.tracker.frames import FRAME_BYTES, encode
 from experiment.clock import Clock, MonotonicClock
 from experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 
@@ -418,15 +419,24 @@ class Foot:
 
     def _send(self, first: int, sensed_mm: NDArray[np.float64], step: _Step | None, *, wait: bool) -> None:
         """Send the samples from `first` on; `step` is the one they belong to."""
-        readings = self._tracker.counts(sensed_mm).tolist()
-        frames = [encode(self._sequence + i, self._time_us(first + i), reading) for i, reading in enumerate(readings)]
-        self._sequence += len(frames)
+        readings = self._tracker.counts(sensed_mm)
+        count = readings.size
+        if count >= frame_runs.FEWEST:
+            numbers = self._sequence + np.arange(count)
+            us = np.rint((first + np.arange(count)) * 1_000_000 / self._tracker.rate_hz).astype(np.int64)
+            sent = frame_runs.encode(frame_runs.Run(numbers, us, readings))
+        else:
+            each = enumerate(readings.tolist())
+            sent = b"".join(encode(self._sequence + i, self._time_us(first + i), reading) for i, reading in each)
+        self._sequence += count
         fails = False
-        if step is not None:
+        if step is not None and step.faults != Faults():
+            frames = [sent[at : at + FRAME_BYTES] for at in range(0, len(sent), FRAME_BYTES)]
             number = first - step.first
             fails = step.faults.end < number + len(frames)
             frames = _spoilt(frames[: max(int(step.faults.end) - number, 0)] if fails else frames, number, step.faults)
-        self._write(b"".join(frames), wait=wait)
+            sent = b"".join(frames)
+        self._write(sent, wait=wait)
         if step is not None and fails:
             if step.faults.end == step.faults.unplug_at:
                 self._line.unplug()

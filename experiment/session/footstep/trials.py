@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -26,7 +27,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Link, Probed, Track
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Measured, Seen
+from experiment.session.kind import FarEnds, Limits, Log, Meaning, Measured, Seen, Stimuli
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -88,22 +89,21 @@ def open_footsteps(
     here.
     """
     planned = scene.plan(protocol=protocol, task_id=task_id)
-    materials: Mapping[str, Basis] | None = None
+    stimuli = Stimuli({}, None)
     if planned.synthesis:
         if recordings is None:
             raise RecordingError(f"task '{task_id}': got no recordings; allowed: a folder of recordings; name it")
-        rate_hz = rig.actuator.rate_hz
-        materials = ends.presented(
-            scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
-        )
+        stimuli = ends.stimuli(partial(_prepared, planned, protocol, rig, rig_folder, recordings, ends))
     actuator: Actuator | None = None
     if planned.actuator:
-        from experiment.apparatus.panel.conditioning import open_drive
-
-        limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-        drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials)
         address = ends.panel(opened)
-        actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, drive=drive, address=address, stream=stream)
+        actuator = opening.open_actuator(
+            rig,
+            limit_m_s2=protocol.exposure.vibration_peak_m_s2,
+            drive=stimuli.drive,
+            address=address,
+            stream=stream,
+        )
         opened.callback(actuator.close)
     port, clock_map = ends.tracker(opened)
     contact_mm = protocol.footsteps.step.contact_mm
@@ -117,8 +117,20 @@ def open_footsteps(
         noise_mm=noise_mm,
         scrutiny=Scrutiny(rate_hz=rig.tracker.rate_hz, noise_mm=noise_mm, resolution_mm=rig.tracker.resolution_mm),
         actuator=actuator,
-        materials=materials,
+        materials=stimuli.materials or None,
     )
+
+
+def _prepared(
+    planned: scene.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, ends: FarEnds
+) -> Stimuli:
+    from experiment.apparatus.panel.conditioning import open_drive
+
+    materials = ends.presented(
+        scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz)
+    )
+    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
+    return Stimuli(materials, open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials))
 
 
 @dataclass(frozen=True)

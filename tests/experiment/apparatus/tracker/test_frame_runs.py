@@ -1,0 +1,86 @@
+"""Runs of frames against the library `cobs` and `binascii`, frame by frame, and against a stream that is cut small."""
+
+from __future__ import annotations
+
+import struct
+from binascii import crc_hqx
+
+import numpy as np
+from cobs import cobs
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiment.apparatus.tracker import frame_runs
+from experiment.apparatus.tracker.frame_runs import FEWEST, FRAME_BYTES, Run
+from experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts
+
+SEEDS = st.integers(0, 2**32 - 1)
+
+
+def frame(number: int, clock_us: int, reading: int) -> bytes:
+    sample = struct.pack("<HIH", number % 2**16, clock_us % 2**32, reading)
+    return bytes(cobs.encode(sample + struct.pack("<H", crc_hqx(sample, 0xFFFF)))) + b"\0"
+
+
+def drawn(rng: np.random.Generator, count: int) -> Run:
+    """Return frames with many zeros, and some numbers and clocks that wrap."""
+    fields = [rng.integers(0, 2**bits, count) * rng.integers(0, 2, count) for bits in (17, 33, 16)]
+    return Run(*fields)
+
+
+@given(SEEDS)
+def test_a_run_is_sent_as_its_frames_and_read_back(seed: int) -> None:
+    run = drawn(np.random.default_rng(seed), 50)
+    sent = frame_runs.encode(run)
+    assert sent == b"".join(map(frame, *(field.tolist() for field in run)))
+    read = frame_runs.decode(sent)
+    wraps = (2**16, 2**32, 2**16)
+    assert all((got == field % wrap).all() for got, field, wrap in zip(read, run, wraps, strict=True))
+
+
+@given(SEEDS, st.integers(0, 19), st.integers(0, FRAME_BYTES * 8 - 1))
+def test_a_run_ends_before_a_frame_with_a_wrong_bit(seed: int, place: int, bit: int) -> None:
+    sent = bytearray(frame_runs.encode(drawn(np.random.default_rng(seed), 20)))
+    sent[place * FRAME_BYTES + bit // 8] ^= 1 << bit % 8
+    assert frame_runs.decode(bytes(sent)).number.size == place
+
+
+def test_nothing_and_bytes_that_are_no_frame_are_no_run() -> None:
+    for data in (b"", b"\0" * 48, b"\1" * 48, frame(1, 2, 3)[:-1]):
+        assert frame_runs.decode(data).number.size == 0
+
+
+def fed(decoder: Decoder, data: bytes, most: int) -> tuple[Decoder, list[Frames]]:
+    frames = []
+    for begin in range(0, len(data), most):
+        decoder, found = decoder.feed(data[begin : begin + most])
+        frames.append(found)
+    return decoder, frames
+
+
+@given(SEEDS, st.sampled_from([None, 1000.0]), st.integers(0, 4))
+def test_a_long_piece_is_read_as_many_short_ones(seed: int, period_us: float | None, faults: int) -> None:
+    rng = np.random.default_rng(seed)
+    count = 6 * FEWEST
+    numbers = int(rng.integers(0, 2**16)) + np.arange(count)
+    clocks_us = int(rng.integers(0, 2**32)) + 1000 * np.arange(count) + rng.integers(-100, 100, count)
+    for at in rng.integers(1, count, int(rng.integers(0, 3))):
+        # A pause, or a device that restarts.
+        clocks_us[at:] += int(rng.choice([500_000, -700_000]))
+    sent = [frame(*one) for one in zip(numbers.tolist(), clocks_us.tolist(), [0] * count, strict=True)]
+    for at in rng.integers(0, count, faults):
+        sent[at] = [b"", sent[at] * 2, sent[at][:5], sent[at] + b"\0", bytes([1]) + sent[at][1:]][rng.integers(0, 5)]
+    data = b"".join(sent)
+    begun = Decoder(period_us=period_us)
+    whole, (at_once,) = fed(begun, data, len(data))
+    cut, pieces = fed(begun, data, 5 * FRAME_BYTES)
+    assert (whole.sequence, whole.device_us, whole.damaged) == (cut.sequence, cut.device_us, cut.damaged)
+    assert at_once.device_us.tolist() == [us for piece in pieces for us in piece.device_us.tolist()]
+    begins = np.cumsum([0] + [5 * FRAME_BYTES] * (len(pieces) - 1)).tolist()
+    ends = [begin + end for begin, piece in zip(begins, pieces, strict=True) for end in piece.ends.tolist()]
+    assert at_once.ends.tolist() == ends
+    link = LinkCounts()
+    for piece in pieces:
+        link = link.plus(piece.link)
+    assert at_once.link == link
+    assert at_once.restarted == pieces[-1].restarted
