@@ -203,17 +203,7 @@ class SimulatedEnds:
     def tracker(self, opened: ExitStack) -> tuple[str, ClockMap | None]:
         line = opened.enter_context(SerialLine())
         self._powered_ns = self.clock.now_ns()
-        if self.protocol.comparison is None:
-            self._foot = Foot(line, self.rig.tracker, real_time=self.real_time)
-        else:
-            self._foot = Foot(
-                line,
-                self.rig.tracker,
-                real_time=self.real_time,
-                rest_mm=hand.REST_MM,
-                noise_mm=self.rig.tracker.noise_mm or 0.0,
-                tick_s=1 / self.rig.tracker.rate_hz,
-            )
+        self._foot = foot(line, self.rig, real_time=self.real_time, taps=self.protocol.comparison is not None)
         opened.callback(self._foot.close)
         # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
         return line.url, None if self.real_time else ClockMap(anchor_us=0, anchor_ns=self._powered_ns)
@@ -258,6 +248,15 @@ class SimulatedEnds:
             screen=self.screen,
             speaker=self._speaker,
         )
+
+
+def foot(line: SerialLine, rig: rigs.Rig, *, real_time: bool, taps: bool) -> Foot:
+    """Return what moves before a simulated rig's tracker: a foot, or a hand that taps."""
+    tracker = rig.tracker
+    if not taps:
+        return Foot(line, tracker, real_time=real_time)
+    noise_mm, tick_s = tracker.noise_mm or 0.0, 1 / tracker.rate_hz
+    return Foot(line, tracker, real_time=real_time, rest_mm=hand.REST_MM, noise_mm=noise_mm, tick_s=tick_s)
 
 
 def _silenced(basis: Basis) -> Basis:
