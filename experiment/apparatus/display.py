@@ -68,7 +68,7 @@ class ScreenWords(Confined):
         pause_over: once that time is over.
         slow: of the last step, where the protocol has rules about its speed.
         right: as `slow`.
-        fast: as `slow`.
+        fast: as `slow`; on a lamp, where a hand taps.
         thanks: once the session has ended.
         gone: while there is no connection with the session.
     """
