@@ -69,7 +69,7 @@ class ScreenWords(Confined):
         pause_over: once that time is over.
         slow: of the last step, where the protocol has rules about its speed.
         right: as `slow`.
-        fast: as `slow`.
+        fast: as `slow`; on a lamp, where a hand taps.
         finished: when all trials of a task are answered, while the experimenter writes down what is left.
         thanks: once the session has ended.
         gone: while there is no connection with the session.

@@ -87,14 +87,15 @@ def doctor(
     """Check a rig before a session.
 
     Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback, actuator,
-    disk and clocks are checked through the drivers that sessions use. With --protocol, what the rig leaves out of the
-    recorded vibrations is told, and is red where that is more than the protocol allows. Each check is green, or red
-    with its remedy. The exit code is 2 if any check is red.
+    force device, disk and clocks are checked through the drivers that sessions use. With --protocol, what the rig leaves
+    out of the recorded vibrations is told, and is red where that is more than the protocol allows, and so is a force
+    device that does not bear its block. Each check is green, or red with its remedy. The exit code is 2 if any check is
+    red.
     """
     from experiment.apparatus.doctor import doctor as doctors
     from experiment.clock import MonotonicClock
 
-    typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
+    typer.echo("Keep feet and hands off the panel: checking the loopback moves it. No force is pushed.", err=True)
     found = []
     examined = doctors.examine(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
@@ -152,23 +153,24 @@ def left_out(
 
 
 def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
-    """Start what stands at the far ends of a simulated rig: foot, panel and sound card, closed with `opened`."""
+    """Start what stands at the far ends of a simulated rig, closed with `opened`: foot, panel, forces, sound card."""
     from experiment.apparatus.doctor.doctor import SimulatedPorts
-    from experiment.rehearsal.footstep.foot import Foot
     from experiment.rehearsal.footstep.panel import Panel
+    from experiment.rehearsal.session import foot
+    from experiment.rehearsal.wires.force_device import ForceDeviceProcess
     from experiment.rehearsal.wires.serial_line import SerialLine
     from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 
     line = opened.enter_context(SerialLine())
-    foot = Foot(line, rig.tracker, real_time=True)
-    opened.callback(foot.close)
+    opened.callback(foot(line, rig, real_time=True, taps=rig.servo is not None).close)
     address = None
     if rig.actuator.driver == "pcm-tcp":
         panel = Panel(rig.actuator)
         opened.callback(panel.close)
         address = panel.address
+    force = opened.enter_context(ForceDeviceProcess()).address if rig.servo is not None else None
     if rig.audio is None:
-        return SimulatedPorts(port=line.url, address=address)
+        return SimulatedPorts(port=line.url, address=address, force=force)
     card, heard = opened.enter_context(WiredCard(rig)), rig.audio.channels.microphone is not None
 
     def wire() -> None:
@@ -176,7 +178,7 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
         if heard:
             card.mouth()
 
-    return SimulatedPorts(port=line.url, address=address, device=DEVICE, wire=wire)
+    return SimulatedPorts(port=line.url, address=address, device=DEVICE, force=force, wire=wire)
 
 
 def _lines(check: "Check") -> Iterator[str]:

@@ -93,7 +93,8 @@ class Gauges(Message):
     `masker_limit_db_a`, None for a rig without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt so far,
     `vibration_s` together, s. `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells
     that a trial is under way at this moment, and `last` what the one before was like, at which `pace` if the protocol
-    asks for one. `delivered` is the stimulus before: as intended, not, or not measured.
+    asks for one. `too_fast` says whether the participant moves too fast at this moment, None where no lamp says so.
+    `delivered` is the stimulus before: as intended, not, or not measured.
     """
 
     left_s: float
@@ -107,6 +108,7 @@ class Gauges(Message):
     moving: bool = False
     last: str = ""
     pace: Pace | None = None
+    too_fast: bool | None = None
     delivered: bool | None = None
     lamps: tuple[Lamp, ...] = ()
 
@@ -184,8 +186,8 @@ class Prompt(Message):
 
     `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction, and `answers` what
     may be said in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of
-    the last step. A break lasts until `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT,
-    and empty in a study.
+    the last step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. A break lasts until
+    `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT, and empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"
@@ -196,6 +198,7 @@ class Prompt(Message):
     question: int | None = None
     keys: tuple[str, ...] = ()
     pace: Pace | None = None
+    lamp: bool | None = None
     until_ns: int | None = None
     label: Label = ""
 

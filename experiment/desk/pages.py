@@ -58,7 +58,7 @@ class Page:
     """One page: a text, a clock below it, keys with what they do, and the pace of the last step in its range.
 
     `keys` holds what stands on a key, nothing for a remark without one, and what it does. `paces` holds each pace, its
-    words, and whether it was that of the last step.
+    words, and whether it was that of the last step; a lamp stands there alike.
     """
 
     text: str
@@ -85,11 +85,14 @@ def page(prompt: Prompt | None, settings: ScreenRig, now_ns: int) -> Page:
         text = words.pause if left_s > 0 else words.pause_over
         clock = f"{left_s // 60}:{left_s % 60:02}" if left_s > 0 else ""
     paces = (("slow", words.slow), ("right", words.right), ("fast", words.fast)) if prompt.pace else ()
+    lit = [(pace, said, pace == prompt.pace) for pace, said in paces]
+    if prompt.lamp is not None:
+        lit.append(("fast", words.fast, prompt.lamp))
     return Page(
         text=characters.plain(text),
         clock=clock,
         keys=tuple(_keys(prompt, settings)) if prompt.question is not None else (),
-        paces=tuple((pace, said, pace == prompt.pace) for pace, said in paces),
+        paces=tuple(lit),
         label=prompt.label,
     )
 

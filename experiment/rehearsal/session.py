@@ -215,17 +215,7 @@ class SimulatedEnds:
     def tracker(self, opened: ExitStack) -> tuple[str, ClockMap | None]:
         line = opened.enter_context(SerialLine())
         self._powered_ns = self.clock.now_ns()
-        if self.protocol.comparison is None:
-            self._foot = Foot(line, self.rig.tracker, real_time=self.real_time)
-        else:
-            self._foot = Foot(
-                line,
-                self.rig.tracker,
-                real_time=self.real_time,
-                rest_mm=hand.REST_MM,
-                noise_mm=self.rig.tracker.noise_mm or 0.0,
-                tick_s=1 / self.rig.tracker.rate_hz,
-            )
+        self._foot = foot(line, self.rig, real_time=self.real_time, taps=self.protocol.comparison is not None)
         opened.callback(self._foot.close)
         # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
         return line.url, None if self.real_time else ClockMap(anchor_us=0, anchor_ns=self._powered_ns)
@@ -280,6 +270,15 @@ _stimuli: dict[tuple[Path, bytes, str, str], Stimuli] = {}
 def _study(kept: Path, rig_file: Path, *_contents: bytes) -> tuple[Protocol, rigs.Rig]:
     """Return the study that a rehearsal's folder keeps, read once for the same contents."""
     return files.load(kept), rigs.load(rig_file)
+
+
+def foot(line: SerialLine, rig: rigs.Rig, *, real_time: bool, taps: bool) -> Foot:
+    """Return what moves before a simulated rig's tracker: a foot, or a hand that taps."""
+    tracker = rig.tracker
+    if not taps:
+        return Foot(line, tracker, real_time=real_time)
+    noise_mm, tick_s = tracker.noise_mm or 0.0, 1 / tracker.rate_hz
+    return Foot(line, tracker, real_time=real_time, rest_mm=hand.REST_MM, noise_mm=noise_mm, tick_s=tick_s)
 
 
 def _silenced(basis: Basis) -> Basis:

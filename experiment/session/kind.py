@@ -113,6 +113,7 @@ class Measured:
     moving: bool = False
     last: str = ""
     pace: Pace | None = None
+    too_fast: bool | None = None
     delivered: bool | None = None
     lamps: tuple[Lamp, ...] = ()
 

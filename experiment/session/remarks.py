@@ -167,6 +167,7 @@ class Attendance:
             moving=measured.moving,
             last=measured.last,
             pace=measured.pace,
+            too_fast=measured.too_fast,
             delivered=measured.delivered,
             lamps=(*measured.lamps, *self._audio(), *self._microphone(), self._disk()),
         )

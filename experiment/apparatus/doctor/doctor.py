@@ -14,7 +14,7 @@ from pathlib import Path
 from experiment.apparatus import host, opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.doctor import checks, devices
+from experiment.apparatus.doctor import checks, devices, force
 from experiment.apparatus.doctor.checks import Check, refused, unchecked
 from experiment.apparatus.rig import AudioRig, Rig
 from experiment.clock import Clock, day
@@ -35,7 +35,9 @@ HIGHEST_RATE_HZ = 5000
 
 @dataclass(frozen=True)
 class SimulatedPorts:
-    """The tracker's port, the actuator's address and the audio device where they are simulated; None for the rig's own.
+    """The tracker's port, the addresses of actuator and force device, and the audio device, where they are simulated.
+
+    None stands for the rig's own.
 
     `wire` lays the loopback's cable once the stream is open.
     """
@@ -43,6 +45,7 @@ class SimulatedPorts:
     port: str | None = None
     address: str | None = None
     device: str | None = None
+    force: str | None = None
     wire: Callable[[], None] = lambda: None
 
 
@@ -72,7 +75,7 @@ def examine(
     yield checks.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
     with host.raised() as got:
         yield Check("priority", "green", f"{got}; as sessions have it")
-        for check in _devices(rig, clock, simulate) if rig is not None else ():
+        for check in _devices(rig, protocol, clock, simulate) if rig is not None else ():
             yield replace(check, measured=f"SIMULATED: {check.measured}") if rig and rig.rig.simulated else check
         yield checks.writing(folder, clock)
         yield checks.resolution(clock)
@@ -100,7 +103,7 @@ def _trials(protocol: Protocol | None) -> int:
     return max(map(protocol.trials, protocol.tasks))
 
 
-def _devices(rig: Rig, clock: Clock, simulate: Simulate) -> Iterator[Check]:
+def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simulate) -> Iterator[Check]:
     with ExitStack() as opened:
         try:
             ends = simulate(rig, opened) if rig.rig.simulated else SimulatedPorts()
@@ -114,6 +117,9 @@ def _devices(rig: Rig, clock: Clock, simulate: Simulate) -> Iterator[Check]:
         address = ends.address or rig.actuator.address
         if address is not None:
             yield checks.answers(address, rig.actuator)
+        if rig.servo is not None:
+            where = ends.force or rig.servo.address
+            yield from force.checks(rig.servo, where, tracker_hz=rig.tracker.rate_hz, protocol=protocol, clock=clock)
         if rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
         if rig.accelerometer is not None:

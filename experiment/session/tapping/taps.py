@@ -38,6 +38,9 @@ SURE_US = 2_000.0
 ANEW_PART = 0.02
 """A vibration is made anew where the speed to expect has changed by more than this part: a tenth of what is felt."""
 
+LIT_NS = 500_000_000
+"""So long the lamp stays lit after a hand that was too fast, ns: a tap is too fast for some milliseconds. Ours."""
+
 ENDS_NS = 150_000_000
 """So long after its end a vibration has been heard by the loopback, ns: `audio.actuator` looks 50 ms around it."""
 
@@ -94,6 +97,7 @@ class Taps:
         self._sounding: _Sounding | None = None
         self.felt: Felt | None = None
         """The newest read."""
+        self._dark_ns = 0
         self.failed: PalpateError | None = None
         """Why nothing is rendered any more; None while all is well."""
         self._lock = threading.Lock()
@@ -103,6 +107,11 @@ class Taps:
     def _begin(self) -> None:
         self._thread = threading.Thread(target=self._run, args=(host.joining(),), name="taps", daemon=True)
         self._thread.start()
+
+    @property
+    def too_fast(self) -> bool:
+        """Whether the lamp is lit that says so: the hand is faster than the protocol has it, or was so just now."""
+        return self._clock.now_ns() < self._dark_ns
 
     def lay(self, lying: Lying | None) -> None:
         """Have the hand meet a surface from now on, or none. What vibrates goes on record first."""
@@ -133,6 +142,8 @@ class Taps:
                     self._settle(wait=False)
                     if felt is not None:
                         self.felt = felt
+                        if felt.fast:
+                            self._dark_ns = self._clock.now_ns() + LIT_NS
                         self._follow(felt)
             except PalpateError as error:
                 self._fail(error)

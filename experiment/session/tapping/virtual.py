@@ -213,9 +213,13 @@ class VirtualSurfaces:
         felt = self._taps.felt
         if felt is None:
             return Measured(lamps=(Lamp(name="hand", good=False, words="no frame yet"),))
-        words = f"faster than {self._virtual.fastest_mm_s:g} mm/s" if felt.fast else "slow enough"
+        fast = self._taps.too_fast
+        words = f"faster than {self._virtual.fastest_mm_s:g} mm/s" if fast else "slow enough"
         return Measured(
-            trace=felt.height_mm[-1:], unit="mm", lamps=(Lamp(name="hand", good=not felt.fast, words=words),)
+            trace=felt.height_mm[-1:],
+            unit="mm",
+            too_fast=fast,
+            lamps=(Lamp(name="hand", good=not fast, words=words),),
         )
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
 from experiment.desk import pages
-from experiment.desk.messages import ENTER, Prompt
+from experiment.desk.messages import ENTER, Prompt, Show
 from experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, TEXT, Colour, Page
 from experiment.errors import DisplayError
 
@@ -160,6 +160,15 @@ def test_the_pace_moves_no_text() -> None:
     )
     assert (slow[:600] == fast[:600]).all()
     assert (slow[600:] != fast[600:]).any()
+
+
+@pytest.mark.parametrize("show", ["instructions", "ready", "answer"])
+def test_a_lamp_is_lit_or_dark_in_the_same_place(show: Show) -> None:
+    dark, lit = (drawn(pages.page(Prompt(show=show, text="Tap.", lamp=lamp), RIG, 0)) for lamp in (False, True))
+    assert (dark[:600] == lit[:600]).all()
+    colours = {tuple(pixel) for pixel in lit[600:].reshape(-1, 3).tolist()}
+    assert LIT["fast"] in colours
+    assert LIT["fast"] not in {tuple(pixel) for pixel in dark[600:].reshape(-1, 3).tolist()}
 
 
 def luminance(colour: Colour) -> float:

@@ -23,6 +23,16 @@ def test_nothing_that_is_presented_reaches_the_screen(view: View, kinds: frozens
     assert MARK.encode() not in line(prompt(view, Theirs(kinds)))
 
 
+@pytest.mark.parametrize(
+    ("state", "lamp"),
+    [("familiarising", True), ("armed", True), ("answering", True), ("paused", None), ("ended", None)],
+)
+def test_the_lamp_is_lit_where_the_participant_taps(state: str, lamp: bool | None) -> None:
+    for too_fast, shown in ((True, lamp), (None, None)):
+        view = View.model_validate({"state": state, "gauges": Gauges(left_s=1.0, too_fast=too_fast)})
+        assert prompt(view, THEIRS).lamp is shown
+
+
 @given(view=views, other=views, kinds=st.frozensets(st.sampled_from(KINDS)))
 def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: frozenset[str]) -> None:
     """A view whose every other field is that of another view, at random, gives the same prompt."""
@@ -32,7 +42,7 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
         asked = tuple(choice.model_copy(update={"words": words, "answer": False}) for choice in question.choices)
         question = question.model_copy(update={"text": words, "choices": asked})
     if gauges is not None and other.gauges is not None:
-        kept = {name: getattr(gauges, name) for name in ("pace", "masker_db_a", "masker_limit_db_a")}
+        kept = {name: getattr(gauges, name) for name in ("pace", "too_fast", "masker_db_a", "masker_limit_db_a")}
         gauges = other.gauges.model_copy(update=kept)
     matters = {
         name: getattr(view, name) for name in ("state", "step", "pairs", "instruction", "pause_until_ns", "label")

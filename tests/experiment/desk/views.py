@@ -62,6 +62,7 @@ gauges = st.builds(
     moving=st.booleans(),
     last=marked,
     pace=st.sampled_from([None, "slow", "right", "fast"]),
+    too_fast=st.sampled_from([None, False, True]),
     delivered=st.sampled_from([None, True, False]),
     lamps=st.lists(st.builds(Lamp, name=marked, good=st.none() | st.booleans(), words=marked), max_size=2).map(tuple),
 )

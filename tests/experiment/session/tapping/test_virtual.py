@@ -5,8 +5,9 @@ from __future__ import annotations
 import threading
 from collections import deque
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 import pytest
@@ -22,6 +23,7 @@ from experiment.records.entries import Answer, PlannedTrial, Redo
 from experiment.records.tapping import Changed, Tapped
 from experiment.session import attempt, runner
 from experiment.session.tapping import virtual
+from experiment.session.tapping.taps import Taps
 from experiment.synthesis import tap
 from experiment.synthesis.contact.block import Block
 from tests.experiment.protocol.tapping import rendering
@@ -211,3 +213,25 @@ def test_a_servo_that_fails_puts_the_trial_off_whatever_was_answered(tmp_path: P
     assert any("Nothing is rendered any more" in shown for shown in session.desk.shown)
     assert session.servo.reconnected == 1
     assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(2, "second"), (1, "first")]
+
+
+def test_the_lamp_stays_lit_for_half_a_second() -> None:
+    clock, servo = ManualClock(START_NS), ScriptedServo()
+    unused: Any = None
+    taps = Taps(
+        servo=servo,
+        actuator=ScriptedActuator(),
+        block=virtual.block(PROTOCOL.surfaces, tracker_hz=1000),
+        noise_mm=0.01,
+        clock=clock,
+        console=unused,
+        log=unused,
+        limits=unused,
+    )
+    lit = [taps.too_fast]
+    for fast, passes_ns in ((False, 0), (True, 0), (False, 499_000_000), (False, 1_000_000)):
+        clock.sleep_ns(passes_ns)
+        servo.tell(replace(samples([(0, 50.0)]), fast=fast))
+        lit.append(taps.too_fast)
+    taps.close()
+    assert lit == [False, False, True, True, False]

@@ -1,0 +1,95 @@
+"""Checks of the force device, with nobody's hand in it: no force is pushed.
+
+It answers, in time, as often as the servo will ask; the limit that holds; and whether it bears the protocol's block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import closing
+
+import numpy as np
+from numpy.typing import NDArray
+
+from experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
+from experiment.apparatus.servo import settings
+from experiment.apparatus.servo.device import ForceDevice
+from experiment.apparatus.servo.rendering import NO_FORCE
+from experiment.apparatus.servo.settings import ServoRig
+from experiment.clock import Clock
+from experiment.errors import PalpateError
+from experiment.protocol.models import Protocol
+
+ASKS_S = 1.0
+"""How long the device is asked, s."""
+
+MISSED_PART = 0.01
+"""Part of the cycles that may be missed; each of them holds the force before for one more. Ours."""
+
+
+def checks(
+    device: ServoRig, address: str, *, tracker_hz: int, protocol: Protocol | None, clock: Clock
+) -> Iterator[Check]:
+    """Yield everything that the device at `host:port` shows; the session's clock must go by itself.
+
+    Without a protocol with a virtual task it is asked as often as the tracker samples; limit and block are not known.
+    """
+    virtual = protocol.comparison.virtual if protocol is not None and protocol.comparison is not None else None
+    rate_hz = tracker_hz if virtual is None else virtual.rate_hz
+    try:
+        with closing(ForceDevice(address, limit_n=0.0)) as line:
+            yield Check("force device", "green", f"{address} accepts a connection; no force was sent")
+            yield from answers(_asked(line, device, rate_hz, clock), device, rate_hz=rate_hz)
+    except PalpateError as error:
+        yield refused("force device", error)
+    if protocol is None or virtual is None:
+        yield unchecked("force limit", "no protocol with a virtual task was given", "add --protocol")
+        return
+    limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
+    yield Check(
+        "force limit", "green", f"nothing above {limit_n:g} N is sent; the device makes {device.full_scale_n:g} N"
+    )
+    fits, why = settings.judged(virtual, device)
+    yield judged("block", fits, why, allowed="passive", remedy="take a softer block, or a device with more damping")
+
+
+def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -> tuple[Check, ...]:
+    """Return whether a device answers in time and often enough: `waited_ms` is for each of n messages, ms, shape (n,).
+
+    As many messages as cycles of `ASKS_S` were due.
+    """
+    due, made = round(rate_hz * ASKS_S), waited_ms.size
+    median, worst = (float(np.median(waited_ms)), float(waited_ms.max())) if made else (np.inf, np.inf)
+    return (
+        judged(
+            "force answers",
+            worst <= device.answer_ms,
+            f"after {median:.3f} ms (median), {worst:.3f} ms (latest of {made})",
+            allowed=f"up to servo.answer_ms, {device.answer_ms:g} ms",
+            remedy="see to the device's firmware and its line, or to what else runs on this machine",
+        ),
+        judged(
+            "force rate",
+            made >= due * (1 - MISSED_PART),
+            f"{made / ASKS_S:.0f} messages a second were answered",
+            allowed=f"{rate_hz} a second, less {100 * MISSED_PART:g} %",
+            remedy="take a faster line to the device, or a lower comparison.virtual.rate_hz",
+        ),
+    )
+
+
+def _asked(line: ForceDevice, device: ServoRig, rate_hz: int, clock: Clock) -> NDArray[np.float64]:
+    """Send no force in each cycle, and wait for its answer; return how long each took, ms, until one comes too late."""
+    begun_ns, period_ns = clock.now_ns(), round(1e9 / rate_hz)
+    waited_ms: list[float] = []
+    while (now_ns := clock.now_ns()) - begun_ns < ASKS_S * 1e9:
+        line.push(NO_FORCE, fast=False, now_ns=now_ns)
+        while line.late_ns(clock.now_ns()) and clock.now_ns() - now_ns <= device.answer_ms * 1e6:
+            pass
+        waited_ms.append((clock.now_ns() - now_ns) / 1e6)
+        if waited_ms[-1] > device.answer_ms:
+            break
+        # To the next cycle that is due; those that passed meanwhile are missed.
+        passed_ns = clock.now_ns() - begun_ns
+        clock.sleep_ns(period_ns - passed_ns % period_ns)
+    return np.array(waited_ms)

@@ -1,0 +1,74 @@
+"""The doctor before a force device: whether it answers, in time and often enough, and whether it bears the block."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from experiment.apparatus import rig as rigs
+from experiment.apparatus.doctor import force
+from experiment.apparatus.doctor.checks import Check
+from experiment.apparatus.servo.settings import ServoRig
+from experiment.clock import MonotonicClock
+from experiment.protocol import files
+from experiment.protocol.files import shipped
+from experiment.protocol.models import Protocol
+from experiment.rehearsal.wires.force_device import ForceDeviceProcess
+
+DEVICE = rigs.load(shipped("rigs/tapping.toml")).servo
+PAPER = files.load(shipped("wellman1995.toml"))
+
+
+def changed(**keys: float) -> ServoRig:
+    assert DEVICE is not None
+    return DEVICE.model_copy(update=keys)
+
+
+def looked_at(
+    address: str, device: ServoRig | None = None, protocol: Protocol | None = PAPER, hz: int = 500
+) -> dict[str, Check]:
+    found = force.checks(device or changed(), address, tracker_hz=hz, protocol=protocol, clock=MonotonicClock())
+    return {check.name: check for check in found}
+
+
+def test_a_device_that_answers_is_told_with_limit_and_block(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(force, "ASKS_S", 0.1)
+    with ForceDeviceProcess() as device:
+        found = looked_at(device.address)
+        alone = looked_at(device.address, protocol=None)
+    assert list(found) == ["force device", "force answers", "force rate", "force limit", "block"]
+    assert {found[name].verdict for name in ("force device", "force answers", "force limit", "block")} == {"green"}
+    assert found["force limit"].measured == "nothing above 3 N is sent; the device makes 3 N"
+    assert found["force rate"].allowed == "2500 a second, less 1 %"
+    assert alone["force rate"].allowed == "500 a second, less 1 %"
+    assert alone["force limit"].verdict == "not checked"
+
+
+def test_nobody_there_is_red_with_what_to_do() -> None:
+    found = looked_at("127.0.0.1:1")["force device"]
+    assert (found.verdict, found.remedy) == ("red", "start its server, or correct servo.address in the rig file")
+
+
+def test_a_device_that_would_give_energy_to_the_hand_is_red() -> None:
+    """The paper's block needs 100.5 N s/m of its device: K T / 2 + C."""
+    found = looked_at("127.0.0.1:1", changed(damping_n_s_m=100.4))["block"]
+    assert found.verdict == "red"
+    assert "100.5 N s/m" in found.measured
+    assert looked_at("127.0.0.1:1", changed(damping_n_s_m=100.6))["block"].verdict == "green"
+
+
+@pytest.mark.parametrize(
+    ("waited_ms", "verdicts"),
+    [
+        ([0.1] * 100, ("green", "green")),
+        ([0.1] * 99, ("green", "green")),
+        ([0.1] * 98, ("green", "red")),
+        ([0.1] * 99 + [2.1], ("red", "green")),
+        ([], ("red", "red")),
+    ],
+)
+def test_answers_are_judged_by_the_latest_and_the_rate_by_how_many(
+    waited_ms: list[float], verdicts: tuple[str, str]
+) -> None:
+    found = force.answers(np.array(waited_ms), changed(answer_ms=2.0), rate_hz=100)
+    assert tuple(check.verdict for check in found) == verdicts
