@@ -99,6 +99,8 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     assert_all_say(root, "PRACTICE")
     assert beliefs.believed(root).purpose == "PRACTICE"
     assert verify(root).refused == 0
+    code, _, err = palpate("withdraw", study, "-p", "01", "--reason", "moved away", "--dataset", root)
+    assert (code, "nobody enrols, consents or withdraws" in err, "palpate enrol --pilot" in err) == (2, True, True), err
     monkeypatch.chdir(tmp_path)
     code, tables, _ = palpate("analyse", root, "--no-figures")
     assert (code, tables.count("PRACTICE") > 0) == (0, True)
