@@ -264,6 +264,20 @@ def test_real_time_runs_by_the_clock_between_steps_too(line: SerialLine, setting
     tracker.close()
 
 
+def test_in_simulated_time_a_busy_machine_does_not_end_a_device(
+    line: SerialLine, settings: TrackerRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("experiment.apparatus.tracker.serial_tracker.SIMULATED_STALL_S", 0.4)
+    monkeypatch.setattr("serial.urlhandler.protocol_socket.time.sleep", lambda _s: None)
+    tracker = SerialTracker(line.url, settings.model_copy(update={"stall_ms": 50}), clock=ManualClock(0))
+    begun_s = time.monotonic()
+    with pytest.raises(TrackerStopped, match="no frame for 400 ms"):
+        tracker.read()
+    assert time.monotonic() - begun_s >= 0.3
+    line.unplug()
+    tracker.close()
+
+
 @pytest.mark.parametrize("line", ["pty"], indirect=True)
 def test_real_time_loses_what_a_full_line_does_not_take(line: SerialLine, settings: TrackerRig) -> None:
     clock = ManualClock(0)

@@ -67,6 +67,10 @@ USABLE = 0.9
 KEPT_S = 10.0
 """This much is kept of what nobody reads, s at the rig's rate. Then the line fills, and what it cannot take is lost."""
 
+SIMULATED_STALL_S = 60.0
+"""In simulated time no silence can be told by the clock, which stands still while a frame is waited for: this long on
+the machine's clock, and the device has ended, s. A machine with other work may keep a frame back for seconds."""
+
 RETRY_S = 0.05
 """How often a port that has gone is looked for, s."""
 
@@ -104,7 +108,8 @@ class SerialTracker:
         # What a pause brings, and as much again: a read that brings no more found no backlog.
         self._calm_bytes = FRAME_BYTES * (2 + 2 * self._calm_pause_ns * settings.rate_hz // 1_000_000_000)
         self._most_bytes = int(KEPT_S * settings.rate_hz) * FRAME_BYTES
-        self._slice_s = settings.stall_ms * 1e-3 * USABLE / SLICES
+        self._stall_ms = round(SIMULATED_STALL_S * 1e3) if self._clock.simulated else settings.stall_ms
+        self._slice_s = self._stall_ms * 1e-3 * USABLE / SLICES
         self._counts = LinkCounts()
         self._lock = threading.Lock()
         self._held: _Arrival | None = None
@@ -305,10 +310,10 @@ class SerialTracker:
     def _silent(self) -> TrackerStopped:
         if len(self._raw) > FRAME_BYTES:
             return TrackerStopped(
-                f"tracker at {self._name}: {len(self._raw)} bytes, but no good frame for {self._settings.stall_ms} ms; "
+                f"tracker at {self._name}: {len(self._raw)} bytes, but no good frame for {self._stall_ms} ms; "
                 f"see that the device sends palpate's frames at {self._settings.baud} baud"
             )
         return TrackerStopped(
-            f"tracker at {self._name}: no frame for {self._settings.stall_ms} ms; "
+            f"tracker at {self._name}: no frame for {self._stall_ms} ms; "
             "see that the device is powered, connected and sampling, then go on"
         )

@@ -195,7 +195,10 @@ class Observer:
 
 
 FELT_TIMEOUT_S = 2.0
-"""How long a participant waits for a stimulus before answering, wall-clock time."""
+"""How long a participant waits for a stimulus before answering, by the wall clock, which paces the trial."""
+
+LATEST_FELT_S = 60.0
+"""The same in simulated time, by the machine's clock: a stimulus that was sent comes, however busy the machine is."""
 
 MOST_RESTS = 5
 """How often in a row a participant rests its foot for one zeroing. A busy machine may spoil one or two rests; a foot
@@ -311,7 +314,8 @@ class SimulatedParticipant(SimulatedPerson):
         if self._under_foot is not None:
             answer = self._observer.judge_real(take, speed_mm_s=speed_mm_s, rng=rng)
         else:
-            felt = self.panel.felt(FELT_TIMEOUT_S) if self.panel is not None else None
+            timeout_s = FELT_TIMEOUT_S if self.real_time else LATEST_FELT_S
+            felt = self.panel.felt(timeout_s) if self.panel is not None else None
             answer = self._observer.judge_virtual(
                 take, felt, rate_hz=self.actuator_rate_hz, speed_mm_s=speed_mm_s, rng=rng
             )

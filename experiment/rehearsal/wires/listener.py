@@ -8,23 +8,18 @@ and the samples.
 from __future__ import annotations
 
 import os
-import socket
-import subprocess
 import sys
-from contextlib import ExitStack, suppress
-from pathlib import Path
+from contextlib import ExitStack
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import AudioError
+from experiment.rehearsal.wires.neighbour import Neighbour, far_end
 
 CLIENT = "panel"
 """The listener, as JACK names it."""
-
-PATIENCE_S = 10.0
-"""How long the listener may take to begin, to answer and to end, s."""
 
 SPARE_S = 1.0
 """How much more is held than is told, s, so that new blocks never overwrite what is being told."""
@@ -42,21 +37,9 @@ class Tap:
 
         Raises `AudioError` if the server has ended, or there is no such port.
         """
-        command = [sys.executable, "-m", "experiment.rehearsal.wires.listener", server, output, str(seconds)]
-        ours, theirs = socket.socketpair()
-        with ours, theirs:
-            ours.settimeout(PATIENCE_S)
-            self._line = ours.makefile("rwb")
-            self.listener = subprocess.Popen(  # noqa: S603
-                command,
-                cwd=Path(__file__).parents[3],
-                stdin=theirs.fileno(),
-                stdout=theirs.fileno(),
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-            )
+        self.listener = Neighbour("experiment.rehearsal.wires.listener", server, output, str(seconds))
         try:
-            said = self._line.readline()
+            said = self.listener.line.readline()
         except OSError as error:
             raise self._failed(str(error)) from error
         if said != _LISTENING:
@@ -69,10 +52,10 @@ class Tap:
         Raises `AudioError` if the listener has ended, or does not answer.
         """
         try:
-            self._line.write(b"%d\n" % first)
-            self._line.flush()
-            begin, _, count = self._line.readline().partition(b" ")
-            told = self._line.read(int(count or 0) * _SAMPLE_BYTES)
+            self.listener.line.write(b"%d\n" % first)
+            self.listener.line.flush()
+            begin, _, count = self.listener.line.readline().partition(b" ")
+            told = self.listener.line.read(int(count or 0) * _SAMPLE_BYTES)
         except OSError as error:
             raise self._failed(str(error)) from error
         if not count or len(told) != int(count) * _SAMPLE_BYTES:
@@ -81,17 +64,10 @@ class Tap:
 
     def close(self) -> None:
         """Listen no more."""
-        with suppress(OSError):  # The listener has gone.
-            self._line.close()
-        try:
-            self.listener.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:  # The server stands still.
-            self.listener.kill()
-            self.listener.wait()
+        self.listener.close()
 
     def _failed(self, why: str) -> AudioError:
         self.listener.kill()
-        self.close()
         said = f" ({why.strip()})" if why.strip() else ""
         return AudioError(f"simulated sound card: its listener has ended{said}; start again")
 
@@ -120,7 +96,7 @@ class Kept:
         return first, self._ring[np.arange(first, count) % len(self._ring)]
 
 
-def listen(server: str, output: str, seconds: float, told: BinaryIO) -> None:
+def listen(server: str, output: str, seconds: float, requests: BinaryIO, told: BinaryIO) -> None:
     """Keep what a port carries, and tell of it on request until the process that asks has gone."""
     with ExitStack() as opened:
         try:
@@ -139,7 +115,7 @@ def listen(server: str, output: str, seconds: float, told: BinaryIO) -> None:
             raise
         told.write(_LISTENING)
         told.flush()
-        for asked in sys.stdin.buffer:
+        for asked in requests:
             first, samples = kept.since(int(asked))
             told.write(b"%d %d\n" % (first, samples.size))
             told.write(samples.tobytes())
@@ -147,7 +123,5 @@ def listen(server: str, output: str, seconds: float, told: BinaryIO) -> None:
 
 
 if __name__ == "__main__":
-    # JACK's library may print messages of its own; they must not reach the line.
-    with os.fdopen(os.dup(1), "wb") as line:
-        os.dup2(2, 1)
-        listen(sys.argv[1], sys.argv[2], float(sys.argv[3]), line)
+    with far_end() as (requests, told):
+        listen(sys.argv[1], sys.argv[2], float(sys.argv[3]), requests, told)

@@ -8,19 +8,15 @@ writes samples to it over a socket.
 from __future__ import annotations
 
 import os
-import socket
-import subprocess
 import sys
 from collections import deque
-from contextlib import suppress
-from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import AudioError
-from experiment.rehearsal.wires.listener import PATIENCE_S
+from experiment.rehearsal.wires.neighbour import Neighbour, far_end
 
 CLIENT = "mouth"
 """The mouth, as JACK names it."""
@@ -57,45 +53,26 @@ class Mouth:
 
         Raises `AudioError` if the server has ended, or there is no such port.
         """
-        command = [sys.executable, "-m", "experiment.rehearsal.wires.mouth", server, headphones, microphone]
-        ours, theirs = socket.socketpair()
-        with ours, theirs:
-            ours.settimeout(PATIENCE_S)
-            self._line = ours.makefile("rwb")
-            self._process = subprocess.Popen(  # noqa: S603
-                command,
-                cwd=Path(__file__).parents[3],
-                stdin=theirs.fileno(),
-                stdout=theirs.fileno(),
-                stderr=subprocess.DEVNULL,
-                start_new_session=True,
-            )
+        self._process = Neighbour("experiment.rehearsal.wires.mouth", server, headphones, microphone)
         try:
             self.say(response)
-            told = self._line.readline()
+            told = self._process.line.readline()
         except OSError as error:
             told = str(error).encode()
         if told != _SPEAKING:
             self._process.kill()
-            self.close()
             raise AudioError(
                 f"simulated sound card: its mouth does not speak ({told.decode('utf-8', 'replace')[:200]})"
             )
 
     def say(self, samples: Samples) -> None:
         """Say samples, 1 being full scale, shape (n,), after what is said already; return at once."""
-        self._line.write(b"%d\n" % samples.size + np.asarray(samples, "<f4").tobytes())
-        self._line.flush()
+        self._process.line.write(b"%d\n" % samples.size + np.asarray(samples, "<f4").tobytes())
+        self._process.line.flush()
 
     def close(self) -> None:
         """Fall silent."""
-        with suppress(OSError):  # The mouth has gone.
-            self._line.close()
-        try:
-            self._process.wait(PATIENCE_S)
-        except subprocess.TimeoutExpired:  # The server stands still.
-            self._process.kill()
-            self._process.wait()
+        self._process.close()
 
 
 class Room:
@@ -160,7 +137,5 @@ def speak(server: str, headphones: str, microphone: str, said: BinaryIO, told: B
 
 
 if __name__ == "__main__":
-    # JACK's library may print messages of its own; they must not reach the line.
-    with os.fdopen(os.dup(1), "wb") as line:
-        os.dup2(2, 1)
-        speak(sys.argv[1], sys.argv[2], sys.argv[3], sys.stdin.buffer, line)
+    with far_end() as (said, told):
+        speak(sys.argv[1], sys.argv[2], sys.argv[3], said, told)

@@ -76,9 +76,15 @@ class ScriptedPort:
 Open = Callable[..., tuple[SerialTracker, ScriptedPort]]
 
 
+class MachineClock(ManualClock):
+    """The machine's clock, which the test moves."""
+
+    simulated = False
+
+
 @pytest.fixture
 def clock() -> ManualClock:
-    return ManualClock(10**18)
+    return MachineClock(10**18)
 
 
 @pytest.fixture

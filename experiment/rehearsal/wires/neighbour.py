@@ -1,0 +1,61 @@
+"""REHEARSAL: a process of its own beside the simulated sound card, at the far end of a socket.
+
+It takes no turn at the session's interpreter, and ends when whoever started it has gone.
+"""
+
+from __future__ import annotations
+
+import os
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+
+PATIENCE_S = 10.0
+"""How long it may take to begin, to answer and to end, s."""
+
+
+class Neighbour:
+    """The process as whoever starts it sees it: its `pid`, and the `line` to it, of which a read raises `OSError`."""
+
+    def __init__(self, module: str, *arguments: str) -> None:
+        """Run a module with its standard input and output on the line."""
+        ours, theirs = socket.socketpair()
+        with ours, theirs:
+            ours.settimeout(PATIENCE_S)
+            self.line = ours.makefile("rwb")
+            self._process = subprocess.Popen(  # noqa: S603
+                [sys.executable, "-m", module, *arguments],
+                cwd=Path(__file__).parents[3],
+                stdin=theirs.fileno(),
+                stdout=theirs.fileno(),
+                stderr=subprocess.DEVNULL,
+                start_new_session=True,
+            )
+        self.pid = self._process.pid
+
+    def kill(self) -> None:
+        """End it at once, and close the line."""
+        self._process.kill()
+        self.close()
+
+    def close(self) -> None:
+        """Close the line, and see the process end."""
+        with suppress(OSError):  # It has gone.
+            self.line.close()
+        try:
+            self._process.wait(PATIENCE_S)
+        except subprocess.TimeoutExpired:  # The server stands still.
+            self._process.kill()
+            self._process.wait()
+
+
+@contextmanager
+def far_end() -> Iterator[tuple[BinaryIO, BinaryIO]]:
+    """Give what the process reads from its line, and what it writes to: a library that prints does not reach it."""
+    with os.fdopen(os.dup(1), "wb") as told:
+        os.dup2(2, 1)
+        yield sys.stdin.buffer, told
