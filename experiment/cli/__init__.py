@@ -35,7 +35,7 @@ COMMANDS = {
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
         "person": ("laboratory", "Keep who a participant is, outside of every dataset."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
-        "run": ("session", "Run one session with a participant, or the rest of one."),
+        "run": ("session", "Run a participant's visit, or the rest of one."),
         "desk": ("desk", "Open the desk of a study, from which sessions are begun."),
         "screen": ("desk", "Open the participant's screen of a session."),
         "status": ("analysis", "Say how far a study is, and what is to be done next."),

@@ -37,7 +37,7 @@ def run(
         str | None, typer.Option("--participant", "-p", help="Label of the participant, such as 03.")
     ] = None,
     task: Annotated[
-        str | None, typer.Option("--task", help="Id of one of the participant's tasks [default: the next one].")
+        str | None, typer.Option("--task", help="Id of one of the participant's tasks [default: all that are left].")
     ] = None,
     rig: Annotated[Path | None, typer.Option("--rig", help="Rig file of this laboratory.")] = None,
     recordings: Annotated[
@@ -75,9 +75,10 @@ def run(
         typer.Option("--session-at", hidden=True, help="Run the session alone, for consoles that connect here."),
     ] = None,
 ) -> None:
-    """Run one session with a participant, or the rest of one.
+    """Run a participant's visit, or the rest of one.
 
-    The protocol must be sealed and the participant enrolled. Ctrl-C pauses the session, and the same command continues
+    It goes through the tasks in their order, a session each, with the break between. The protocol must be sealed and
+    the participant enrolled. Ctrl-C pauses the session, and the same command continues
     it. If the rig file asks for the tracker to be zeroed, the participant first rests the foot on the panel.
 
     In a terminal the session is a process of its own, and this command its console. Whoever leaves the console, or

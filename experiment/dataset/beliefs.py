@@ -143,8 +143,10 @@ def check_roster(root: Path) -> int:
     Nothing in the dataset must know of more than the roster does.
 
     Anchors in the dataset's log know of its lines, journals of those that they began under, and journals and files of
-    withdrawals. Raises `RosterError` or `DatasetError`: an older roster was put back, or it was cut.
+    withdrawals. Raises `RosterError` or `DatasetError`: an older roster was put back, it was cut, or nobody can be
+    enrolled, since the participants are simulated.
     """
+    enrolment.refuse_rehearsal(root)
     file = storage.roster_path(root)
     roster = Roster.load(file)
     for name, doubt in _unlike_anchors(root, roster):

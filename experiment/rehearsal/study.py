@@ -150,8 +150,8 @@ def practise(
     """Have an experimenter at `console` practise a session with a simulated participant, and return its footer.
 
     `rig_file` is of a simulated rig. `out` is made, or continued where it holds practice of the same protocol and rig;
-    None stands for a folder under `participants/` that is named after the study. `task_id` None stands for the
-    participant's first task that is not complete. Raises as `rehearse`, and `RosterError` for a participant or a task
+    None stands for a folder under `participants/` that is named after the study. `task_id` None stands for all of the
+    participant's tasks that are not complete. Raises as `rehearse`, and `RosterError` for a participant or a task
     that the study does not have.
     """
     protocol = files.load(protocol_file)

@@ -75,7 +75,7 @@ def enrol(
     protocol = files.load(protocol_file)
     purpose: Purpose | None = "PILOT" if pilot else "STUDY" if root is None else None
     root = root or default_root(protocol, pilot=pilot)
-    _refuse_rehearsal(root)
+    refuse_rehearsal(root)
     if approval.seal_path(protocol_file).exists():
         approval.held(protocol_file, protocol)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
@@ -294,7 +294,7 @@ def _erase(root: Path, roster: Roster, participant: str) -> None:
 def _begun(protocol_file: Path, root: Path | None) -> Path:
     """Return where the dataset of a study stands; `root` as for `enrol`. Raises `RosterError` if it was not begun."""
     root = root or default_root(files.load(protocol_file))
-    _refuse_rehearsal(root)
+    refuse_rehearsal(root)
     roster = storage.roster_path(root)
     begun = (storage.protocol_path(root), storage.seed_path(root), roster, chain.head_path(roster))
     if not any(path.exists() for path in begun):
@@ -302,7 +302,8 @@ def _begun(protocol_file: Path, root: Path | None) -> Path:
     return root
 
 
-def _refuse_rehearsal(root: Path) -> None:
+def refuse_rehearsal(root: Path) -> None:
+    """Raise `DatasetError` if the participants of a dataset are simulated."""
     if storage.plan_path(root).exists():
         raise DatasetError(
             f"{root}: this is the dataset of practice or of a rehearsal, and its participants are simulated: nobody "

@@ -167,8 +167,10 @@ def test_a_visit_that_is_stopped_at_every_step_in_every_way_goes_on_there(visit:
         assert done.complete
         assert sorted(done.answered) == list(range(1, len(done.header.order) + 1))
         assert said[task] <= set(done.said)
-    stated = [entry.step for task in TASKS for entry in entries(visit, task) if isinstance(entry, Visited)]
+    made = [entry for task in TASKS for entry in entries(visit, task)]
+    stated = [entry.step for entry in made if isinstance(entry, Visited)]
     assert [step for step in stated if step != "identity"] == ["report", "payment"]
+    assert all(0 < entry.response_time_s <= entry.confirmed_s for entry in made if isinstance(entry, Answer))
     assert verify(visit.root).refused == 0
 
 
@@ -200,15 +202,3 @@ def test_what_is_asked_for_at_any_moment_is_done_answered_and_on_record(desk: De
     assert len(desk.replies) == len({one.id for one in desk.replies})
     refused = [one.words for one in desk.replies if not one.taken]
     assert refused == ["Trial 99 has no answer that counts; nothing was changed."]
-
-
-def test_what_is_said_at_the_end_of_a_visit_is_on_record_once(desk: Desk) -> None:
-    desk.connect()
-    desk.visit(STEPS["debrief"])
-    desk.kill()
-    desk.again()
-    desk.visit()
-    assert [e.step for e in entries(desk, TASKS[1]) if isinstance(e, Visited)] == ["report", "payment"]
-    assert not [e for e in entries(desk, TASKS[0]) if isinstance(e, Visited)]
-    answers = [e for task in TASKS for e in entries(desk, task) if isinstance(e, Answer)]
-    assert all(0 < e.response_time_s <= e.confirmed_s for e in answers)

@@ -23,6 +23,15 @@ from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import write_rig
 from tests.rig.rehearsed import assert_all_say
 
+COMMAND = """\
+from experiment.__main__ import main
+from experiment.rehearsal.footstep import participant
+from tests.rig.laboratory import HURRIED
+vars(participant).update(HURRIED)
+main()
+"""
+"""The command, for which no participant only thinks."""
+
 QUESTION = re.compile(
     r"familiar with the materials: |Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>Key: )"
     r"|type (?P<again>\S) again[^\n]*again: |to end the session: |or nothing; press Enter: "
@@ -45,7 +54,7 @@ def study(tmp_path: Path) -> Path:
 def practise(folder: Path, *arguments: str, stop_after: int = TRIALS) -> tuple[int, str]:
     """Give the command at a terminal, and key what the participant says; press Ctrl-C once so many are answered."""
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-m", "experiment", "run", *arguments, "--practice", "--lines"]
+    command = [sys.executable, "-c", COMMAND, "run", *arguments, "--practice", "--lines"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     process = subprocess.Popen(
         command, cwd=folder, env=environment, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
@@ -99,6 +108,8 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     assert_all_say(root, "PRACTICE")
     assert beliefs.believed(root).purpose == "PRACTICE"
     assert verify(root).refused == 0
+    code, _, err = palpate("withdraw", study, "-p", "01", "--reason", "moved away", "--dataset", root)
+    assert (code, "nobody enrols, consents or withdraws" in err, "palpate enrol --pilot" in err) == (2, True, True), err
     monkeypatch.chdir(tmp_path)
     code, tables, _ = palpate("analyse", root, "--no-figures")
     assert (code, tables.count("PRACTICE") > 0) == (0, True)

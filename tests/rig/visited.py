@@ -22,7 +22,13 @@ from tests.rig.laboratory import HURRIED
 
 ME = Hello(role="console", by="test")
 PATIENCE_S = 60.0
-PRELOADED = ("experiment.rehearsal.study", "experiment.session.run", "tests.rig.in_the_room", "tests.rig.visited")
+PRELOADED = (
+    "experiment.cli.session",
+    "experiment.rehearsal.study",
+    "experiment.session.run",
+    "tests.rig.in_the_room",
+    "tests.rig.visited",
+)
 
 _servers = multiprocessing.get_context("forkserver")
 _servers.set_forkserver_preload(list(PRELOADED))
