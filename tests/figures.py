@@ -19,7 +19,7 @@ LINES = 60_000
 trackers that lie and files that fail, people who ask to be erased, what an experimenter notes and corrects, practice
 without a laboratory, the status of a study, answers that are heard, the servo of a virtual block, the causes of a
 wrong number in print, and tests in which a participant is the unit have added since. So have modules and imports: the
-plan kept room for the desk, and had 165 and 800 without it."""
+plan kept room for the desk, and had 165 and 800 without it; a module that outgrew its 500 lines is now several."""
 
 
 @dataclass(frozen=True)
@@ -47,11 +47,11 @@ def figures() -> tuple[Figure, ...]:
     graph = grimp.build_graph(*PACKAGES, cache_dir=None)
     imports = {(one, other) for one in graph.modules for other in graph.find_modules_directly_imported_by(one)}
     return (
-        Figure("modules of source", len(sources), 265),
+        Figure("modules of source", len(sources), 268),
         Figure("lines of source", sum(len((REPOSITORY / path).read_bytes().splitlines()) for path in sources), LINES),
         *(Figure(f"entries of {package}/", rooms[package], 16) for package in PACKAGES),
         Figure("entries of the largest room", rooms[inner[0]], 12, tuple(f"{r}: {rooms[r]}" for r in inner[:5])),
-        Figure("imports from module to module", len(imports), 1_420),
+        Figure("imports from module to module", len(imports), 1_425),
         *(
             Figure(name, len(found), 0, tuple(sorted(found)))
             for name, found in (("circles of imports", _circles(imports)), ("arrows upward", _upward(imports)))
