@@ -34,8 +34,9 @@ def looked_at(
 def test_a_device_that_answers_is_told_with_limit_and_block(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(force, "ASKS_S", 0.1)
     with ForceDeviceProcess() as device:
-        found = looked_at(device.address)
-        alone = looked_at(device.address, protocol=None)
+        # However long a busy machine lets the simulated device wait for its turn.
+        found = looked_at(device.address, changed(answer_ms=60_000.0))
+        alone = looked_at(device.address, changed(answer_ms=60_000.0), protocol=None)
     assert list(found) == ["force device", "force answers", "force rate", "force limit", "block"]
     assert {found[name].verdict for name in ("force device", "force answers", "force limit", "block")} == {"green"}
     assert found["force limit"].measured == "nothing above 3 N is sent; the device makes 3 N"
