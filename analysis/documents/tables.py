@@ -145,7 +145,7 @@ def table_text(table: Table, width: int = WIDTH) -> str:
         if sizes[0] + sum(narrow) + len(GAP) * len(narrow) <= width:
             sizes[1:], rows = narrow, broken
     blocks = []
-    for columns in _blocks(sizes, width):
+    for columns in _blocks(sizes, width, _naming(table.rows, sizes, width)):
         widths = [sizes[column] for column in columns]
         widths[-1] = min(widths[-1], max(width - sum(widths[:-1]) - len(GAP) * (len(widths) - 1), 1))
         header, *below = (_line(row, columns, widths, table.left) for row in rows)
@@ -200,15 +200,26 @@ def cell(value: object) -> object:
     return "" if value is None else value
 
 
-def _blocks(sizes: Sequence[int], width: int) -> list[list[int]]:
-    """Return the columns of each block: as many as fit beside the first; the last column may be narrowed."""
-    blocks, block, used = [], [0], sizes[0]
-    for column in range(1, len(sizes)):
+def _naming(rows: Sequence[tuple[str, ...]], sizes: Sequence[int], width: int) -> int:
+    """Return by how many of the first columns rows are told apart, at most half of the width; 1 where by none."""
+    for count in range(1, len(sizes)):
+        if sum(sizes[:count]) + len(GAP) * (count - 1) > width / 2:
+            break
+        if len({row[:count] for row in rows}) == len(rows):
+            return count
+    return 1
+
+
+def _blocks(sizes: Sequence[int], width: int, naming: int = 1) -> list[list[int]]:
+    """Return the columns of each block: as many as fit beside the naming ones; the last column may be narrowed."""
+    begun = list(range(naming)), sum(sizes[:naming]) + len(GAP) * (naming - 1)
+    blocks, block, used = [], [*begun[0]], begun[1]
+    for column in range(naming, len(sizes)):
         last = column == len(sizes) - 1
         least = min(sizes[column], NARROWEST) if last else sizes[column]
-        if used + len(GAP) + least > width and len(block) > 1:
+        if used + len(GAP) + least > width and len(block) > naming:
             blocks.append(block)
-            block, used = [0], sizes[0]
+            block, used = [*begun[0]], begun[1]
         block.append(column)
         used += len(GAP) + sizes[column]
     return [*blocks, block]

@@ -54,8 +54,8 @@ FINE = 400
 def course(of: Collision, *, rate_hz: float) -> Figure:
     """Return the plot of an impact: r, dr/dt and force over time, by every method in steps of a rate, Hz.
 
-    The exact motion is a line, with dots at its samples. Methods that leave the picture are cut off, and a method that
-    needs too many steps is named as left out.
+    The exact motion is a line, with dots at its samples. Methods that leave the picture are cut off, with marks at its
+    edge, and a method that needs too many steps is named as left out.
     """
     exact = closed_form(of)
     lasts = exact.release_s or 4 * (exact.peak_s or 5 / rate_hz)
@@ -76,6 +76,7 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
             place.set_ylim(low - room, high + room)
             place.set_ylabel(label, fontsize=9)
             place.axhline(0.0, color="#d5d9de", linewidth=0.8, zorder=0)
+        axes[0].set_xlim(-0.05 * lasts * 1e3, 1e3 * max(1.1 * lasts, 1.5 / rate_hz))
         left_out = []
         for name in STEPPERS:
             try:
@@ -84,7 +85,6 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
                 left_out.append(name)
                 continue
             _steps(axes, made, name, [(unit, of_course) for _, unit, of_course in panels])
-        axes[0].set_xlim(-0.05 * lasts * 1e3, 1e3 * max(1.1 * lasts, 1.5 / rate_hz))
         label = "time since the touch (ms)"
         if 1 / rate_hz > SHORT * lasts:
             # A contact between two samples would be a line at 0.
@@ -97,7 +97,7 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
         title = (
             f"{of.mass_kg:g} kg at {of.speed_m_s:g} m/s on {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m"
             + (f" under {of.force_n:g} N" if of.force_n else "")
-            + f", law '{of.law}', steps of {1e6 / rate_hz:.4g} µs"
+            + f", law '{of.law}', steps of {1e6 / rate_hz:.4g} µs\nmarks at an upper or lower edge lie beyond it"
         )
         if left_out:
             title += f"\nleft out, for they need too many steps: {', '.join(left_out)}"
@@ -116,6 +116,12 @@ def _steps(axes: Sequence[Axes], made: Course, name: str, panels: Sequence[tuple
         values = np.clip(of_course(made) * unit, -1e9, 1e9)
         label = f"{name}, at its samples" if name == EXACT else name
         place.plot(made.times_s * 1e3, values, label=label, **style)
+        at_edge = np.clip(values, *place.get_ylim())
+        beyond = (at_edge != values) & np.isfinite(values) & (made.times_s * 1e3 <= place.get_xlim()[1])
+        mark: Any = {"marker": MARKER[name], "color": COLOUR[name], "markersize": 5, "linestyle": "none"}
+        if beyond.any():
+            mark |= {"clip_on": False, "in_layout": False, "zorder": 4}
+            place.plot(made.times_s[beyond] * 1e3, at_edge[beyond], **mark)
 
 
 def orders(rows: Sequence[Measured]) -> str:
@@ -146,7 +152,7 @@ def diagrams(rows: Sequence[Measured]) -> Figure:
     stiffnesses = list(dict.fromkeys((one.given["stiffness_n_m"], one.given["mass_kg"]) for one in rows))
     down = -(-(len(stiffnesses) + 1) // 3)
     with mpl.rc_context(STYLE):
-        drawn = Figure(figsize=(8.4, 0.6 + 3.0 * down), layout="constrained")
+        drawn = Figure(figsize=(10.4, 0.6 + 3.8 * down), layout="constrained")
         drawn.suptitle("SIMULATED impacts: error of the rebound against run time", fontsize=10, fontweight="bold")
         axes: list[Axes] = list(np.ravel(drawn.subplots(down, 3, squeeze=False, sharey=True)))
         for place, (stiffness, mass) in zip(axes, stiffnesses, strict=False):
@@ -181,17 +187,19 @@ def diagrams(rows: Sequence[Measured]) -> Figure:
 def _curve(axes: Axes, rows: Sequence[Measured], beside: Sequence[Measured], name: str) -> None:
     steps = [one for one in rows if one.given["step_s"] != contact.SERVO_S]
     line = [one.timed.median_s for one in steps], [max(one.error, 1e-16) for one in steps]
-    # Faint, so that a method can be followed where all of it is grey.
-    axes.plot(*line, color=COLOUR[name], alpha=0.35, linewidth=1.0, zorder=1)
+    # Thin, so that a method can be followed where all of it is grey.
+    axes.plot(*line, color=COLOUR[name], alpha=0.6, linewidth=0.9, zorder=1)
     for one in rows:
         if one.given["step_s"] == contact.SERVO_S:
             ring: Any = {"marker": "o", "markersize": 9, "markerfacecolor": "none", "markeredgecolor": COLOUR[name]}
             axes.plot([one.timed.median_s], [max(one.error, 1e-16)], linestyle="none", **ring)
-    _points(axes, rows, beside, COLOUR[name], MARKER[name])
+    _points(axes, rows, beside, COLOUR[name], MARKER[name], quiet=True)
 
 
-def _points(axes: Axes, rows: Sequence[Measured], beside: Sequence[Measured], own: str, mark: str) -> None:
-    """Draw points with the quartiles of their times, grey where another dominates them."""
+def _points(
+    axes: Axes, rows: Sequence[Measured], beside: Sequence[Measured], own: str, mark: str, *, quiet: bool = False
+) -> None:
+    """Draw points with the quartiles of their times, grey where another dominates them, and small then if `quiet`."""
     for grey in (True, False):
         some = [one for one in rows if bool(dominated(one, beside)) is grey]
         if some:
@@ -199,8 +207,11 @@ def _points(axes: Axes, rows: Sequence[Measured], beside: Sequence[Measured], ow
                 [(t[0], one.timed.median_s, t[1]) for one in some for t in [one.timed.quartiles_s]]
             ).T
             style: Any = {"marker": mark, "markersize": 4.5, "color": BEATEN if grey else own, "linestyle": "none"}
-            spread = [np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)]
+            spread: list[Any] | None = [np.maximum(middle - low, 0.0), np.maximum(high - middle, 0.0)]
             errors = [max(one.error, 1e-16) for one in some]
+            if quiet and grey:
+                # Their bars would run together, where many methods meet.
+                spread, style = None, style | {"markersize": 2.6}
             axes.errorbar(middle, errors, xerr=spread, elinewidth=1.0, zorder=2 if grey else 3, **style)
 
 
@@ -219,11 +230,11 @@ def numerics(result: Numerics) -> Figure:
     with mpl.rc_context(STYLE):
         drawn = Figure(figsize=(9.6, 8.0))
         drawn.suptitle(f"{LABEL}: error against median run time", fontsize=10, fontweight="bold", y=0.985)
-        above = drawn.add_gridspec(1, 2, left=0.075, right=0.99, top=0.9, bottom=0.5, wspace=0.16)
+        above = drawn.add_gridspec(1, 2, left=0.075, right=0.975, top=0.9, bottom=0.5, wspace=0.18)
         left = drawn.add_subplot(above[0])
         _synthesis(left, result.measured)
         _voltages(drawn.add_subplot(above[1], sharey=left), result.measured)
-        below = drawn.add_gridspec(1, 3, left=0.075, right=0.99, top=0.37, bottom=0.1, wspace=0.32)
+        below = drawn.add_gridspec(1, 3, left=0.075, right=0.975, top=0.37, bottom=0.1, wspace=0.32)
         for place, panel in enumerate((_resampling, _shaping, _noise)):
             panel(drawn.add_subplot(below[place]), result.measured)
         told = (
@@ -245,8 +256,9 @@ def _synthesis(axes: Axes, rows: Sequence[Measured]) -> None:
         axes.set_ylim(10.0 ** floor(min(decades)), 10.0 ** ceil(max(decades)))
     _times(axes, "from the speed of the foot to the waveform")
     axes.set_ylabel("relative error", fontsize=9)
+    _sizes(axes, shown)
     axes.legend(loc="upper left", frameon=False, fontsize=8)
-    axes.set_title(f"Synthesis, m/s², 48 kHz; {_lengths(shown)}", fontsize=9, loc="left", pad=5)
+    axes.set_title("Synthesis, m/s², 48 kHz; N at the ends", fontsize=9, loc="left", pad=5)
 
 
 def _voltages(axes: Axes, rows: Sequence[Measured]) -> None:
@@ -256,12 +268,18 @@ def _voltages(axes: Axes, rows: Sequence[Measured]) -> None:
     _curves(axes, shown)
     _logarithmic(axes)
     _times(axes, "from the speed of the foot to the voltages")
+    _sizes(axes, shown)
     axes.legend(loc="upper right", frameon=False, fontsize=8)
-    axes.set_title(f"Voltages, 48 kHz; {_lengths(shown)}", fontsize=9, loc="left", pad=5)
+    axes.set_title("Voltages, 48 kHz; N at the ends", fontsize=9, loc="left", pad=5)
 
 
-def _lengths(rows: Sequence[Measured]) -> str:
-    return "N = " + ", ".join(f"{n:g}" for n in sorted({one.given["samples"] for one in rows}))
+def _sizes(axes: Axes, rows: Sequence[Measured]) -> None:
+    """Write the least and the largest N of each way beside its points."""
+    for way in dict.fromkeys(one.way for one in rows):
+        some = sorted((one for one in rows if one.way == way), key=lambda one: one.given["samples"])
+        for one in (some[0], some[-1])[: len(some)]:
+            at = one.timed.median_s, one.error
+            axes.annotate(f"{one.given['samples']:g}", at, (0, 7), textcoords="offset points", ha="center", fontsize=8)
 
 
 def _resampling(axes: Axes, measured: Sequence[Measured]) -> None:
@@ -282,7 +300,7 @@ def _shaping(axes: Axes, measured: Sequence[Measured]) -> None:
     within = squares < NO_ANSWER
     axes.plot(sizes[within], squares[within] / 2, color=QUIET, linestyle=":", linewidth=1.2, label="h²")
     taken = [one.timed.median_s for one in rows]
-    axes.set_title(f"Shaping: {time_text(min(taken))} to {time_text(max(taken))}", fontsize=9)
+    axes.set_title(f"Shaping, in {time_text(min(taken))} to {time_text(max(taken))} each", fontsize=9)
     axes.set_xlabel("frequencies in the table", fontsize=9)
     axes.xaxis.set_major_formatter(FuncFormatter(lambda x, _: f"{x:g}"))
     axes.xaxis.set_minor_formatter(NullFormatter())

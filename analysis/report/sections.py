@@ -486,8 +486,9 @@ Onset error
     The measured onset of the stimulus at the panel minus the contact of the foot, in the trials analysed.
 What was played
     error = √( Σ (reached - asked)² / Σ asked² ) over the bins k ≥ 1 of equations (1) to (5); left out is the same sum
-    over the bins that no output carries. Reached is what the samples handed to the actuator do, by the rig's measured
-    response where they are voltages. Dissimilarity is equation (6) between reached and asked, from 0 to 500 Hz.
+    over the bins that the rig does not carry, or holds back by its gain limit or highest level. Reached is what the
+    samples handed to the actuator do, by the rig's measured response where they are voltages. Dissimilarity is equation
+    (6) between reached and asked, from 0 to 500 Hz.
 Timing
     Every attempt of the participants analysed counts, including those that were repeated. Percentiles are of the
     magnitude, interpolated linearly, and given from 100 (p99) and 1,000 (p99.9) attempts on. The dead time runs from a

@@ -335,8 +335,17 @@ def check_headphones(audio: AudioRig, today: date) -> None:
     _check_age("headphones", made, days, today, "measure the headphones' level anew")
 
 
+UNCALIBRATED = date(2000, 1, 1)
+"""What a rig file that `palpate new --rig` wrote has in place of each date of a calibration."""
+
+
 def _check_age(table: str, made: date, days: int, today: date, remedy: str) -> None:
     age = (today - made).days
+    if made == UNCALIBRATED:
+        raise RigError(
+            f"audio.{table}: got {made}, the date of a rig file that nobody has calibrated yet; allowed: the day of a "
+            f"calibration; {remedy}, and put the result into the rig file"
+        )
     if not 0 <= age <= days:
         raise RigError(
             f"audio.{table}: got a calibration of {made}, {age} days old on {today}; allowed: 0 to {days} days; "

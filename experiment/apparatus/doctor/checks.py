@@ -11,6 +11,7 @@ import math
 import os
 import shutil
 import tempfile
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
@@ -73,12 +74,14 @@ def table(rig: Rig, folder: Path) -> Check | None:
         return None
     name = "response table"
     try:
-        response_table(folder, shaping)
-        measured = response.read(folder / shaping.response)
+        content = response_table(folder, shaping)
+        measured = response.parse(folder / shaping.response, content)
     except PalpateError as error:
         return refused(name, error)
     low_hz, high_hz = measured.frequencies_hz[0], measured.frequencies_hz[-1]
-    return Check(name, "green", f"{shaping.response}: {low_hz:g} to {high_hz:g} Hz, hash as stated")
+    said = textwrap.shorten(" ".join(response.comments(content)), 160, placeholder=" ...")
+    said = said or "nothing, neither when it was measured nor under which load"
+    return Check(name, "green", f"{shaping.response}: {low_hz:g} to {high_hz:g} Hz, hash as stated; it says: {said}")
 
 
 def reach(rig: Rig, step: Step) -> Check:

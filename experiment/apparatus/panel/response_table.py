@@ -28,6 +28,7 @@ import numpy as np
 
 from experiment import storage
 from experiment.errors import RecordingError
+from experiment.settings.characters import plain
 from experiment.synthesis.shaping import Response, not_rising
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
@@ -110,6 +111,12 @@ def parse(path: Path, content: bytes) -> Response:
         levels_v=np.array(levels) * sqrt(2),
         accelerations_m_s2=accelerations,
     )
+
+
+def comments(content: bytes) -> tuple[str, ...]:
+    """Return what a table says of itself, such as when it was measured and under which load, a line each."""
+    lines = content.decode("utf-8-sig", errors="replace").splitlines()
+    return tuple(plain(line.lstrip("# ").rstrip()) for line in lines if line.startswith("#"))
 
 
 def _rows(path: Path, text: str) -> list[_Row]:

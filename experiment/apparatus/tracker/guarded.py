@@ -10,6 +10,7 @@ import hashlib
 import importlib
 import importlib.util
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -130,7 +131,9 @@ def _blamed(named: str, part: str) -> Iterator[None]:
 
 
 def _said(error: BaseException) -> str:
-    return f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+    said = f"{type(error).__name__}: {' '.join(str(error).split())}".removesuffix(": ")
+    # A file beside the rig file is a module under a name of palpate's own, which tells nobody anything.
+    return re.sub(rf"{re.escape(__name__)}\.(\w+)_[0-9a-f]{{16}}", r"\1", said)
 
 
 def _driver(rig: Rig) -> Callable[..., Tracker]:

@@ -71,6 +71,18 @@ def test_columns_that_do_not_fit_stand_below_under_the_first_again() -> None:
     assert [line.split()[0] for line in lines if line and not line.startswith("-")] == ["presented", "sand"] * 3
 
 
+def test_rows_that_take_two_names_have_both_in_every_part() -> None:
+    header = ("way", "N", "a column of some width", "another of some width")
+    rows = (("prepared", "250", "1", "2"), ("prepared", "2500", "3", "4"))
+    lines = table_text(Table("", header, rows), 50).splitlines()
+    assert [line.split() for line in lines if line.startswith("prepared")] == [
+        ["prepared", "250", "1"],
+        ["prepared", "2500", "3"],
+        ["prepared", "250", "2"],
+        ["prepared", "2500", "4"],
+    ]
+
+
 def test_an_empty_column_is_no_trouble() -> None:
     assert table_text(Table("", ("a", ""), (("x", ""),))) == "a\n-  -\nx"
 

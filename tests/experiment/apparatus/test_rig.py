@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +17,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from experiment.clock import ManualClock
 from experiment.errors import ActuatorError, RigError, TrackerError
+from experiment.protocol.files import shipped
 from experiment.protocol.models import Step
 from experiment.synthesis.shaping import Response
 from experiment.synthesis.voltages import Drive
@@ -266,3 +268,11 @@ def test_simulated_ports_exist_only_in_a_rehearsal(rehearsal: Rig) -> None:
         opening.open_tracker(rehearsal, clock=ManualClock(0))
     with pytest.raises(ActuatorError, match=r"only inside `palpate rehearse`; .* actuator\.address"):
         opening.open_actuator(rehearsal, limit_m_s2=10.0)
+
+
+def test_the_date_of_a_rig_file_that_nobody_calibrated_is_told_as_that() -> None:
+    audio = rigs.load(shipped("rigs/laboratory.toml")).audio
+    assert audio is not None
+    for check in (rigs.check_latency, rigs.check_headphones):
+        with pytest.raises(RigError, match=r"got 2000-01-01, the date of a rig file that nobody has calibrated yet"):
+            check(audio, date(2026, 5, 4))

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.panel.response_table import read, write
+from experiment.apparatus.panel.response_table import comments, read, write
 from experiment.errors import RecordingError
 from experiment.synthesis.shaping import Response
 from tests.experiment.apparatus.panel.tables import GOOD, Write
@@ -21,6 +21,11 @@ def test_rms_and_peak_to_peak_become_amplitudes(written: Write) -> None:
     # A sinusoid of 1 V root mean square has an amplitude of sqrt 2 V; one of 4 m/s^2 peak to peak, of 2 m/s^2.
     assert response.levels_v == pytest.approx([0.1 * 2**0.5, 2**0.5], rel=1e-15)
     assert response.accelerations_m_s2.tolist() == [[0.25, 2.0], [0.5, 4.0]]
+
+
+def test_a_table_says_of_itself_what_its_comments_say() -> None:
+    assert comments(GOOD.encode()) == ("bench 2, load 40 N",)
+    assert comments(GOOD.split("\n", 1)[1].encode()) == ()
 
 
 @given(st.data())

@@ -174,6 +174,16 @@ def test_a_device_that_was_plugged_in_again_may_count_from_anew(opened: Opens) -
     assert tracker.read().device_us.tolist() == [2000, 3000]
 
 
+def test_no_name_of_palpates_own_modules_stands_in_what_is_said_of_a_driver(tmp_path: Path) -> None:
+    (tmp_path / "our_tracker.py").write_text("class Other: pass\n", "utf-8")
+    text = shipped("rigs/rehearsal.toml").read_text("utf-8")
+    named = text.replace("[tracker]", '[tracker]\ndriver = "our_tracker:Ours"')
+    (tmp_path / "rig.toml").write_text(named, "utf-8")
+    rig = rigs.load(tmp_path / "rig.toml")
+    with pytest.raises(RigError, match=r"AttributeError: module 'our_tracker' has no attribute 'Ours'"):
+        guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
+
+
 @pytest.mark.parametrize("given", ["-1", "0.5", "float('nan')"])
 def test_counts_that_no_link_can_have_are_the_drivers_fault(opened: Opens, given: str) -> None:
     tracker = opened(opens=f"self.counts = LinkCounts(lost={given})")
