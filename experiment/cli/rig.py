@@ -87,15 +87,15 @@ def doctor(
     """Check a rig before a session.
 
     Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback, actuator,
-    force device, disk and clocks are checked through the drivers that sessions use. With --protocol, what the rig
-    leaves out of the recorded vibrations is told, and is red where that is more than the protocol allows, and so is a
-    force device that does not bear its block. Each check is green, or red with its remedy. The exit code is 2 if any
-    check is red.
+    force device (which pushes nothing), disk and clocks are checked through the drivers that sessions use. With
+    --protocol, what the rig leaves out of the recorded vibrations is told, and is red where that is more than the
+    protocol allows, and so is a force device that does not bear its block. Each check is green, or red with its remedy.
+    The exit code is 2 if any check is red.
     """
     from experiment.apparatus.doctor import doctor as doctors
     from experiment.clock import MonotonicClock
 
-    typer.echo("Keep feet and hands off the panel: checking the loopback moves it. No force is pushed.", err=True)
+    typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
     found = []
     examined = doctors.examine(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
