@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from experiment.errors import SynthesisError
 from experiment.synthesis.crinkle import CrinkleSpectra
 from experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
 from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, finite, inverse_on, spectrum
@@ -80,8 +81,13 @@ def of_accelerations(
 
     The limiter changed `limited` of the samples; the device carries the frequencies `carries_hz`, lowest and highest,
     and moves the panel at no other. Errors are those of `at_speed`, and `SynthesisError` for samples that are not
-    finite.
+    finite and for frequencies that do not rise.
     """
+    low_hz, high_hz = carries_hz
+    if not low_hz < high_hz:
+        raise SynthesisError(
+            f"carries_hz: got {low_hz:g} to {high_hz:g} Hz; allowed: a lowest frequency below a highest"
+        )
     asked = _asked(stimulus)
     # Against the equations, and not against the waveform that was prepared, which may be wrong itself.
     off_m_s2 = finite(handed_m_s2, what="handed_m_s2") - inverse_on(asked, stimulus.basis.on)

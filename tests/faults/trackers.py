@@ -32,6 +32,7 @@ from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from tests.experiment.session.scripted import Endless
 from tests.faults.campaign import Count, Size
 from tests.faults.wire import BASE, Fed, Floats, Wire, encoded, honest
+from tests.machine_clock import MachineClock
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 OFF = 0.02
@@ -72,7 +73,7 @@ def outcome(tracker: Tracker, settings: TrackerRig, clock: Clock, hesitation: He
 
 
 def fed(wire: Wire, rng: np.random.Generator, hesitation: Hesitation = "none") -> WatchedStep | str:
-    clock = ManualClock(10**18)
+    clock = MachineClock(10**18)
     return outcome(Fed(wire, clock, rng), wire.settings, clock, hesitation)
 
 

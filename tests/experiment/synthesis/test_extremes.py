@@ -214,6 +214,13 @@ def _of_budget() -> list[tuple[str, Call, dict[str, float]]]:
             ),
             EITHER,
         ),
+        (
+            "of_accelerations: carries_hz",
+            lambda x: budget.of_accelerations(
+                stimulus, handed_m_s2=np.asarray(stimulus.waveform_m_s2), limited=0, carries_hz=(0.0, x)
+            ),
+            NO_LIMIT,
+        ),
         ("of_voltages: handed_v", lambda x: in_volts(handed_v=changed(volts, x), voltages_v=volts), EITHER),
         ("of_voltages: voltages_v", lambda x: in_volts(handed_v=volts, voltages_v=changed(volts, x)), EITHER),
         (

@@ -20,6 +20,7 @@ from experiment.apparatus.tracker.frames import Decoder, LinkCounts, encode
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, TrackerError, TrackerStopped
+from tests.machine_clock import MachineClock
 
 SETTINGS = TrackerRig(
     port="scripted",
@@ -74,12 +75,6 @@ class ScriptedPort:
 
 
 Open = Callable[..., tuple[SerialTracker, ScriptedPort]]
-
-
-class MachineClock(ManualClock):
-    """The machine's clock, which the test moves."""
-
-    simulated = False
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.errors import AudioError
-from experiment.rehearsal.wires import listener
+from experiment.rehearsal.wires import neighbour
 from experiment.rehearsal.wires.listener import Kept, Tap
 
 KEPT = 20
@@ -59,6 +59,6 @@ BEGINS = "echo listening; read asked; "
 def test_a_listener_that_does_not_begin_or_answer_is_told_of(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str, patience_s: float, told: str
 ) -> None:
-    monkeypatch.setattr(listener, "PATIENCE_S", patience_s)
+    monkeypatch.setattr(neighbour, "PATIENCE_S", patience_s)
     with pytest.raises(AudioError, match=rf"its listener has ended{told}; start again"):
         scripted(monkeypatch, tmp_path, does).since(0)
