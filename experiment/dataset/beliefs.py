@@ -295,13 +295,16 @@ def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[tuple[str, Da
     if broken and not kept:
         yield LOG.as_posix(), DatasetError(f"{root / LOG}: holds no anchor that can be read; restore it from a backup")
     known: dict[str, tuple[str, ...]] = {}
-    for one in kept:
+    told: set[str] = set()
+    # The latest anchor is the one that says most.
+    for one in reversed(kept):
         for prefix in one.anchor.prefixes:
-            if roster is not None and roster.has_erased(prefix.file):
+            if prefix.file in told or (roster is not None and roster.has_erased(prefix.file)):
                 continue
             if prefix.file not in known:
                 known[prefix.file] = register.line_hashes(root / prefix.file)
             if not prefix.begins(hashes := known[prefix.file]):
+                told.add(prefix.file)
                 found = f"now has {len(hashes)}" if len(hashes) < prefix.lines else "now begins with others"
                 day = one.anchor.anchored_utc[:10]
                 lines = "1 line" if prefix.lines == 1 else f"{prefix.lines} lines"

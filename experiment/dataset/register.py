@@ -25,6 +25,7 @@ from experiment import storage
 from experiment.errors import DatasetError
 from experiment.records import chain
 from experiment.records.entries import Purpose, Record, Utc
+from experiment.study.roster import Roster
 
 LOG = Path("sourcedata") / "anchors.log"
 """Every anchor of a dataset, inside it."""
@@ -87,16 +88,46 @@ class Kept(Record):
 def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
     """Add an anchor of the dataset `root` to a register, signed with a private SSH key if there is one; say so.
 
-    Raises `DatasetError` if the register stands inside the dataset or cannot be written, or if nothing was signed.
+    Raises `DatasetError` if the register stands inside the dataset or cannot be written, if nothing was signed, and
+    what `check_state` raises.
     """
     if to.resolve().is_relative_to(root.resolve()):
         raise DatasetError(f"{to}: the register would stand inside the dataset; allowed: any other place; choose one")
+    check_state(root, to, (anchor.study, anchor.purpose))
     kept = Kept(anchor=anchor, signature=_signature(anchor, key) if key else None)
     begun = not to.exists()
     if not begun and storage.size(to) and not read(to)[0]:
         raise DatasetError(f"{to}: holds no anchor, so it is no register; allowed: a register, or a new file; name one")
     append(to, kept)
     return f"Anchored in {to}{', signed' if key else ''}." + (" This register is a new file." if begun else "")
+
+
+def check_state(root: Path, register: Path, of: tuple[str, Purpose]) -> None:
+    """Raise `DatasetError` if a register has the dataset `root`, of a study and a purpose, in a state with other lines.
+
+    A register that is not there has none. Anchors that agree with no line are of another dataset.
+    """
+    if not register.exists():
+        return
+    roster = Roster.load(storage.roster_path(root))
+    hashes: dict[str, tuple[str, ...]] = {}
+    held: list[tuple[Anchor, Prefix, bool]] = []
+    for one in read(register)[0]:
+        if (one.anchor.study, one.anchor.purpose) == of:
+            for prefix in one.anchor.prefixes:
+                if prefix.file not in hashes:
+                    hashes[prefix.file] = line_hashes(root / prefix.file)
+                if not roster.has_erased(prefix.file):
+                    held.append((one.anchor, prefix, prefix.begins(hashes[prefix.file])))
+    others = [(anchor, prefix) for anchor, prefix, begins in held if not begins]
+    if not others or len(others) == len(held):
+        return
+    anchor, prefix = others[-1]
+    raise DatasetError(
+        f"{register}: holds another state of this dataset: {prefix.file} had {prefix.lines} lines by the anchor of "
+        f"{anchor.anchored_utc[:10]}, and is another here; a backup was restored, or there are two copies; go on with "
+        "the state that was anchored last, or, if that is lost, name a new register"
+    )
 
 
 def read(path: Path) -> tuple[tuple[Kept, ...], tuple[int, ...]]:

@@ -149,7 +149,11 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound
             yield Finding("holds", "seed", "was drawn before the first participant enrolled, as its hash there shows")
         yield from _sealed(root, evidence) if dataset.roster else ()
         if dataset.roster and not (root / LOG).exists():
-            text = "is missing: each session that ends adds an anchor to it; it was deleted, or no session ended"
+            ended = len(dataset.sessions) - len(dataset.under_way)
+            why = "it was deleted, or a kill came before the first" if ended else "no session has ended yet"
+            text = (
+                f"is missing: each session that ends adds an anchor to it, and {count(ended, 'session')} ended: {why}"
+            )
             yield Finding("note", LOG.as_posix(), text)
         for path in sorted(dataset.under_way):
             text = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
@@ -409,7 +413,8 @@ def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evide
             gone = last.lines - len(hashes)
             are, by = "is" if gone == 1 else "are", f"the anchor of {last.day} in {last.place}"
             text = (
-                f"an older state: {gone} of its {last.lines} lines {are} missing since {by}; restore the newer state"
+                f"an older state, or one that went on from there: {gone} of its {last.lines} lines {are} missing since "
+                f"{by}; compare both, for each may have lines that the other lacks, and go on with the newer"
                 if hashes
                 else f"is missing: it had {count(last.lines, 'line')} by {by}; restore it"
             )

@@ -68,6 +68,8 @@ def text(contents: Contents, trial: int | None = None) -> str:
             raise JournalError(f"trial {trial}: this session has none; allowed: 1 to {len(header.order)}; give another")
         told = [line for line in contents.lines if getattr(line.entry, "trial", None) == trial]
     lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line.entry)}" for line in told]
+    if trial is not None and not told:
+        lines.append(f"Trial {trial} was not begun yet.")
     lines += [
         "",
         f"{len(done.answered)} of {len(header.order)} trials are answered. The last entry is of "

@@ -123,6 +123,8 @@ def run(
         console.show(LABELS["PILOT"])
     allocation = find(allocated(protocol, seed, enrolled.takes), participant)
     beliefs.believed(root)
+    if anchored_in:
+        register.check_state(root, anchored_in[0], (protocol.study.id, purpose))
     left = tuple(task for task in allocation.tasks if not _is_complete(root, participant, task))
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, allocation, tasks[0])

@@ -298,6 +298,7 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     assert f"NOT ANCHORED: {tmp_path}/share/register: the anchor cannot be written" in out
     assert f"run: palpate anchor dataset --to {tmp_path}/share/register" in out
     (tmp_path / "share").mkdir()
+    shutil.copytree("dataset", "backup")
     code, out, _ = palpate(*session)
     assert (code, "The session is complete: 4 answers." in out) == (0, True)
     assert f"Anchored in {tmp_path}/share/register. This register is a new file." in out
@@ -308,3 +309,6 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     assert "already; nothing was added to it.\nThe session is complete: 4 answers.\n" in out
     code, out, _ = palpate("verify", "dataset", "--register", "share/register", "--number", number)
     assert (code, out.count("PROVEN by"), "NOT PROVEN" in out) == (0, 2, False)
+    # A backup that was restored does not put to anybody again what the newer state has answered.
+    code, _, err = palpate(*session[:-1], "backup")
+    assert (code, err.count("\n"), "share/register: holds another state of this dataset" in err) == (2, 1, True)

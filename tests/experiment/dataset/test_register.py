@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from experiment import storage
-from experiment.dataset import beliefs, register
+from experiment.dataset import beliefs, build, register
 from experiment.dataset.register import LOG, Anchor
 from experiment.errors import DatasetError, JournalError
 from experiment.study.roster import Roster
@@ -138,6 +138,23 @@ def test_the_command_prints_the_line_for_the_lab_book(dataset: Path, tmp_path: P
     code, _, err = palpate("anchor", dataset, "--sign", "key")
     assert (code, err.count("\n"), "--to" in err) == (2, 1, True)
     assert len(register.read(to)[0]) == 1
+
+
+def test_no_older_state_is_anchored_beside_a_newer_one(tmp_path: Path) -> None:
+    study, to = make_study(tmp_path / "study"), tmp_path / "register"
+    register.enter(beliefs.anchor(study.root), study.root, to, None)
+    backup = Path(shutil.copytree(study.root, tmp_path / "backup"))
+    one = study.tasks[0]
+    study.run(study.header(one.participant, one.tasks[1]))
+    build.build(study.root)
+    register.enter(beliefs.anchor(study.root), study.root, to, None)
+    known = to.read_bytes()
+    with pytest.raises(DatasetError, match=r"register: holds another state of this dataset: .*_journal.jsonl had \d+ lines"):
+        register.enter(beliefs.anchor(backup), backup, to, None)
+    assert to.read_bytes() == known
+    register.enter(beliefs.anchor(backup), backup, tmp_path / "new", None)
+    register.check_state(study.root, to, ("okamoto2012", "STUDY"))
+    register.check_state(backup, to, ("okamoto2012", "PILOT"))
 
 
 def test_anchors_survive_json(dataset: Path) -> None:

@@ -60,6 +60,13 @@ def test_one_trial_can_be_told_alone(tmp_path: Path) -> None:
     assert "paused" not in alone
     with pytest.raises(JournalError, match="trial 3: this session has none; allowed: 1 to 2"):
         transcript.text(contents, 3)
+    assert "Trial 2 was not begun yet." in told_alone(tmp_path / "first", 2)
+
+
+def told_alone(folder: Path, trial: int) -> str:
+    folder.mkdir()
+    told(folder, step(1, 1))
+    return transcript.text(journal.read(folder / "sub-01_task-virtual_journal.jsonl"), trial)
 
 
 OLD = Computed(method="basis waveforms", relative_error=1e-13)
