@@ -419,8 +419,8 @@ SHOWN = {
     "armed": "ready",
     "answer": "answer",
     "confirm": "answer",
-    "write": "wait",
-    "debrief": "wait",
+    "write": "finished",
+    "debrief": "finished",
 }
 """What the participant sees at each step of a practised visit."""
 
