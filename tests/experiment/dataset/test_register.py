@@ -149,7 +149,9 @@ def test_no_older_state_is_anchored_beside_a_newer_one(tmp_path: Path) -> None:
     build.build(study.root)
     register.enter(beliefs.anchor(study.root), study.root, to, None)
     known = to.read_bytes()
-    with pytest.raises(DatasetError, match=r"register: holds another state of this dataset: .*_journal.jsonl had \d+ lines"):
+    with pytest.raises(
+        DatasetError, match=r"register: holds another state of this dataset: .*_journal.jsonl had \d+ lines"
+    ):
         register.enter(beliefs.anchor(backup), backup, to, None)
     assert to.read_bytes() == known
     register.enter(beliefs.anchor(backup), backup, tmp_path / "new", None)
