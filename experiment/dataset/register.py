@@ -124,9 +124,9 @@ def check_state(root: Path, register: Path, of: tuple[str, Purpose]) -> None:
         return
     anchor, prefix = others[-1]
     raise DatasetError(
-        f"{register}: holds another state of this dataset: {prefix.file} had {prefix.lines} lines by the anchor of "
-        f"{anchor.anchored_utc[:10]}, and is another here; a backup was restored, or there are two copies; go on with "
-        "the state that was anchored last, or, if that is lost, name a new register"
+        f"{register}: holds another state of this dataset: up to line {prefix.lines}, {prefix.file} is not as it was "
+        f"when it was anchored on {anchor.anchored_utc[:10]}; a backup was restored, or there are two copies; go on "
+        "with the state that was anchored last, or, if that is lost, name a new register"
     )
 
 

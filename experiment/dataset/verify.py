@@ -150,10 +150,8 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound
         yield from _sealed(root, evidence) if dataset.roster else ()
         if dataset.roster and not (root / LOG).exists():
             ended = len(dataset.sessions) - len(dataset.under_way)
-            why = "it was deleted, or a kill came before the first" if ended else "no session has ended yet"
-            text = (
-                f"is missing: each session that ends adds an anchor to it, and {count(ended, 'session')} ended: {why}"
-            )
+            why = f"{count(ended, 'session')} ended, so it was deleted, or a kill came before the first anchor"
+            text = f"is missing: {why if ended else 'no session has ended yet'}; each that ends adds an anchor to it"
             yield Finding("note", LOG.as_posix(), text)
         for path in sorted(dataset.under_way):
             text = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"

@@ -99,7 +99,7 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         question=own.number if own is not None else None,
         keys=tuple(key for key in KEYS if key in offered),
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
-        lamp=gauges.too_fast if gauges is not None and show in ("instructions", "ready", "answer") else None,
+        lamp=gauges.too_fast if gauges is not None and show in ("instructions", "ready", "answer", "compare") else None,
         until_ns=view.pause_until_ns if show == "break" else None,
         label=next((label for label in get_args(Label) if label == view.label), ""),
     )

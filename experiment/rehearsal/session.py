@@ -197,8 +197,9 @@ class SimulatedEnds:
         return {material: _silenced(basis) for material, basis in materials.items()}
 
     def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
-        folder = self.job.dataset / storage.RECORDINGS
-        key = folder, storage.read_bytes(folder / MANIFEST), self.job.control, self.task_id
+        kept, folder = storage.protocol_path(self.job.dataset), self.job.dataset / storage.RECORDINGS
+        contents = tuple(map(storage.read_bytes, (kept, kept.with_name("rig.toml"), folder / MANIFEST)))
+        key = folder, contents, self.job.control, self.task_id
         if key not in _stimuli:
             _stimuli.clear()
             _stimuli[key] = prepare()
@@ -262,8 +263,8 @@ class SimulatedEnds:
         )
 
 
-_stimuli: dict[tuple[Path, bytes, str, str], Stimuli] = {}
-"""What this process prepared last: for recordings, control and task it is the same for every participant."""
+_stimuli: dict[tuple[Path, tuple[bytes, ...], str, str], Stimuli] = {}
+"""What this process prepared last: the same for every participant, by protocol, rig, recordings, control and task."""
 
 
 @lru_cache(maxsize=1)

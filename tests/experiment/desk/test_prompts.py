@@ -88,8 +88,8 @@ def test_every_state_has_its_page(state: str, show: str) -> None:
 
 def test_who_compares_is_told_to_feel_both() -> None:
     asked = Question(number=3, kind="answer", text="", choices=())
-    shown = prompt(View(pairs=True, question=asked), THEIRS)
-    assert (shown.show, shown.answers) == ("compare", THEIRS.answers)
+    shown = prompt(View(pairs=True, question=asked, gauges=Gauges(left_s=1.0, too_fast=True)), THEIRS)
+    assert (shown.show, shown.answers, shown.lamp) == ("compare", THEIRS.answers, True)
 
 
 @pytest.mark.parametrize("kind", ["write", "debrief"])
