@@ -8,6 +8,7 @@ rehearsal and in practice the plan, and every file against the anchors in the da
 from __future__ import annotations
 
 import hashlib
+import shlex
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -221,12 +222,14 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     doubts: list[PalpateError] = []
     paths = journals(root)
     begun = set(paths)
-    erased = study.roster.erased if study.roster is not None else set()
+    roster = study.roster or Roster(storage.roster_path(root))
     with collected(doubts):
-        _refuse_erased(root, erased)
+        _refuse_erased(root, roster)
     with collected(doubts):
         _refuse_strays(root, set(paths))
     for path in paths:
+        if roster.has_erased(str(path)):
+            continue
         with collected(doubts):
             contents = journal.read_if_begun(path)
             _check_frames(path, contents)
@@ -244,12 +247,12 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
     with collected(doubts):
         _refuse_copies(sessions)
     with collected(doubts):
-        _refuse_tables(root, begun)
+        _refuse_tables(root, begun, roster)
     with collected(doubts):
-        _refuse_people(root, begun, {who: tasks for who, tasks in study.tasks.items() if who not in erased})
+        _refuse_people(root, begun, {who: of for who, of in study.tasks.items() if who not in roster.erased})
     if study.roster is not None:
         with collected(doubts):
-            _check_withdrawals(study.roster, root, withdrawals)
+            _check_withdrawals(roster, root, withdrawals)
     dataset = Believed(study.protocol, study.purpose, study.tasks, study.roster, tuple(sessions), frozenset(open_ended))
     return dataset, doubts
 
@@ -312,14 +315,43 @@ def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[tuple[str, Da
                 yield prefix.file, DatasetError(f"{root / prefix.file}: {had}; restore it from a backup")
 
 
-def _refuse_erased(root: Path, erased: set[str]) -> None:
+def _refuse_erased(root: Path, roster: Roster) -> None:
     """Refuse what is there of a participant whose data were erased: a kill left it, or a backup brought it back."""
-    for participant in sorted(erased):
+    for participant in sorted(roster.erased):
         for path in storage.left_of(root, participant):
             raise DatasetError(
-                f"{path}: the data of participant {participant} were erased, as the roster says; delete this too "
-                "(palpate withdraw --erase, once more)"
+                f"{path}: the data of participant {participant} were erased, as the roster says, and this is here; "
+                f"{_finish(root, roster, participant)}"
             )
+
+
+def unfinished(root: Path, roster: Roster) -> dict[str, str]:
+    """Return what finishes each withdrawal that was cut short, by participant: files are left, or tables are older."""
+    table = root / "participants.tsv"
+    told = {row.get("participant_id"): row.get("withdrawn") for row in _rows(table)} if table.is_file() else {}
+    return {
+        participant: _finish(root, roster, participant)
+        for participant in roster.withdrawn
+        if told.get(f"sub-{participant}", "1") != "1"
+        or (participant in roster.erased and (f"sub-{participant}" in told or storage.left_of(root, participant)))
+    }
+
+
+def _finish(root: Path, roster: Roster, participant: str) -> str:
+    """Return the command by which the withdrawal of a participant is finished, in a sentence."""
+    erased, reason = participant in roster.erased, shlex.quote(roster.withdrawn[participant])
+    return (
+        f"the withdrawal of participant {participant} is finished by the same command"
+        f"{'' if erased else ', with --erase if their data are to go'}: palpate withdraw {storage.protocol_path(root)} "
+        f"-p {participant} --reason {reason} --dataset {root}{' --erase' * erased}"
+    )
+
+
+def _rows(table: Path) -> list[dict[str, str]]:
+    """Return the rows of a table, whatever it is, by its columns."""
+    lines = storage.read_bytes(table).decode("utf-8", "replace").split("\n")
+    columns, *rows = (line.split("\t") for line in lines)
+    return [dict(zip(columns, row, strict=False)) for row in rows]
 
 
 def _refuse_strays(root: Path, journals: set[Path]) -> None:
@@ -410,11 +442,12 @@ def _refuse_copies(sessions: list[tuple[Path, Header]]) -> None:
             raise DatasetError(f"{path}: has the session_id of {other}; allowed: one of its own; take the copy out")
 
 
-def _refuse_tables(root: Path, journals: set[Path]) -> None:
-    """Refuse tables of a session without a journal."""
+def _refuse_tables(root: Path, journals: set[Path], roster: Roster) -> None:
+    """Refuse tables of a session without a journal; those of whose data were erased are refused already."""
     begun = {path.name.removesuffix("journal.jsonl") for path in journals}
     for path in sorted(root.glob("sub-*/beh/sub-*_task-*")):
-        if "_".join(path.name.split("_")[:2]) + "_" not in begun:
+        who, task = path.name.split("_")[:2]
+        if f"{who}_{task}_" not in begun and who.removeprefix("sub-") not in roster.erased:
             raise DatasetError(
                 f"{path}: no journal gives this table; restore the journal under sourcedata from a backup, or take "
                 "the table out of the dataset"
@@ -426,10 +459,8 @@ def _refuse_people(root: Path, journals: set[Path], tasks: dict[str, tuple[str, 
     table = root / "participants.tsv"
     if not table.is_file():
         return
-    columns, *rows = (line.split(b"\t") for line in storage.read_bytes(table).splitlines() or [b""])
-    for row in rows:
-        told = dict(zip(columns, (cell.decode("utf-8", "replace") for cell in row), strict=False))
-        participant, first = told.get(b"participant_id", "").removeprefix("sub-"), told.get(b"first_task", "")
+    for row in _rows(table):
+        participant, first = row.get("participant_id", "").removeprefix("sub-"), row.get("first_task", "")
         own = {storage.journal_path(root, participant, task): task for task in tasks.get(participant, ())}
         wanted = {path for path, task in own.items() if task == first} or own.keys()
         if wanted and journals.isdisjoint(wanted):

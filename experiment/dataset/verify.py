@@ -10,7 +10,7 @@ import hashlib
 import re
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import ne
 from pathlib import Path
 from typing import Literal
@@ -98,13 +98,14 @@ def verify(
     roster = storage.roster_path(root)
     headers: list[Header] = []
     rosters: list[Roster] = []
-    findings = [_told(root, path, lambda path=path: _session(path, headers)) for path in journals]  # type: ignore[misc]
-    if roster.exists():
-        findings.append(_told(root, roster, lambda: _roster(roster, rosters)))
+    enrolled = [_told(root, roster, lambda: _roster(roster, rosters))] if roster.exists() else []
+    people = rosters[0] if rosters else Roster(roster)
+    here = [path for path in journals if not people.has_erased(str(path))]
+    findings = [_told(root, path, lambda path=path: _session(path, headers)) for path in here]  # type: ignore[misc]
+    findings += enrolled
     known = {(header.study, header.purpose) for header in headers}
     evidence, told = _evidence(root, known, registers, numbers, signer)
     files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
-    people = rosters[0] if rosters else Roster(roster)
     foreign = [place for place in evidence if _is_foreign(place, files)]
     ours = [place for place in evidence if place not in foreign]
     unlike = [one for one in _contradictions(files, ours) if not people.has_erased(one.item)]
@@ -115,7 +116,8 @@ def verify(
         findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
     texts = {finding.text for finding in findings}
     findings += _together(root, texts, evidence, sound=sound) if beliefs.has_journals(root) else _alone(root)
-    findings += [*_leftovers(root), *_derived(root), *_erased(people), *told, *unlike]
+    findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
+    findings += [*_leftovers(root), *_derived(root), *_erased(root, people), *told, *unlike]
     findings += _without_session(people, {*(name for name, lines in files.items() if lines), *(x.item for x in unlike)})
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(root, findings, files, evidence)))
@@ -299,9 +301,20 @@ def _check_place(root: Path, path: Path) -> None:
         raise DatasetError(f"{path}: is no register, for it has no anchor; give the file that palpate anchor wrote to")
 
 
-def _erased(people: Roster) -> Iterator[Finding]:
+def _cut_short(findings: Sequence[Finding], mends: Mapping[str, str]) -> Iterator[Finding]:
+    """Tell of each withdrawal that was cut short what finishes it; the table of participants is older than these."""
+    all_of_them = "; ".join(mends.values())
+    for one in findings:
+        older = mends and (one.word, one.item) == ("refused", "participants.tsv")
+        yield replace(one, text=f"is older than the roster: {all_of_them}") if older else one
+    if not any(one.item == "participants.tsv" or all_of_them in one.text for one in findings):
+        yield Finding("note", "withdrawn", all_of_them)
+
+
+def _erased(root: Path, people: Roster) -> Iterator[Finding]:
     for participant in sorted(people.erased):
-        yield Finding("note", f"sub-{participant}", "has no data: they were erased, as the roster says")
+        if not storage.left_of(root, participant):
+            yield Finding("note", f"sub-{participant}", "has no data: they were erased, as the roster says")
 
 
 def _without_session(people: Roster, files: set[str]) -> Iterator[Finding]:
@@ -449,8 +462,9 @@ def _verdict(
 ) -> Iterator[str]:
     if refused := [finding.text for finding in findings if finding.word == "refused"]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
-        by_building = all(f"again (palpate build {root})" in text and "backup" not in text for text in refused)
-        mend = "Do what the findings say" if by_building else "Keep the folder as it is, and compare it with a backup"
+        again = "is finished by the same command", f"again (palpate build {root})"
+        by_command = all(any(one in text for one in again) and "backup" not in text for text in refused)
+        mend = "Do what the findings say" if by_command else "Keep the folder as it is, and compare it with a backup"
         yield f"REFUSED: {speak} against this dataset. {mend}."
         return
     if not (total := sum(map(len, files.values()))):

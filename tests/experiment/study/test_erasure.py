@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import re
+import shlex
 import shutil
 from collections.abc import Callable
 from datetime import date
@@ -117,8 +118,8 @@ def test_a_roster_that_forgot_the_erasure_is_refused(made: MadeStudy, study: Mad
 
 
 @pytest.mark.parametrize("call", range(1, 9))
-def test_an_erasure_that_was_killed_is_finished_by_the_same_command(
-    study: MadeStudy, monkeypatch: pytest.MonkeyPatch, call: int
+def test_an_erasure_that_was_killed_is_finished_by_the_command_that_verify_says(
+    study: MadeStudy, monkeypatch: pytest.MonkeyPatch, palpate: Palpate, call: int
 ) -> None:
     """Killed before each file that is written whole, and each that is deleted."""
     left = call
@@ -138,8 +139,23 @@ def test_an_erasure_that_was_killed_is_finished_by_the_same_command(
         patch.setattr(storage, "remove", killed(storage.remove))
         with pytest.raises(KeyboardInterrupt):
             erase(study)
-    erase(study)
+    report = verify(study.root)
+    (told,) = (one.text for one in report.findings if one.word == "refused")
+    assert "the withdrawal of participant 02 is finished by the same command" in told
+    assert report.verdict == ("REFUSED: 1 finding speaks against this dataset. Do what the findings say.",)
+    assert not any("has no data" in one.text and storage.left_of(study.root, "02") for one in report.findings)
+    command = told.partition("palpate ")[2]
+    known = Roster.load(storage.roster_path(study.root)).erased
+    assert command.endswith(" --erase") is bool(known)
+    assert palpate(*shlex.split(command), *([] if known else ["--erase"]), "--yes")[0] == 0
     assert erased(study)
+
+
+def test_a_withdrawal_whose_tables_were_never_made_is_told_so(study: MadeStudy) -> None:
+    Roster.load(storage.roster_path(study.root)).withdraw("02", "asked 'to' stop")
+    study.journal(0).write_bytes(study.journal(0).read_bytes()[:-40])
+    beside = {one.item: one.text for one in verify(study.root).findings if one.word == "note"}
+    assert "-p 02 --reason 'asked '\"'\"'to'\"'\"' stop'" in beside["withdrawn"]
 
 
 def test_a_folder_that_is_a_link_is_not_followed(study: MadeStudy, tmp_path: Path) -> None:
