@@ -217,7 +217,10 @@ def read(protocol_path: Path) -> Seal:
     """Return the seal beside a protocol file. Raises `ProtocolError` if there is none, or if it cannot be read."""
     path = seal_path(protocol_path)
     if not path.exists():
-        allowed = "a protocol that was approved and sealed; have it approved, then seal it (palpate seal)"
+        allowed = (
+            "a protocol with its seal; if it had one, restore that from a backup, for another is another approval; if "
+            "not, have it approved, then seal it (palpate seal)"
+        )
         _refuse(path, [Problem("seal", None, "no seal", allowed)])
     seal = load.read(path, Seal)
     own = seal.protocol_sha256 if seal.protocol is None else hashlib.sha256(seal.protocol.encode()).hexdigest()

@@ -120,9 +120,9 @@ def test_a_seal_that_was_edited_to_an_impossible_day_is_refused_wherever_it_is_r
 
 
 def test_an_unsealed_protocol_is_refused(file: Path) -> None:
-    with pytest.raises(
-        ProtocolError, match=r"small\.seal\.toml: 1 error\n.*no seal; .*have it approved, then seal it \(palpate seal\)"
-    ):
+    """A seal may have been lost, and then another must not take its place: restoring it comes first."""
+    said = r"small\.seal\.toml: 1 error\n.*no seal; .*if it had one, restore that from a backup, .*; if not, have it "
+    with pytest.raises(ProtocolError, match=rf"{said}approved, then seal it \(palpate seal\)"):
         approval.verify(file, protocol(), date(2020, 6, 1))
 
 
