@@ -157,10 +157,13 @@ def check_tables(root: Path) -> Believed:
     return dataset
 
 
-def edited(root: Path, dataset: Believed, under_way: Collection[Path] = ()) -> list[PalpateError]:
+def edited(
+    root: Path, dataset: Believed, under_way: Collection[Path] = (), *, whole: bool = True
+) -> list[PalpateError]:
     """Return an error for each table on disk that the journals do not give, and for frames that they do not name.
 
     The journals `under_way` may also have the tables of any moment since their last footer, or none if there is none.
+    Files of all participants are compared only if the sessions are the `whole` of the dataset.
     """
     doubts: list[PalpateError] = []
 
@@ -171,7 +174,7 @@ def edited(root: Path, dataset: Believed, under_way: Collection[Path] = ()) -> l
                 _check_table(root, path, content)
         return found
 
-    found = unlike(_study_files(root, dataset))
+    found = unlike(_study_files(root, dataset)) if whole else []
     if found and under_way:
         told = [(path, of) for path, of in dataset.sessions if path not in under_way or _has_table(root, of)]
         found = unlike(_study_files(root, replace(dataset, sessions=tuple(told))))

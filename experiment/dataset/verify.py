@@ -110,12 +110,12 @@ def verify(
     ours = [place for place in evidence if place not in foreign]
     unlike = [one for one in _contradictions(files, ours) if not people.has_erased(one.item)]
     unlike += _other_seal(root, ours)
+    refused = {finding.item for finding in (*findings, *unlike) if finding.word == "refused"}
     unlike += [Finding("refused", place.place, FOREIGN) for place in foreign]
-    sound = not any(finding.word == "refused" for finding in (*findings, *unlike))
     if named := {header.recordings_sha256 for header in headers} - {None}:
         findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
     texts = {finding.text for finding in findings}
-    findings += _together(root, texts, evidence, sound=sound) if beliefs.has_journals(root) else _alone(root)
+    findings += _together(root, texts, evidence, refused) if beliefs.has_journals(root) else _alone(root)
     findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
     findings += [*_leftovers(root), *_derived(root), *_erased(root, people), *told, *unlike]
     findings += _without_session(people, {*(name for name, lines in files.items() if lines), *(x.item for x in unlike)})
@@ -123,42 +123,52 @@ def verify(
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(root, findings, files, evidence)))
 
 
-def _together(root: Path, told: set[str], evidence: Sequence[Evidence], *, sound: bool) -> Iterator[Finding]:
-    """Tell what several files show together, but for what is `told` already; `sound` if each file by itself holds."""
+def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused: set[str]) -> Iterator[Finding]:
+    """Tell what several files show together, but for what is `told` already; those that are `refused` show nothing."""
+    held: Believed | None = None
+    doubts: list[PalpateError] = []
+    tables: list[PalpateError] = []
     try:
         dataset, doubts = beliefs.examined(root)
-        if doubts or not sound:
-            yield Finding("note", "tables", "were not compared with the journals, because not every journal holds")
-        elif dataset.sessions:
-            doubts = [*build.edited(root, dataset, dataset.under_way), *_lost_traces(root, dataset)]
+        refused = refused | {_refused(root, doubt).item for doubt in doubts}
+        sound = tuple(one for one in dataset.sessions if one[0].relative_to(root).as_posix() not in refused)
+        held = replace(dataset, sessions=sound, under_way=dataset.under_way.intersection(path for path, _ in sound))
+        if sound:
+            tables = [*build.edited(root, held, held.under_way, whole=not refused), *_lost_traces(root, held)]
     except PalpateError as error:
-        doubts = [error]
-    for doubt in doubts:
+        doubts = [*doubts, error]
+    for doubt in (*doubts, *tables):
         # A roster that was cut is told once, and not for each session that began under it.
         by_roster = isinstance(doubt.__cause__, RosterError) and str(doubt.__cause__).startswith(f"{root}/")
         finding = _refused(root, doubt.__cause__ if by_roster else doubt)  # type: ignore[arg-type]
         if finding.text not in told:
             told.add(finding.text)
             yield finding
-    if doubts or not sound:
+    if held is None or not held.sessions:
+        none = "no journal holds, or what they are held against does not" if refused or doubts else "there is none"
+        yield Finding("note", "sessions", f"{none}: headers, seed and tables were not compared")
         return
-    if not dataset.sessions:
-        yield Finding("note", "sessions", "there is none, so there is nothing in the tables")
-    else:
-        of = "protocol and the plan beside it" if dataset.roster is None else "sealed protocol, seed and roster"
-        yield Finding("holds", "headers", f"each journal is of its path, the {of}")
-        if dataset.roster and enrolment.seed_is_proven(root):
-            yield Finding("holds", "seed", "was drawn before the first participant enrolled, as its hash there shows")
-        yield from _sealed(root, evidence) if dataset.roster else ()
-        if dataset.roster and not (root / LOG).exists():
-            ended = len(dataset.sessions) - len(dataset.under_way)
-            why = f"{count(ended, 'session')} ended, so it was deleted, or a kill came before the first anchor"
-            text = f"is missing: {why if ended else 'no session has ended yet'}; each that ends adds an anchor to it"
-            yield Finding("note", LOG.as_posix(), text)
-        for path in sorted(dataset.under_way):
-            text = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
-            yield Finding("note", path.relative_to(root).as_posix(), text)
-        yield Finding("holds", "tables", "are what the journals give; traces of the foot's height were not compared")
+    of = "protocol and the plan beside it" if held.roster is None else "sealed protocol, seed and roster"
+    yield Finding("holds", "headers", f"each journal{' that holds' * bool(refused)} is of its path, the {of}")
+    if held.roster and enrolment.seed_is_proven(root):
+        by_roster = held.roster.path.relative_to(root).as_posix() in refused
+        text = "its hash stands in the roster, which is refused: it is not shown when it was drawn"
+        if not by_roster:
+            text = "was drawn before the first participant enrolled, as its hash there shows"
+        yield Finding("note" if by_roster else "holds", "seed", text)
+    yield from _sealed(root, evidence) if held.roster else ()
+    if held.roster and not (root / LOG).exists():
+        ended = len(held.sessions) - len(held.under_way)
+        why = f"{count(ended, 'session')} ended, so it was deleted, or a kill came before the first anchor"
+        text = f"is missing: {why if ended else 'no session has ended yet'}; each that ends adds an anchor to it"
+        yield Finding("note", LOG.as_posix(), text)
+    for path in sorted(held.under_way):
+        text = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
+        yield Finding("note", path.relative_to(root).as_posix(), text)
+    others = "but for those refused, " * bool(tables)
+    given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
+    text = f"{others}are what the journals {given} traces of the foot's height were not compared"
+    yield Finding("holds", "tables", text)
 
 
 def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
@@ -452,7 +462,8 @@ def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
         for anchor in place.anchors:
             if anchor.seal_sha256 not in (None, now):
                 day = anchor.anchored_utc[:10]
-                text = f"is another than by the anchor of {day} in {place.place}; restore it from a backup"
+                unlike = "is another than" if now else "is missing, and was there"
+                text = f"{unlike} by the anchor of {day} in {place.place}; restore it from a backup"
                 yield Finding("refused", path.relative_to(root).as_posix(), text)
                 return
 

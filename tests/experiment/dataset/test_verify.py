@@ -448,7 +448,34 @@ def test_tables_are_made_again_only_where_the_journals_hold(study: MadeStudy, an
     report = verify(study.root, [anchored])
     assert list(refused(report)) == [inside(study, path)]
     assert "palpate build" not in str(report)
-    assert any(one.item == "tables" and "were not compared" in one.text for one in report.findings)
+    others = {one.item: one.text for one in report.findings if one.word == "holds"}
+    assert others["headers"].startswith("each journal that holds is of its path")
+    assert others["tables"].startswith("are what the journals that hold give; those of other journals and of all")
+    assert {"seed", "seal"} < set(others)
+
+
+def test_what_could_be_read_is_told_beside_what_is_refused(study: MadeStudy) -> None:
+    """A journal is damaged, and then a table of the other one edited."""
+    study.journal(1).write_bytes(study.journal(1).read_bytes()[:-40])
+    told = {one.item: one.word for one in verify(study.root).findings}
+    assert [told[item] for item in ("headers", "seed", "seal", "tables")] == ["holds"] * 4
+    table = bids.beh_path(study.root, "01", study.tasks[0].tasks[0], "events.tsv")
+    table.write_text(table.read_text().replace("PARTICIPANT", "REHEARSAL", 1))
+    report = verify(study.root)
+    assert set(refused(report)) == {inside(study, study.journal(1)), inside(study, table)}
+    assert "but for those refused, are what the journals that hold give" in str(report.findings)
+
+
+def test_a_roster_that_is_refused_shows_nothing_of_the_seed(study: MadeStudy, made: MadeStudy) -> None:
+    """An older one, with its head, under which every session began."""
+    enrolment.enrol(study.file, "03", date(2001, 9, 9), root=study.root, seed=None)
+    beliefs.keep_anchor(study.root)
+    for path in (storage.roster_path(made.root), chain.head_path(storage.roster_path(made.root))):
+        shutil.copy(path, study.root / "sourcedata")
+    report = verify(study.root)
+    told = {one.item: one.word for one in report.findings}
+    assert list(refused(report)) == ["sourcedata/roster.jsonl"]
+    assert [told[item] for item in ("headers", "seed", "tables")] == ["holds", "note", "holds"]
 
 
 @pytest.mark.parametrize("tables", [True, False], ids=["with tables", "but for one row"])
