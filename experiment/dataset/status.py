@@ -201,7 +201,9 @@ class Status:
         if len(rows) > SHOWN:
             rest = sum((counts for _, counts in rows[SHOWN:]), Counter[str]())
             rows[SHOWN:] = [(f"{len(rows) - SHOWN} other orders", rest)]
-        for order, counts in [*rows, ("all who have begun", sum(found.values(), Counter[str]()))]:
+        if gone := sum(not one.begun for one in self.those("withdrawn")):
+            rows.append(("no session (erased, or none begun)", Counter(withdrawn=gone)))
+        for order, counts in [*rows, ("all", sum((counts for _, counts in rows), Counter[str]()))]:
             yield f"{order:34}" + "".join(f"{counts[column]:>{len(column) + 2}}" for column in TABLE)
 
     def flow(self) -> tuple[str, tuple[tuple[str, tuple[str, ...]], ...]]:

@@ -103,6 +103,10 @@ def test_the_screen_is_one_of_80_columns(made: MadeStudy, palpate: Palpate) -> N
     assert len(out.splitlines()) <= 24
     assert "15 participants planned, 7 enrolled: 1 done, 2 under way, 2 to begin, 2" in out
     assert "06, task 1 of 2; the order of their tasks is concealed." in out
+    # 03 withdrew from an order; 05, whose journals are gone, from none that is known.
+    counted = {line[:34].strip(): line[34:].split() for line in out.splitlines()}
+    assert counted["no session (erased, or none begun)"] == ["0", "0", "1", "0", "0"]
+    assert counted["all"] == ["4", "2", "2", "1", "0"]
 
 
 def test_json_has_the_documented_keys(made: MadeStudy, palpate: Palpate, repository_root: Path) -> None:
