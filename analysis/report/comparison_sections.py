@@ -9,20 +9,8 @@ from analysis.comparison.results import Beside, Compared, Estimate, Scaled, Shar
 from analysis.documents.tables import Section, Table, interval, number, p_is, plural
 from analysis.published.numbers import Published
 from analysis.reading.study import Study
+from analysis.report import plan
 from analysis.report.found import UNNAMED, compared_section, more
-from analysis.report.plan import (
-    DESCRIPTIVE,
-    EXPLORATORY,
-    PAIRS,
-    PLANNED,
-    PUBLISHED,
-    Standing,
-    done_of_comparisons,
-    exclusions_section,
-    marked,
-    overview,
-    standing,
-)
 from analysis.report.sections import formulas
 
 LAWS = {
@@ -44,18 +32,18 @@ FIT = (
 
 def sections(study: Study, results: Compared, printed: Published | None = None) -> tuple[Section, ...]:
     """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
-    stands = standing(study, printed)
+    stands = plan.standing(study, printed)
     in_print = [task for task in results.tasks if task.in_print is not None]
     pairs = _pairs(results)
     against = [_of_pairs(stands, task.task.id) for task in results.tasks]
     parts = {
         stands.results: (
-            marked(pairs, *against),
+            plan.marked(pairs, *against),
             _scales(results, stands),
         ),
-        "Exploratory": (marked(_bias(results), EXPLORATORY),),
-        "Checks": ((marked(_in_print(study, results, in_print), DESCRIPTIVE),) if in_print else ()),
-        "": (exclusions_section(study),),
+        "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
+        "Checks": ((plan.marked(_in_print(study, results, in_print), plan.DESCRIPTIVE),) if in_print else ()),
+        "": (plan.exclusions_section(study),),
     }
     return (
         compared_section(study, results, ", ".join(dict.fromkeys(against))),
@@ -64,10 +52,10 @@ def sections(study: Study, results: Compared, printed: Published | None = None) 
     )
 
 
-def _of_pairs(stands: Standing, task: str) -> str:
+def _of_pairs(stands: plan.Standing, task: str) -> str:
     """Return how the right choices stand, which are printed, or lie behind a planned scale."""
-    marks = {mark for test in (PAIRS, *SCALES.values()) for mark in stands.of(test, task).split(", ")}
-    return ", ".join(mark for mark in (PLANNED, PUBLISHED) if mark in marks) or EXPLORATORY
+    marks = {mark for test in (plan.PAIRS, *SCALES.values()) for mark in stands.of(test, task).split(", ")}
+    return ", ".join(mark for mark in (plan.PLANNED, plan.PUBLISHED) if mark in marks) or plan.EXPLORATORY
 
 
 def percent(share: Share) -> str:
@@ -87,7 +75,7 @@ def _overview(study: Study, results: Compared) -> Section:
          "without_answer": task.unanswered}
         for task in results.tasks
     )  # fmt: skip
-    found = overview(study, rows, done_of_comparisons(results))
+    found = plan.overview(study, rows, plan.done_of_comparisons(results))
     by = "" if results.quality == UNNAMED else f" by their {results.quality}"
     about = (
         f"Pairs of materials were compared{by}. From the least to the most the protocol has "
@@ -197,7 +185,7 @@ def _bias(results: Compared) -> Section:
     return Section("bias", "Bias to the first, and each participant", tuple(paragraphs), tuple(tables), tuple(records))
 
 
-def _scales(results: Compared, stands: Standing) -> Section:
+def _scales(results: Compared, stands: plan.Standing) -> Section:
     about = (
         f"A scale of {results.quality} gives each material a value, so that the first of a pair is chosen by the "
         "difference of the values and by what being first adds. Values add up to zero. Intervals are of 95 %, with "

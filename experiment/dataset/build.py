@@ -21,18 +21,7 @@ from experiment.dataset import bids, comparison
 from experiment.dataset.beliefs import Believed, believed, collected
 from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
-from experiment.records import journal
-from experiment.records.entries import (
-    Answer,
-    Correction,
-    Footer,
-    Header,
-    MaskerSet,
-    Purpose,
-    Redo,
-    Spoken,
-    TrackerOpened,
-)
+from experiment.records import entries, journal
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.stimulus import Onset, Stimulus
@@ -45,7 +34,7 @@ LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same
 happens where time goes back by more than a frame."""
 
-ORIGINS: dict[Purpose, bids.Origin] = {
+ORIGINS: dict[entries.Purpose, bids.Origin] = {
     "STUDY": "PARTICIPANT",
     "PILOT": "PILOT",
     "PRACTICE": "PRACTICE",
@@ -139,7 +128,7 @@ def build(root: Path, each: Each = map) -> None:
         pass
 
 
-def _build_session(root: Path, protocol: Protocol, purpose: Purpose, path: Path) -> None:
+def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, path: Path) -> None:
     session = _session(path, journal.read(path))
     bids.write_files(_events(root, protocol, purpose, session))
     _write_foot(root, session, ORIGINS[purpose])
@@ -203,11 +192,11 @@ def _since_footer(session: _Session) -> Iterator[_Session]:
 
 def until_footer(contents: journal.Contents) -> journal.Contents:
     """Return a journal as it was when its session last ended, which is when its tables were made; empty if never."""
-    ends = [number for number, entry in enumerate(contents.entries, start=1) if isinstance(entry, Footer)]
+    ends = [number for number, entry in enumerate(contents.entries, start=1) if isinstance(entry, entries.Footer)]
     return replace(contents, lines=contents.lines[: ends[-1]] if ends else ())
 
 
-def _has_table(root: Path, header: Header) -> bool:
+def _has_table(root: Path, header: entries.Header) -> bool:
     return bids.beh_path(root, header.participant, header.task, "events.tsv").exists()
 
 
@@ -216,7 +205,7 @@ def _sessions(dataset: Believed) -> Iterator[_Session]:
     return (_session(path, journal.read(path)) for path, _ in dataset.sessions)
 
 
-def _events(root: Path, protocol: Protocol, purpose: Purpose, session: _Session) -> bids.Files:
+def _events(root: Path, protocol: Protocol, purpose: entries.Purpose, session: _Session) -> bids.Files:
     origin, header = ORIGINS[purpose], session.contents.header
     task = _task_text(protocol, protocol.task(header.task), origin, header.session_id)
     paired = protocol.comparison is not None
@@ -286,7 +275,7 @@ def _session(path: Path, contents: journal.Contents) -> _Session:
     zero_mm = 0.0
     steps: list[Placed] = []
     for entry in contents.entries:
-        if isinstance(entry, TrackerOpened):
+        if isinstance(entry, entries.TrackerOpened):
             zero_ns = entry.t_ns if zero_ns is None else zero_ns
         elif isinstance(entry, Zeroed):
             zero_mm = entry.offset_mm
@@ -307,24 +296,24 @@ def _session(path: Path, contents: journal.Contents) -> _Session:
 
 
 def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
-    answers: dict[tuple[int, int], Answer] = {}
-    corrections: dict[tuple[int, int], Correction] = {}
+    answers: dict[tuple[int, int], entries.Answer] = {}
+    corrections: dict[tuple[int, int], entries.Correction] = {}
     redone: dict[tuple[int, int], str] = {}
-    spoken: dict[tuple[int, int], Spoken] = {}
+    spoken: dict[tuple[int, int], entries.Spoken] = {}
     masker: dict[str, object] = {}
     maskers: dict[tuple[int, int], dict[str, object]] = {}
     for entry in session.contents.entries:
-        if isinstance(entry, MaskerSet):
+        if isinstance(entry, entries.MaskerSet):
             masker = {"masker_level": entry.level_db_a}
         elif isinstance(entry, FootStep | BrokenOff):
             maskers[entry.trial, entry.attempt] = masker
-        elif isinstance(entry, Answer):
+        elif isinstance(entry, entries.Answer):
             answers[entry.trial, entry.attempt] = entry
-        elif isinstance(entry, Correction):
+        elif isinstance(entry, entries.Correction):
             corrections[entry.trial, entry.attempt] = entry
-        elif isinstance(entry, Redo):
+        elif isinstance(entry, entries.Redo):
             redone[entry.trial, entry.attempt] = entry.reason
-        elif isinstance(entry, Spoken):
+        elif isinstance(entry, entries.Spoken):
             spoken[entry.trial, entry.attempt] = entry
     rows: list[dict[str, object]] = []
     for placed in session.steps:
@@ -363,7 +352,7 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
     return rows
 
 
-def _said(answer: Answer, spoken: Spoken) -> dict[str, object]:
+def _said(answer: entries.Answer, spoken: entries.Spoken) -> dict[str, object]:
     """Return what a microphone adds to an answer, by column; the voice ends the response time only if it is its own."""
     known = spoken.onset_s is not None
     own = known and spoken.proposed is not None and spoken.proposed == answer.answered

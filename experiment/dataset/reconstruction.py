@@ -20,17 +20,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from experiment import __version__, storage
-from experiment.dataset.bids import (
-    LABELS,
-    DatasetText,
-    Origin,
-    TaskText,
-    description,
-    events,
-    new_dataset,
-    participants,
-    write_files,
-)
+from experiment.dataset import bids
 from experiment.errors import DatasetError, ProtocolError
 from experiment.records.events import NO_ANSWER
 from experiment.settings.characters import quoted
@@ -179,7 +169,7 @@ class StudyText:
     license: str
     authors: tuple[str, ...]
     notes: str
-    origin: Origin = "RECONSTRUCTION"
+    origin: bids.Origin = "RECONSTRUCTION"
 
 
 OKAMOTO2012 = StudyText(
@@ -292,17 +282,17 @@ def import_counts(
         )
     numbers = sorted({number for table in tables.values() for number in table})
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
-    with new_dataset(out) as root:
+    with bids.new_dataset(out) as root:
         people = ({"participant_id": f"sub-{labels[n]}"} for n in numbers)
-        files = description(root, _description(study, tables, software_version))
-        files |= participants(root, people, origin=study.origin)
+        files = bids.description(root, _description(study, tables, software_version))
+        files |= bids.participants(root, people, origin=study.origin)
         for task, table in tables.items():
             text = _task_text(study, task)
             for number in sorted(table):
-                files |= events(root, labels[number], text, _trials(table[number], study))
+                files |= bids.events(root, labels[number], text, _trials(table[number], study))
             files[root / "sourcedata" / counts[task].name] = storage.read_bytes(counts[task])
         files[root / "sourcedata" / "README"] = _source(study, counts).encode()
-        write_files(files)
+        bids.write_files(files)
     return out
 
 
@@ -322,9 +312,9 @@ def _trials(cells: Mapping[tuple[str, str], int], study: StudyText) -> Iterator[
                 }
 
 
-def _task_text(study: StudyText, task: str) -> TaskText:
+def _task_text(study: StudyText, task: str) -> bids.TaskText:
     title, instructions = study.tasks[task]
-    return TaskText(
+    return bids.TaskText(
         id=task,
         title=title,
         description=f"{KNOWN[study.origin].format(source=study.source)} {_unknown(study)}",
@@ -339,7 +329,7 @@ def _unknown(study: StudyText) -> str:
     return UNKNOWN if study.origin == "RECONSTRUCTION" else f"{NO_TIME} {ORDER}"
 
 
-def _description(study: StudyText, tables: Mapping[str, Counts], software_version: str) -> DatasetText:
+def _description(study: StudyText, tables: Mapping[str, Counts], software_version: str) -> bids.DatasetText:
     paragraphs = (
         ABOUT[study.origin].format(source=study.source),
         *(f"Task {task}: {_summary(table)}." for task, table in tables.items()),
@@ -348,7 +338,7 @@ def _description(study: StudyText, tables: Mapping[str, Counts], software_versio
         f"A trial for which no answer is known stands with the answer {NO_ANSWER}. The counts themselves are under "
         f"sourcedata/. BIDS asks for a column `onset` in seconds; n/a there says that it is not known.",
     )
-    return DatasetText(
+    return bids.DatasetText(
         study=study.id,
         name=study.name,
         origin=study.origin,
@@ -374,4 +364,4 @@ def _summary(table: Counts) -> str:
 def _source(study: StudyText, counts: Mapping[str, Path]) -> str:
     copies = "\n".join(f"{path.name}: counts of task {task}, unchanged" for task, path in counts.items())
     text = f"Columns: {', '.join(COLUMNS)}. {FOUND[study.origin].format(source=study.source)}"
-    return f"{LABELS[study.origin]}\n\n{copies}\n\n{textwrap.fill(text, 100)}\n"
+    return f"{bids.LABELS[study.origin]}\n\n{copies}\n\n{textwrap.fill(text, 100)}\n"

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from experiment.protocol import approval
 from experiment.protocol.advice import advice
 from experiment.protocol.approval import Seal
-from experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Task, Virtual
+from experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Step, Task, Virtual
 from experiment.settings.characters import leftward, plain
 
 WIDTH = 92
@@ -253,7 +253,7 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
     moved = "" if protocol.footstep is None else "the height of the foot over time, the speed and time of each step, "
-    if protocol.comparison is not None and protocol.comparison.virtual is not None:
+    if _block(protocol) is not None:
         moved = "the time and the speed of each tap on a virtual surface, each change from one to the other, "
     yield Said(
         f"The following is recorded under a number and never under a name: {moved}"
@@ -403,15 +403,16 @@ _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coeff
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
     if protocol.footstep is not None:
-        yield from _steps(protocol.footstep)
+        yield from _synthesised(protocol.footstep) if _renders(protocol) else ()
+        yield from _steps(protocol.footstep.step)
     elif any(task.stimulus == "real" for task in protocol.tasks):
         yield Said(
             "Two real samples lie before the participant in each trial, who tries them as often as they wish, and "
             "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
             "participant whether an answer was right."
         )
-    if protocol.comparison is not None and protocol.comparison.virtual is not None:
-        yield from _rendered(protocol, protocol.comparison.virtual)
+    if (virtual := _block(protocol)) is not None:
+        yield from _rendered(protocol, virtual)
     masker = protocol.masker
     yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
     yield Quoted(masker.criterion)
@@ -424,6 +425,14 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
             f"{number(probe.speed_mm_s)} mm/s whenever a key asks for it, in tasks with virtual stimuli. Each time is "
             "on record and counts as a stimulus."
         )
+
+
+def _renders(protocol: Protocol) -> bool:
+    return any(task.stimulus == "virtual" for task in protocol.tasks)
+
+
+def _block(protocol: Protocol) -> Virtual | None:
+    return protocol.comparison.virtual if protocol.comparison is not None and _renders(protocol) else None
 
 
 def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
@@ -450,8 +459,8 @@ def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
     )
 
 
-def _steps(footstep: Footstep) -> Iterator[Block]:
-    synthesis, tactile, step = footstep.synthesis, footstep.tactile, footstep.step
+def _synthesised(footstep: Footstep) -> Iterator[Block]:
+    synthesis, tactile = footstep.synthesis, footstep.tactile
     speeds = ", ".join(map(number, synthesis.speeds_mm_s))
     yield Said(
         f"Virtual stimuli are made from recordings of the real materials: {count(synthesis.takes, 'take')} at each of "
@@ -473,6 +482,9 @@ def _steps(footstep: Footstep) -> Iterator[Block]:
         "vibration (rms) of any material, at any speed that counts, because it cannot carry those frequencies, or of "
         "which nobody knows what it carries."
     )
+
+
+def _steps(step: Step) -> Iterator[Block]:
     yield Said(
         f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
         f"{number(step.gate_bottom_mm)} mm above the panel, and the stimulus starts when it reaches "

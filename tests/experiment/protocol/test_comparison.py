@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from experiment.protocol.page import page
 from experiment.settings import load
 from tests.experiment.protocol import small
 from tests.experiment.protocol.small import changed
-from tests.experiment.protocol.tapping import comparing, protocol, rendering
+from tests.experiment.protocol.tapping import comparing, live_alone, protocol, rendering
 
 LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial", "reason": "x"}
 STEPS = small.document()["footstep"]
@@ -94,6 +95,18 @@ def test_virtual_surfaces_are_within_the_rules_and_the_board_reads_how_they_are_
     assert '"tin": 900 Hz, 20 m/s^2.' in text
     assert "the experimenter presses [s]" in text
     assert "Two real samples" not in text
+
+
+def test_the_page_of_a_study_without_a_virtual_task_does_not_tell_how_one_would_be_rendered(tmp_path: Path) -> None:
+    """The tables stay in a file that was copied; the board reads of what participants will feel."""
+    live = files.load(live_alone(tmp_path))
+    text = " ".join(page(live, "study.toml").split())
+    assert live.surfaces.stiffness_n_m == 2500.0
+    assert "Two real samples" in text
+    assert not [one for one in ("spring", "servo", "vibrated", "tap on a virtual surface") if one in text]
+    both = files.load(files.shipped("okamoto2012.toml"))
+    alone = both.model_copy(update={"tasks": both.tasks[1:]})
+    assert ["Virtual stimuli are made" in page(one, "study.toml") for one in (both, alone)] == [True, False]
 
 
 def test_what_is_not_stated_of_virtual_surfaces_is_not_in_the_canonical_form() -> None:
