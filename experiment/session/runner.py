@@ -80,7 +80,8 @@ def run(
             journal.settle(path, contents)
             return done.footer
         opening.copy_rig(rig_file, rig_path(path))
-        with closing(SessionLog(path, devices.clock, contents, done)) as log:
+        frames = foot_path(path) if protocol.footstep is not None else None
+        with closing(SessionLog(path, devices.clock, contents, done, frames)) as log:
             session = _Session(
                 protocol=protocol,
                 devices=devices,
@@ -152,14 +153,18 @@ def _ear(devices: Devices, log: SessionLog, voices: Path | None) -> Ear | None:
 
 
 class SessionLog:
-    """Implements `Log`: the session's journal, for more than one thread, and its file of raw tracker frames."""
+    """Implements `Log`: the session's journal, for more than one thread, and its `frames` of a tracker, if it has one.
 
-    def __init__(self, path: Path, clock: Clock, contents: journal.Contents, done: Progress) -> None:
+    That file is open from the beginning: what could not be kept would have been felt.
+    """
+
+    def __init__(
+        self, path: Path, clock: Clock, contents: journal.Contents, done: Progress, frames: Path | None
+    ) -> None:
         self._done = done
         self._lock = threading.Lock()
-        self._frames_path = foot_path(path)
         self._journal = journal.Journal(path, clock, contents)
-        self._frames = self._frames_path.open("ab", buffering=0)
+        self._frames = None if frames is None else (frames, frames.open("ab", buffering=0))
 
     @property
     def done(self) -> Progress:
@@ -178,18 +183,22 @@ class SessionLog:
             self._done = self._done.after(entry)
 
     def keep(self, raw: bytes) -> Trace:
-        offset = self._frames.tell()
+        if self._frames is None:
+            raise RuntimeError("no frames are kept of a session without a foot")
+        path, file = self._frames
+        offset = file.tell()
         try:
-            chain.write_through(self._frames, raw, wait=self._journal.waits)
+            chain.write_through(file, raw, wait=self._journal.waits)
         except OSError as error:
-            raise journal.unwritable(self._frames_path, error) from error
-        journal.check_place(self._frames.fileno(), self._frames_path)
+            raise journal.unwritable(path, error) from error
+        journal.check_place(file.fileno(), path)
         return Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
 
     def close(self) -> None:
         try:
-            chain.write_through(self._frames, b"")
-            self._frames.close()
+            if self._frames is not None:
+                chain.write_through(self._frames[1], b"")
+                self._frames[1].close()
         finally:
             self._journal.close()
 

@@ -68,6 +68,7 @@ def test_a_session_of_real_samples_needs_no_device(tmp_path: Path, monkeypatch: 
     )
     assert (footer.reason, footer.answered) == ("complete", 30)
     assert len(desk.placed) == 30
+    assert list(root.rglob("*.cobs")) == []
     assert any("Play white noise by other means" in shown for shown in desk.shown)
     assert any(shown.startswith("For the lab book:") for shown in desk.shown)
     assert verify(root).refused == 0
