@@ -338,7 +338,10 @@ class Roster:
     def check_enrolled(self, participant: str) -> None:
         """Return when `participant` is enrolled. Raises `RosterError` otherwise."""
         if participant not in self.consent_on:
-            raise RosterError(f"participant '{participant}' is not enrolled; enrol them first")
+            enrolled = list(self.consent_on) or ["nobody yet"]
+            known = " to ".join(dict.fromkeys((enrolled[0], enrolled[-1])))
+            told = f"allowed: {known}; {self.next_label()} is the next to be enrolled"
+            raise RosterError(f"participant '{participant}' is not enrolled; {told}")
 
     def check_next(self, participant: str) -> None:
         """Return when `participant` is the next label. Raises `RosterError` otherwise."""

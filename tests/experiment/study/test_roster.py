@@ -170,8 +170,11 @@ def test_what_has_happened_does_not_happen_again(roster: Roster) -> None:
     roster.erase("01")
     with pytest.raises(RosterError, match="the data of participant 01 are erased already; nothing is left to do"):
         roster.erase("01")
-    with pytest.raises(RosterError, match="participant '02' is not enrolled"):
-        roster.withdraw("02", "asked to stop")
+    for known in ("01; 02", "01 to 02; 03"):
+        said = f"participant '99' is not enrolled; allowed: {known} is the next to be enrolled"
+        with pytest.raises(RosterError, match=said):
+            roster.withdraw("99", "asked to stop")
+        roster.enrol(roster.next_label(), TODAY)
 
 
 @pytest.mark.parametrize("reason", ["", " ", "two\nlines", "x" * 201, "a\x1b[2J", "a\u202eb", "a\u200bb"])

@@ -31,7 +31,8 @@ def test_consent_before_enrolment_is_refused_and_locks_nobody_out(tmp_path: Path
         enrolment.consent(protocol_file, "01", DAY, root=tmp_path / "study")
     assert not (tmp_path / "study").exists()
     path = enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
-    with pytest.raises(RosterError, match="participant '02' is not enrolled; enrol them first"):
+    said = "participant '02' is not enrolled; allowed: 01; 02 is the next to be enrolled"
+    with pytest.raises(RosterError, match=said):
         enrolment.consent(protocol_file, "02", DAY, root=tmp_path / "study")
     assert roster.Roster.load(path).consent_on == {"01": DAY}
 
