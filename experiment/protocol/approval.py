@@ -317,12 +317,15 @@ def _refuse(path: Path, problems: list[Problem]) -> None:
 
 def _of_another_page(protocol: Protocol, digits: str) -> list[Problem]:
     found = sha256(protocol)
-    if re.fullmatch("[0-9a-f]{8,64}", digits.lower()) and found.startswith(digits.lower()):
+    if not re.fullmatch("[0-9a-f]{8,64}", digits.lower()):
+        allowed = f"8 to 64 digits and letters a to f, and these are {len(digits)}; type the first on the page again"
+    elif found.startswith(digits.lower()):
         return []
-    allowed = (
-        f"the first 8 or more digits of {found}; the page that the board read is of another version: have them read "
-        "the page of this one (palpate check)"
-    )
+    else:
+        allowed = (
+            f"the first 8 or more digits of {found}; the page that the board read is of another version: have them "
+            "read the page of this one (palpate check)"
+        )
     return [Problem("--sha256", None, quoted(digits), allowed)]
 
 
