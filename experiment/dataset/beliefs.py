@@ -268,6 +268,12 @@ def collected(doubts: list[PalpateError]) -> Iterator[None]:
 
 def _study(root: Path) -> _Study:
     kept = storage.protocol_path(root)
+    if not kept.exists() and not has_journals(root):
+        got = "holds no study" if root.is_dir() else "is no folder"
+        raise DatasetError(
+            f"{root}: {got}; allowed: the folder of a study's dataset, which holds sourcedata; give that one, or "
+            "restore its sourcedata from a backup"
+        )
     protocol = files.load_kept(kept)
     sha256 = approval.sha256(protocol)
     plan_file = storage.plan_path(root)

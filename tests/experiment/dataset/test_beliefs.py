@@ -47,6 +47,16 @@ def test_what_is_wrong_is_refused_by_name(made: MadeStudy, wrong: Wrong, tmp_pat
             build.build(study.root)
 
 
+@pytest.mark.parametrize("command", ["build", "anchor"])
+def test_what_is_no_dataset_is_named_as_it_was_typed(tmp_path: Path, palpate: Palpate, command: str) -> None:
+    (tmp_path / "file").touch()
+    (tmp_path / "empty").mkdir()
+    for name, what in (("file", "is no folder"), ("absent", "is no folder"), ("empty", "holds no study")):
+        said = f"palpate: {tmp_path / name}: {what}; allowed: the folder of a study's dataset, which holds sourcedata; "
+        code, out, err = palpate(command, tmp_path / name)
+        assert (code, out, err.startswith(said), err.count("\n")) == (2, "", True, 1)
+
+
 def test_every_command_that_reads_a_dataset_refuses_what_is_wrong_in_it(
     made: MadeStudy, tmp_path: Path, palpate: Palpate
 ) -> None:
