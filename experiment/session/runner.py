@@ -439,11 +439,13 @@ class _Session:
         clock = self._devices.clock
         self._log.write(Phase(state=self._state))
         begun_ns = clock.now_ns()
-        left_s = wanted.min_s
+        lasted_s = 0.0
         while True:
-            self._devices.console.familiarise(instruction=wanted.instruction, min_s=left_s, max_s=wanted.max_s)
-            left_s = wanted.min_s - (clock.now_ns() - begun_ns) / 1e9
-            if left_s <= 0:
+            left_s, most_s = wanted.min_s - lasted_s, wanted.max_s - lasted_s
+            self._devices.console.familiarise(instruction=wanted.instruction, min_s=left_s, max_s=most_s)
+            lasted_s = (clock.now_ns() - begun_ns) / 1e9
+            if lasted_s >= wanted.min_s:
                 break
-        lasted_s = (clock.now_ns() - begun_ns) / 1e9
+            asked = f"the protocol asks for {wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
+            self._devices.console.show(f"It is too early to go on: {asked}.")
         self._log.write(Phase(state=FAMILIARISED, detail=f"{lasted_s:.1f} s"))

@@ -124,7 +124,7 @@ def test_a_level_that_the_dose_does_not_allow_pauses_the_session(
     assert (footer.reason, footer.answered) == ("paused", answered)
     assert footer.detail.startswith("the masker's dose for 24 hours is used up")
     assert levels(tmp_path)[-1] is None
-    assert one.console.shown[-1:] == ["The masker is silent."] * (presses > 0)
+    assert one.console.shown[1:][-1:] == ["The masker is silent."] * (presses > 0)
 
 
 def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:

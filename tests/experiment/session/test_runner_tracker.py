@@ -143,7 +143,7 @@ def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protoco
     )
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert one.console.armed == [(1, 1), (2, 1), (2, 2), (3, 1)]
-    assert one.console.shown[0] == f"{said}. The session waits for 300 s; nothing is lost."
+    assert one.console.shown[1] == f"{said}. The session waits for 300 s; nothing is lost."
     (broken,) = [e for e in entries(tmp_path, "real") if isinstance(e, BrokenOff)]
     assert (broken.trial, broken.felt, broken.speed_mm_s, broken.at_us) == (2, False, None, 2_099_000)
     assert broken.trace.length == broken.link.received == 100
@@ -166,7 +166,7 @@ def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attemp
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
     assert one.console.placed == [(n, ORDER[n - 1]) for n in (1, 2, 2, 3)]
-    assert one.console.shown[0] == f"{said}. The session waits for 300 s; nothing is lost."
+    assert one.console.shown[1] == f"{said}. The session waits for 300 s; nothing is lost."
     done = entries(tmp_path, "real")
     assert [e.detail for e in done if isinstance(e, Phase) and e.state == "waiting"] == [said]
     kinds = [type(e) for e in done]
