@@ -15,18 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtri
 
-from analysis.statistics.exact import (
-    Floats,
-    Integers,
-    NotDefined,
-    Number,
-    Tested,
-    f_test,
-    floats,
-    integers,
-    ratio,
-    undefined,
-)
+from analysis.statistics import exact
 
 
 @dataclass(frozen=True)
@@ -78,7 +67,7 @@ NAMES = {
 }
 
 
-def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
+def icc(ratings: Sequence[Sequence[exact.Number]], confidence: float = 0.95) -> Icc:
     """Return every form for `ratings`, shape (targets, raters), without gaps.
 
     Raises:
@@ -89,11 +78,11 @@ def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
     if any(len(row) != k for row in ratings):
         raise ValueError(f"every target needs every rater, got rows of lengths {sorted({len(row) for row in ratings})}")
     if n < 2 or k < 2:
-        raise NotDefined(f"an ICC needs two targets and two raters, got {n} and {k}")
-    whole, denominator = integers([value for row in ratings for value in row])
+        raise exact.NotDefined(f"an ICC needs two targets and two raters, got {n} and {k}")
+    whole, denominator = exact.integers([value for row in ratings for value in row])
     found = _spreads(np.array(whole, dtype=object).reshape(n, 1, k))
     if not found.total[0]:
-        raise NotDefined("all ratings are the same: no ICC is defined")
+        raise exact.NotDefined("all ratings are the same: no ICC is defined")
     unit = n * k * n * (n - 1) * (k - 1) * denominator**2
     ms_r, ms_c, ms_e, ms_w = (ms / unit for ms in (found.targets, found.raters, found.error, found.within))
     tests = {"1": found.test("1"), "2": (two_way := found.test("2")), "3": two_way}
@@ -115,11 +104,11 @@ def icc(ratings: Sequence[Sequence[Number]], confidence: float = 0.95) -> Icc:
     return Icc(n, k, ms_r, ms_c, ms_e, ms_w, confidence, tuple(forms[name] for name in NAMES))
 
 
-def icc_tests(counts: Integers, form: str) -> tuple[Floats, Tested]:
+def icc_tests(counts: exact.Integers, form: str) -> tuple[exact.Floats, exact.Tested]:
     """Return one form, by its Shrout-Fleiss name, and its test, from counts of shape (targets, studies, raters)."""
     n, studies, k = counts.shape
     if n < 2 or k < 2:
-        nothing = undefined((studies,))
+        nothing = exact.undefined((studies,))
         return nothing.statistic, nothing
     kind, size = form.removeprefix("ICC(").removesuffix(")").split(",")
     found = _spreads(counts)
@@ -145,14 +134,14 @@ class _Spreads:
         rest = 1 if size == "k" else k
         if kind == "2":
             whole = n * t + n * (rest - 1) * noise + rest * (self.raters - noise)
-            return ratio(n * (t - noise), whole)
-        return ratio(t - noise, t + (rest - 1) * noise)
+            return exact.ratio(n * (t - noise), whole)
+        return exact.ratio(t - noise, t + (rest - 1) * noise)
 
-    def test(self, kind: str) -> tuple[Tested, int]:
+    def test(self, kind: str) -> tuple[exact.Tested, int]:
         """Return the test of ICC = 0, and its residual degrees of freedom."""
         df2 = self.n * (self.k - 1) if kind == "1" else (self.n - 1) * (self.k - 1)
         noise = self.within if kind == "1" else self.error
-        return f_test(self.targets * (self.n - 1), noise * df2, self.n - 1, df2), df2
+        return exact.f_test(self.targets * (self.n - 1), noise * df2, self.n - 1, df2), df2
 
 
 def _spreads(ratings: Any) -> _Spreads:
@@ -164,7 +153,7 @@ def _spreads(ratings: Any) -> _Spreads:
     raters = k * (ratings.sum(axis=0) ** 2).sum(axis=1) - total**2
     parts = (targets, raters, everything - targets, everything - targets - raters)
     # The differences are exact; their multiples may be too large for 64 bits.
-    t, c, w, e = (part[0] for part in parts) if ratings.dtype == object else map(floats, parts)
+    t, c, w, e = (part[0] for part in parts) if ratings.dtype == object else map(exact.floats, parts)
     return _Spreads(n, k, t * n * (k - 1), c * n * (n - 1), w * (n - 1), e * n, everything)
 
 

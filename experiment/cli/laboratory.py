@@ -338,13 +338,16 @@ def withdraw(
     from experiment.dataset import beliefs
     from experiment.dataset import build as datasets
     from experiment.protocol import files
+    from experiment.protocol.page import count
     from experiment.study import enrolment, people
 
     if yes and not erase:
         raise RosterError("got --yes without --erase; allowed: both, or neither; nothing is asked without --erase")
     _check_roster(protocol_file, dataset)
     if erase and not yes:
-        _confirm_erasure(participant, *enrolment.held(protocol_file, participant, root=dataset))
+        sessions, answers = enrolment.held(protocol_file, participant, root=dataset)
+        what = f"{count(sessions, 'session')} of participant {participant} with {count(answers, 'answer')}"
+        options.confirm(f"This deletes {what}, for good.", participant, "nothing was erased")
     path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
     if people.forget(files.load(protocol_file), path.parent.parent, participant):
@@ -362,20 +365,6 @@ def withdraw(
         f"For the lab book: {beliefs.keep_anchor(root)[0].line}\n"
         f"Enter it in the register too: palpate anchor {root} --to REGISTER."
     )
-
-
-def _confirm_erasure(participant: str, sessions: int, answers: int) -> None:
-    """Return once the label of whose data are to be erased was typed again. Raises `RosterError` otherwise."""
-    from experiment.protocol.page import count
-    from experiment.settings.characters import quoted
-
-    asked = f"This deletes {count(sessions, 'session')} of participant {participant} with {count(answers, 'answer')}"
-    try:
-        typed = input(f"{asked}, for good. Type {participant} to go on: ").strip()
-    except (EOFError, OSError, ValueError):
-        typed = ""
-    if typed != participant:
-        raise RosterError(f"nothing was erased: got {quoted(typed)}; allowed: {participant}; type it, or give --yes")
 
 
 @commands.command(epilog="Example: palpate build participants/study")

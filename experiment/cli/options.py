@@ -46,7 +46,6 @@ LARGEST_SEED = 2**63 - 1
 Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random draw.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
 
-
 MADE_BY_PALPATE = (
     b'<meta name="generator" content="palpate">',
     b"<dc:title>palpate</dc:title>",
@@ -84,6 +83,16 @@ def default_folder(protocol: "Protocol", *, practice: bool) -> Path:
     from experiment.study import enrolment
 
     return practice_folder(protocol) if practice else enrolment.default_root(protocol)
+
+
+def confirm(asked: str, wanted: str, nothing: str) -> None:
+    """Return once `wanted` was typed after what is `asked`. Raises `PalpateError`, with `nothing` in words."""
+    try:
+        typed = input(f"{asked} Type {wanted} to go on: ").strip()
+    except (EOFError, OSError, ValueError):
+        typed = ""
+    if typed != wanted:
+        raise PalpateError(f"{nothing}: got {quoted(typed)}; allowed: {wanted}; type it, or give --yes")
 
 
 def room() -> typer.Typer:

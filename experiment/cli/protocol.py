@@ -338,17 +338,23 @@ def seal(
     replace: Annotated[
         bool, typer.Option("--replace", help="Replace an earlier seal, after a change of the protocol or a slip.")
     ] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Replace it without being asked, as in a script.")] = False,
 ) -> None:
     """Record the board's approval of a protocol.
 
     The record is written to STUDY.seal.toml beside the protocol, with the SHA-256 of what was approved. `palpate run`
-    refuses a protocol that is not sealed, that has changed since, or whose approval has expired.
+    refuses a protocol that is not sealed, that has changed since, or whose approval has expired. Before an earlier seal
+    is replaced, it is told, and asked for.
     """
     from experiment.protocol import approval, files
 
     protocol = files.load(protocol_file)
     path = approval.seal_path(protocol_file)
+    if yes and not replace:
+        raise PalpateError("got --yes without --replace; allowed: both, or neither; nothing is asked without --replace")
     replaces = path.exists()
+    if replaces and replace and not yes:
+        options.confirm(approval.replaced(protocol_file, protocol), "replace", "no seal was replaced")
     sealed = approval.write(
         protocol_file,
         protocol,

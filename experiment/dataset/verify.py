@@ -33,7 +33,6 @@ from experiment.study.roster import Roster
 MISTYPED = 2
 """A number that differs from an anchor's in so many of its digits was meant to be that one."""
 
-
 FOREIGN = (
     "agrees with no line of this dataset: it is of another dataset of the same study, or this one was made anew from "
     "its first line; name the register to which the anchors of this dataset went"

@@ -5,9 +5,8 @@ was written down or left to its default. So comments, the order of keys, inline 
 (`20`, `20.0`, `2e1`) do not change it.
 
 The seal is a record beside the protocol's file that names the hash of what was approved, and holds that form itself, so
-that a change names its field. It shows that the protocol is
-the one approved, not who approved it: whoever can write the file can write the record. What stands in it can be checked
-against the board's letter.
+that a change names its field. It shows that the protocol is the one approved, not who approved it: whoever can write
+the file can write the record. What stands in it can be checked against the board's letter.
 """
 
 from __future__ import annotations
@@ -40,7 +39,6 @@ APPROVED, MORE = ", as it was approved", "..."
 
 UNFILLED = "TO BE FILLED IN"
 """Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
-
 
 YOUNGER = (
     ("consent", "kept_months"),
@@ -185,6 +183,17 @@ def write(
         _refuse(path, _in_the_way(path, seal))
     _write(path, seal)
     return seal
+
+
+def replaced(protocol_path: Path, protocol: Protocol) -> str:
+    """Return in a sentence what another seal of `protocol` would take the place of."""
+    try:
+        seal = read(protocol_path)
+    except ProtocolError:
+        return "This replaces a seal that cannot be read."
+    version = "this version" if seal.protocol_sha256 == sha256(protocol) else "another version of the protocol"
+    number = quoted(seal.approval_number)
+    return f"This replaces the seal of {version}: approval {number}, from {seal.approved_on} to {seal.expires_on}."
 
 
 def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:

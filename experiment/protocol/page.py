@@ -367,7 +367,6 @@ _STIMULUS = {
     "real": "real: the experimenter lays out the real object before each trial",
 }
 
-
 _SURFACES = {
     "virtual": "virtual: surfaces that the rig renders",
     "real": "real: the experimenter lays out both samples before each trial",

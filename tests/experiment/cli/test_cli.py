@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.abc
+import io
 import json
 import os
 import re
@@ -356,13 +357,22 @@ class TestALaboratorysStudy:
         assert "no-such-port: no such port" in err
         assert not list(root.glob("sourcedata/sub-*"))
 
-    def test_a_slip_in_a_seal_is_mended(self, palpate: Palpate, protocol: Path) -> None:
+    def test_a_slip_in_a_seal_is_mended(
+        self, palpate: Palpate, protocol: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
         assert "replaced" not in self.seal(palpate, protocol)[1]
         days = ("--approved-on", date.today() - timedelta(1), "--expires-on", date.today() + timedelta(1))
         again = ("seal", protocol, "--approval-number", "18 \u05d0", *days)
         code, _, err = palpate(*again)
         assert (code, "is sealed already; replace it (--replace)" in err) == (2, True)
-        assert "replaced. Datasets that were begun under it keep their copy" in palpate(*again, "--replace")[1]
+        for typed in ("", "yes\n", "replace\n"):
+            monkeypatch.setattr("sys.stdin", io.StringIO(typed))
+            code, out, err = palpate(*again, "--replace")
+            assert out.startswith("This replaces the seal of this version: approval '17', from ")
+            assert (code, "no seal was replaced: got" in err) == ((0, False) if typed == "replace\n" else (2, True))
+        assert "replaced. Datasets that were begun under it keep their copy" in out
+        assert palpate(*again, "--replace", "--yes")[0] == 0
+        assert "nothing is asked without --replace" in palpate(*again, "--yes")[2]
         sealed = "SEALED: this version is approved; compare what the seal says with the board's letter."
         _, told = palpate("check", protocol)[1].split(f"\n{sealed}\n")
         assert "  Approval number\n                   | 18 \u05d0\n" in told
