@@ -34,7 +34,7 @@ NAMESPACE = "palpate"
 """A signature made for another purpose counts for nothing here."""
 
 DIGITS = 16
-"""Hexadecimal digits of an anchor's number, as it stands in a lab book."""
+"""Hexadecimal digits of an anchor's number, as it stands in a lab book; registers have whole hashes."""
 
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
