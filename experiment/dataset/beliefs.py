@@ -345,11 +345,11 @@ def unfinished(root: Path, roster: Roster) -> dict[str, str]:
 
 def _finish(root: Path, roster: Roster, participant: str) -> str:
     """Return the command by which the withdrawal of a participant is finished, in a sentence."""
-    erased, reason = participant in roster.erased, shlex.quote(roster.withdrawn[participant])
+    erased, given = participant in roster.erased, ("--reason", roster.withdrawn[participant], "--dataset", str(root))
+    command = shlex.join(["withdraw", str(storage.protocol_path(root)), "-p", participant, *given])
     return (
         f"the withdrawal of participant {participant} is finished by the same command"
-        f"{'' if erased else ', with --erase if their data are to go'}: palpate withdraw {storage.protocol_path(root)} "
-        f"-p {participant} --reason {reason} --dataset {root}{' --erase' * erased}"
+        f"{'' if erased else ', with --erase if their data are to go'}: palpate {command}{' --erase' * erased}"
     )
 
 
