@@ -25,7 +25,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.reading.study import Study
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import NotDefined, Statements
 
 TRIAL, FASTER, LATER = "10 trials on", "foot 100 mm/s faster", "a task after the first"
 COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0)}
@@ -460,12 +460,6 @@ def trial_level(study: Study) -> TrialLevel:
         trials = design(study)
     except NotDefined as reason:
         return TrialLevel(None, None, {}, {}, (), {"GEE logit and mixed logit": str(reason)})
-    found: dict[str, TrialModel] = {}
-    said: dict[str, str] = {}
-    for name, fit in (("GEE logit", gee), ("mixed logit", mixed)):
-        try:
-            found[name] = fit(trials)
-        except NotDefined as reason:
-            said[name] = str(reason)
-    models = found.get("GEE logit"), found.get("mixed logit")
+    said = Statements()
+    models = said.told("GEE logit", lambda: gee(trials)), said.told("mixed logit", lambda: mixed(trials))
     return TrialLevel(*models, trials.absent, trials.left_out, trials.gone, said)
