@@ -82,7 +82,6 @@ MARKS = {"mean": "", "SD": " ± ", "stars": ""}
 """What stands before each part of a cell."""
 
 Row = tuple[str, str, str, str]
-"""Of a table: what it is, as printed, as recomputed, and whether they agree."""
 
 SAME = {"agrees": "same", "agrees if truncated": "same if truncated"}
 """Verdicts in words that fit answers of one's own."""
@@ -107,10 +106,6 @@ class Comparison:
     correlations: tuple[Correlation, ...]
 
 
-WIDTH = 80
-"""Columns of the text: those of most terminals and of paper."""
-
-
 @dataclass(frozen=True)
 class Audit:
     """What was found; `label` is that of the dataset, `origin` as in `comparison_section`.
@@ -124,7 +119,7 @@ class Audit:
     comparison: Comparison
     passed_over: tuple[str, ...] = ()
 
-    def text(self, width: int = WIDTH) -> str:
+    def text(self, width: int = 80) -> str:
         """Return every line by its place in print, then again those that disagree, then those that are undecided.
 
         No line is longer than `width`.

@@ -13,7 +13,7 @@ from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
 from analysis.identification.maps import Choice, Mantel, Scaling
 from analysis.statistics import lapses
-from analysis.statistics.exact import NotDefined, Statements, mean
+from analysis.statistics.exact import NotDefined, Statements, defined, mean
 from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
@@ -213,10 +213,9 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
 def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
     counts = matrix.counts[:, :, :-1]
     model = maps.similarity_choice(counts.sum(axis=0), matrix.materials)
-    try:
-        weights = resamples(len(counts), CHOICE_RESAMPLES, rng)
-    except NotDefined as reason:
-        return ChoiceIntervals(model, None, None, 0, str(reason))
+    weights, why = defined(lambda: resamples(len(counts), CHOICE_RESAMPLES, rng))
+    if weights is None:
+        return ChoiceIntervals(model, None, None, 0, why)
     drawn = np.tensordot(weights, counts, axes=1)
     drawn = drawn[(np.diagonal(drawn, axis1=1, axis2=2) > 0).all(axis=1)]
     similarities, biases, _, settled = maps.fit(drawn, CHOICE_TOLERANCE)
