@@ -10,7 +10,7 @@ from __future__ import annotations
 import statistics
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
@@ -81,6 +81,8 @@ UNDECIDED = ("cannot be decided", "not in this dataset")
 MARKS = {"mean": "", "SD": " ± ", "stars": ""}
 """What stands before each part of a cell."""
 
+Row = tuple[str, str, str, str]
+
 SAME = {"agrees": "same", "agrees if truncated": "same if truncated"}
 """Verdicts in words that fit answers of one's own."""
 
@@ -104,10 +106,6 @@ class Comparison:
     correlations: tuple[Correlation, ...]
 
 
-WIDTH = 80
-"""Columns of the text: those of most terminals and of paper."""
-
-
 @dataclass(frozen=True)
 class Audit:
     """What was found; `label` is that of the dataset, `origin` as in `comparison_section`.
@@ -121,7 +119,7 @@ class Audit:
     comparison: Comparison
     passed_over: tuple[str, ...] = ()
 
-    def text(self, width: int = WIDTH) -> str:
+    def text(self, width: int = 80) -> str:
         """Return every line by its place in print, then again those that disagree, then those that are undecided.
 
         No line is longer than `width`.
@@ -152,15 +150,26 @@ class Audit:
         texts = [] if found else [f"Every printed number{' that can be checked' * bool(undecided)} agrees as rounded."]
         for title, held in (("What does not agree as rounded", found), ("What cannot be decided", undecided)):
             if held:
-                texts += [f"{title}\n{'=' * len(title)}", "\n".join(_finding(line, width) for line in held)]
+                told = (
+                    textwrap.fill(one, width, subsequent_indent="  ", break_on_hyphens=False) for one in _told(held)
+                )
+                texts += [f"{title}\n{'=' * len(title)}", "\n".join(told)]
         return texts
 
 
-def _finding(line: Line, width: int) -> str:
-    said = f"{line.where}, {line.task}, {line.subject}: {_with_name(line)}"
-    said += f"; recomputed {line.recomputed}" if line.verdict not in UNDECIDED else ""
-    reason = f": {line.reason}" if line.reason else ""
-    return textwrap.fill(f"{said}; {line.verdict}{reason}", width, subsequent_indent="  ", break_on_hyphens=False)
+def _told(lines: Sequence[Line]) -> Iterator[str]:
+    """Yield a sentence for each line, and one for neighbours that cannot be decided for the same reason."""
+    for (place, verdict, reason), alike in groupby(
+        lines, lambda one: (f"{one.where}, {one.task}", one.verdict, one.reason)
+    ):
+        same, why = list(alike), f"{verdict}: {reason}" if reason else verdict
+        if verdict in UNDECIDED and len(same) > 1:
+            subjects = " to ".join(dict.fromkeys((same[0].subject, same[-1].subject)))
+            yield f"{place}, {subjects}: {len(same)} numbers; {why}"
+            continue
+        for one in same:
+            found = "" if verdict in UNDECIDED else f"; recomputed {one.recomputed}"
+            yield f"{place}, {one.subject}: {_with_name(one)}{found}; {why}"
 
 
 def audit(target: str, against: Path | None = None, stated: Stated | None = None) -> Audit:
@@ -264,11 +273,11 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
         places.setdefault((line.where, line.task), []).append(line)
     for (where, task), lines in places.items():
         groups = [list(group) for _, group in groupby(lines, key=lambda line: (line.subject, line.quantity in MARKS))]
-        rows = tuple(_row(group, origin) for group in groups)
+        rows, notes = _once([_row(group, origin) for group in groups])
         doubtful = [i for i, group in enumerate(groups) if not all(line.agrees for line in group)]
         marked = frozenset((i, 3) for i in doubtful if held)
         header = ("quantity", "printed", own, "agrees?" if held else "same?")
-        tables.append(Table(f"{where}, {task}", header, rows, left=frozenset(range(4)), marked=marked))
+        tables.append(Table(f"{where}, {task}", header, rows, left=frozenset(range(4)), marked=marked, notes=notes))
     shown = [asdict(line) | {"verdict": _verdict(line, origin)} for line in comparison.lines]
     records = [{own if key == "recomputed" else key: value for key, value in line.items()} for line in shown]
     correlations = " ".join(
@@ -302,12 +311,26 @@ def _verdict(line: Line, origin: str) -> str:
     return line.verdict if origin in HELD else SAME.get(line.verdict, line.verdict)
 
 
-def _row(lines: Sequence[Line], origin: str) -> tuple[str, str, str, str]:
+def _once(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[str, ...]]:
+    """Return rows that cannot be decided for one reason without it, and a note that has it once."""
+    often = Counter(row[3] for row in rows)
+    shared = [
+        told for told, count in often.items() if count > 1 and told.startswith(tuple(f"{one}: " for one in UNDECIDED))
+    ]
+    if len(shared) != 1:
+        return tuple(rows), ()
+    verdict, _, reason = shared[0].partition(": ")
+    note = f"{verdict.capitalize()}, where nothing else is said: {reason}."
+    return tuple((*row[:3], verdict if row[3] == shared[0] else row[3]) for row in rows), (note,)
+
+
+def _row(lines: Sequence[Line], origin: str) -> Row:
     # Degrees of freedom stand beside their t or F already; they get words only where they are wrong.
     lines = [line for line in lines if not (line.quantity.startswith("df") and line.agrees)] or lines
     if lines[0].quantity == "mean":
         printed = _cell([(line.quantity, line.printed) for line in lines])
-        found = _cell([(line.quantity, line.recomputed) for line in lines])
+        known = [(line.quantity, line.recomputed) for line in lines if line.recomputed != "-"]
+        found = _cell(known) or "-"
     else:
         printed = ", ".join(_with_name(line) for line in lines)
         found = ", ".join(line.recomputed for line in lines)

@@ -25,7 +25,7 @@ from experiment.errors import PublishedError
 Misreading = Literal["the population SD", "the standard error"]
 """What may be printed in the place of an SD."""
 
-NO_STEPS = "the steps of the values are not known, so that any mean and SD are possible"
+NO_STEPS = "neither trials nor a scale give the values steps, so that any mean and SD are possible"
 
 
 @dataclass(frozen=True)

@@ -233,6 +233,7 @@ LISTED = 5
 """The most numbers that a reason lists."""
 
 UNDECIDED: Verdict = "cannot be decided"
+NO_ROW = "the ratios cannot sum to 1"
 
 
 def print_lines(published: Published) -> tuple[Line, ...]:
@@ -291,8 +292,10 @@ def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Seque
     task = published.task_named(cells[0].task)
     sums = sum_of(cell.mean.either for cell in cells)
     if task is None or task.trials is None:
-        verdict: Verdict = "agrees" if sums.holds(Fraction(1)) else "impossible"
-        return cited.text("row", printed, f"{float(sums.low):.4g} to {float(sums.high):.4g}", verdict)
+        allowed = f"{float(sums.low):.4g} to {float(sums.high):.4g}"
+        if sums.holds(Fraction(1)):
+            return cited.text("row", printed, allowed, "agrees")
+        return cited.text("row", printed, allowed, "impossible", NO_ROW)
     # An SD that was misread says nothing about the row.
     cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
     pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, checks, evidence, cell))}
@@ -339,7 +342,7 @@ def _judged(
         besides = "so would" if gaps else "a possible cause is"
         reasons.append(f"{besides} a misprint of one of {names}")
     possible = row.fewest <= row.trials <= row.most
-    first = f"no whole counts give all means and SDs at once{given}" if possible else "the ratios cannot sum to 1"
+    first = f"no whole counts give all means and SDs at once{given}" if possible else NO_ROW
     return cited.text("row", printed, found, "impossible", "; ".join([first, *reasons]))
 
 

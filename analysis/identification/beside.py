@@ -7,12 +7,11 @@ participants differ in level, by material and by task.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import partial
 from itertools import combinations
-from typing import TypeVar
 
 import numpy as np
 from scipy.special import fdtrc
@@ -20,11 +19,9 @@ from scipy.special import fdtrc
 from analysis.identification.confusion import Confusion
 from analysis.reading.study import Study
 from analysis.statistics import mixed_logit
-from analysis.statistics.exact import Floats, Integers, NotDefined
+from analysis.statistics.exact import Floats, Integers, NotDefined, Statements
 from analysis.statistics.inference import EffectSize, TTest, cohens_d, t_against_chance
 from analysis.statistics.participants import Repeated, SignFlip, repeated, sign_flip
-
-T = TypeVar("T")
 
 LEAST = 6
 """The fewest participants of a logit in which they differ by material and task."""
@@ -83,18 +80,10 @@ class Beside:
 
 def beside(study: Study, tasks: Mapping[str, Confusion]) -> Beside:
     """Return the tests of a study from the confusion matrices of its tasks."""
-    said: dict[str, str] = {}
-
-    def told(what: str, compute: Callable[[], T]) -> T | None:
-        try:
-            return compute()
-        except NotDefined as reason:
-            said[what] = str(reason)
-            return None
-
+    said = Statements()
     materials: dict[str, tuple[Repeated, ...]] = {}
     for task, matrix in tasks.items():
-        found = told(f"repeated-measures ANOVA of {task}", partial(_within, matrix))
+        found = said.told(f"repeated-measures ANOVA of {task}", partial(_within, matrix))
         if found is not None:
             materials[task] = found
     linked = study.origin != "RECONSTRUCTION"
@@ -102,14 +91,14 @@ def beside(study: Study, tasks: Mapping[str, Confusion]) -> Beside:
     paired: list[Paired] = []
     if len(tasks) > 1:
         if linked:
-            both = told("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
+            both = said.told("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
             for first, second in combinations(tasks, 2):
-                one = told(f"comparison of {first} with {second}", partial(_paired, first, second, tasks))
+                one = said.told(f"comparison of {first} with {second}", partial(_paired, first, second, tasks))
                 paired += [one] if one else []
         else:
             said["paired comparison of tasks"] = LINKED
     if linked:
-        logit = told("logit in which participants differ by material and task", lambda: _logit(tasks))
+        logit = said.told("logit in which participants differ by material and task", lambda: _logit(tasks))
     else:
         logit, said["logit in which participants differ by material and task"] = None, LINKED
     return Beside(materials, both or (), tuple(paired), logit, said)

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +13,7 @@ from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
 from analysis.identification.maps import Choice, Mantel, Scaling
 from analysis.statistics import lapses
-from analysis.statistics.exact import NotDefined, mean
+from analysis.statistics.exact import NotDefined, Statements, defined, mean
 from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
@@ -25,8 +24,6 @@ from analysis.statistics.inference import (
     wilson,
 )
 from analysis.statistics.participants import Jackknife, jackknife
-
-T = TypeVar("T")
 
 CHOICE_RESAMPLES = 999
 CHOICE_TOLERANCE = 1e-3
@@ -106,24 +103,16 @@ def identify(
     task: str, matrix: Confusion, dissimilarities: NDArray[np.float64] | None, rng: np.random.Generator
 ) -> Identification:
     """Return everything for one task; `dissimilarities` of its materials, shape (M, M), may be missing."""
-    said: dict[str, str] = {}
-
-    def told(what: str, compute: Callable[[], T]) -> T | None:
-        try:
-            return compute()
-        except NotDefined as reason:
-            said[what] = str(reason)
-            return None
-
+    said = Statements()
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
-    bits = told("information", lambda: information(counts.sum(axis=0)))
-    bits_jackknife = told("information interval", lambda: _jackknife(counts, bits)) if bits else None
-    found_choice = told("choice", lambda: _choice(matrix, rng))
-    found_lapses = told("lapses", lambda: _lapses(matrix))
-    found_scaling = told("scaling", lambda: maps.classical(maps.from_confusions(matrix.means()[:, :-1])))
+    bits = said.told("information", lambda: information(counts.sum(axis=0)))
+    bits_jackknife = said.told("information interval", lambda: _jackknife(counts, bits)) if bits else None
+    found_choice = said.told("choice", lambda: _choice(matrix, rng))
+    found_lapses = said.told("lapses", lambda: _lapses(matrix))
+    found_scaling = said.told("scaling", lambda: maps.classical(maps.from_confusions(matrix.means()[:, :-1])))
     found_mantel = None
     if dissimilarities is not None:
-        found_mantel = told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix), rng))
+        found_mantel = said.told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix), rng))
     return Identification(
         task,
         tuple(_cells(matrix, rng)),
@@ -224,10 +213,9 @@ def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
 def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
     counts = matrix.counts[:, :, :-1]
     model = maps.similarity_choice(counts.sum(axis=0), matrix.materials)
-    try:
-        weights = resamples(len(counts), CHOICE_RESAMPLES, rng)
-    except NotDefined as reason:
-        return ChoiceIntervals(model, None, None, 0, str(reason))
+    weights, why = defined(lambda: resamples(len(counts), CHOICE_RESAMPLES, rng))
+    if weights is None:
+        return ChoiceIntervals(model, None, None, 0, why)
     drawn = np.tensordot(weights, counts, axes=1)
     drawn = drawn[(np.diagonal(drawn, axis1=1, axis2=2) > 0).all(axis=1)]
     similarities, biases, _, settled = maps.fit(drawn, CHOICE_TOLERANCE)

@@ -1,10 +1,9 @@
 """Models of single trials: was the answer right, as a logit of task, material and what went with the trial.
 
 GEE (Liang and Zeger 1986; from statsmodels) gives odds in the population, with one correlation within a participant,
-the standard errors of Mancl and DeRouen (2001) for few participants, and Hotelling's F in the place of chi-squared. The
+the standard errors of Kauermann and Carroll (2001) for few participants, and Hotelling's F instead of chi-squared. The
 mixed logit gives odds for one participant, with a normal random intercept each, by maximum likelihood; statsmodels only
-has it by variational Bayes, whose standard deviations are too small by construction, and which takes minutes and a
-gigabyte for a thousand participants.
+has it by variational Bayes, whose standard deviations are too small by construction, and which takes minutes.
 
 With log odds X b + s u, the likelihood is the integral over a standard normal u, by adaptive Gauss-Hermite quadrature
 (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Covariates are used if at least
@@ -25,7 +24,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.reading.study import Study
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import NotDefined, Statements, defined
 
 TRIAL, FASTER, LATER = "10 trials on", "foot 100 mm/s faster", "a task after the first"
 COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0)}
@@ -350,15 +349,42 @@ def gee(design: Design) -> TrialModel:
     with warnings.catch_warnings(record=True) as heard:
         warnings.simplefilter("always")
         model = GEE(design.correct, design.matrix, groups=design.participants, family=Binomial(), cov_struct=structure)
-        fitted = model.fit(cov_type="bias_reduced", maxiter=200)
-        estimates, covariance = np.asarray(fitted.params), np.asarray(fitted.cov_params())
+        fitted = model.fit(maxiter=200)
+        estimates, alike = np.asarray(fitted.params), float(structure.dep_params)
     warned = tuple(dict.fromkeys(str(one.message) for one in heard))
     if not fitted.converged:
         raise NotDefined(f"the GEE logit does not converge ({'; '.join(warned)})")
     _bounded(design, estimates)
+    covariance = _of_few(design, estimates, alike)
     if not _positive(covariance):
         raise NotDefined(NO_ERRORS)
-    return _model(design, people, estimates, covariance, float(structure.dep_params), warned, few=True)
+    return _model(design, people, estimates, covariance, alike, warned, few=True)
+
+
+def _of_few(design: Design, estimates: Floats, alike: float) -> Floats:
+    """Return the covariance from scores D' V^-1 (I - H)^-1/2 r of participants, H = D B D' V^-1.
+
+    Kauermann and Carroll (2001), J. Am. Stat. Assoc. 96, 1387-1396; B = L L', and trials correlate by `alike`.
+    """
+    share = 1 / (1 + np.exp(-design.matrix @ estimates))
+    root = np.sqrt(share * (1 - share))[:, None]
+    rows = np.column_stack([design.matrix * root, (design.correct[:, None] - share[:, None]) / root])
+    rows = rows[np.argsort(design.participants, kind="stable")]
+    own = np.split(rows, np.cumsum(np.bincount(design.participants))[:-1])
+    sums = np.array([one.sum(axis=0) for one in own])
+    common = alike / (1 + (np.array([len(one) for one in own]) - 1) * alike)
+    grams = np.array([one.T @ one for one in own]) - common[:, None, None] * sums[:, :, None] * sums[:, None, :]
+    slopes, scores = grams[:, :-1, :-1] / (1 - alike), grams[:, :-1, -1] / (1 - alike)
+    naive = np.linalg.inv(slopes.sum(axis=0))
+    if not _positive(naive):
+        raise NotDefined(NO_ERRORS)
+    lower = np.linalg.cholesky(naive)
+    drawn, axes = np.linalg.eigh(lower.T @ slopes @ lower)
+    if drawn.max() > 1 - SINGULAR:
+        raise NotDefined(NO_ERRORS)
+    turned = np.einsum("pij,pi->pj", axes, scores @ lower) / np.sqrt(1 - drawn)
+    errors = np.einsum("pij,pj->pi", axes, turned) @ lower.T
+    return np.asarray(errors.T @ errors)
 
 
 def mixed(design: Design) -> TrialModel:
@@ -456,16 +482,9 @@ class TrialLevel:
 
 def trial_level(study: Study) -> TrialLevel:
     """Return both models of the included trials of a study."""
-    try:
-        trials = design(study)
-    except NotDefined as reason:
-        return TrialLevel(None, None, {}, {}, (), {"GEE logit and mixed logit": str(reason)})
-    found: dict[str, TrialModel] = {}
-    said: dict[str, str] = {}
-    for name, fit in (("GEE logit", gee), ("mixed logit", mixed)):
-        try:
-            found[name] = fit(trials)
-        except NotDefined as reason:
-            said[name] = str(reason)
-    models = found.get("GEE logit"), found.get("mixed logit")
+    trials, why = defined(lambda: design(study))
+    if trials is None:
+        return TrialLevel(None, None, {}, {}, (), {"GEE logit and mixed logit": why})
+    said = Statements()
+    models = said.told("GEE logit", lambda: gee(trials)), said.told("mixed logit", lambda: mixed(trials))
     return TrialLevel(*models, trials.absent, trials.left_out, trials.gone, said)

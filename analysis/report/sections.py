@@ -472,7 +472,7 @@ Variance-component ICC
     components count as zero.
 Single trials
     logit P(right) = intercept + task + material + covariates. The GEE is exchangeable within a participant, with the
-    covariance of Mancl and DeRouen (2001) and Hotelling's F. The mixed logit has a normal intercept for each
+    covariance of Kauermann and Carroll (2001) and Hotelling's F. The mixed logit has a normal intercept for each
     participant and is fitted by maximum likelihood with adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995).
     Tests are Wald's. The response time is no covariate, because it follows the stimulus. Covariates are used if
     at least half of the trials of every task and of every material have them.

@@ -8,17 +8,18 @@ hold integers of 64 bits, and what follows is float64.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from operator import mul
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import fdtrc
 
+T = TypeVar("T")
 Number = int | float | Fraction
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -30,6 +31,25 @@ _fractions = np.frompyfunc(Fraction, 2, 1)
 
 class NotDefined(ValueError):
     """These values do not define the statistic; the text says why."""
+
+
+def defined(compute: Callable[[], T]) -> tuple[T | None, str]:
+    """Return what is computed and no reason, or None and why it is not defined."""
+    try:
+        return compute(), ""
+    except NotDefined as reason:
+        return None, str(reason)
+
+
+class Statements(dict[str, str]):
+    """Why statistics are missing, by their names."""
+
+    def told(self, what: str, compute: Callable[[], T]) -> T | None:
+        """Return what is computed; where it is not defined, None, and keep why."""
+        found, why = defined(compute)
+        if why:
+            self[what] = why
+        return found
 
 
 def integers(values: Sequence[Number]) -> tuple[list[int], int]:

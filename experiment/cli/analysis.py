@@ -134,7 +134,7 @@ def audit(
     if as_json:
         options.put(result.as_dict())
     else:
-        typer.echo(result.text(options.columns(audits.WIDTH)))
+        typer.echo(result.text(options.columns(80)))
 
 
 @commands.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")

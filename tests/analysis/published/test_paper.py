@@ -96,6 +96,15 @@ def test_t_of_a_material_is_held_against_its_mean(tmp_path: Path, t: str, verdic
     )
 
 
+def test_one_reason_for_many_cells_is_told_once(tmp_path: Path) -> None:
+    path = tmp_path / "paper.csv"
+    path.write_text("presented,cork,felt\ncork,0.71 ± 0.20,0.29 ± 0.20\nfelt,0.45 ± 0.22,0.64 ± 0.22\n")
+    told = " ".join(audit(str(path), stated=Stated(participants=(12,))).text().split())
+    assert told.count("so that any mean and SD are possible") == 2  # below the table, and among what is undecided
+    assert "cork -> cork to felt -> felt: 8 numbers; cannot be decided" in told
+    assert "impossible: the ratios cannot sum to 1" in told
+
+
 def test_a_confusion_table_without_its_participants_is_passed_over(tmp_path: Path) -> None:
     found = _read(tmp_path, PAGE, Stated())
     assert found.printed.table == ()
