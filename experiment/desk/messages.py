@@ -86,23 +86,15 @@ Pace = Literal["slow", "right", "fast"]
 """How a step's speed lies to the range that the protocol asks for."""
 
 
-class Gauges(Message):
-    """What is measured all the time.
+class Measured(Message):
+    """What a kind of trial measures all the time.
 
-    `left_s` is left of the protocol's session time, s. `masker_db_a` is its level, dB(A), None in silence, at most
-    `masker_limit_db_a`, None for a rig without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt so far,
-    `vibration_s` together, s. `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells
-    that a trial is under way at this moment, and `last` what the one before was like, at which `pace` if the protocol
-    asks for one. `too_fast` says whether the participant moves too fast at this moment, None where no lamp says so.
-    `delivered` is the stimulus before: as intended, not, or not measured.
+    `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells that a trial is under way
+    at this moment, and `last` what the one before was like, at which `pace` if the protocol asks for one. `too_fast`
+    says whether the participant moves too fast at this moment, None where no lamp says so. `delivered` is the stimulus
+    before: as intended, not, or not measured.
     """
 
-    left_s: float
-    masker_db_a: float | None = None
-    masker_limit_db_a: float | None = None
-    dose: float | None = None
-    stimuli: int = 0
-    vibration_s: float = 0.0
     trace: tuple[float, ...] = ()
     trace_unit: str = ""
     moving: bool = False
@@ -111,6 +103,22 @@ class Gauges(Message):
     too_fast: bool | None = None
     delivered: bool | None = None
     lamps: tuple[Lamp, ...] = ()
+
+
+class Gauges(Measured):
+    """What is measured all the time, by the session too.
+
+    `left_s` is left of the protocol's session time, s. `masker_db_a` is its level, dB(A), None in silence, at most
+    `masker_limit_db_a`, None for a rig without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt so far,
+    `vibration_s` together, s.
+    """
+
+    left_s: float
+    masker_db_a: float | None = None
+    masker_limit_db_a: float | None = None
+    dose: float | None = None
+    stimuli: int = 0
+    vibration_s: float = 0.0
 
 
 class Told(Message):

@@ -162,14 +162,10 @@ class Attendance:
             dose=masker.dose if masker else None,
             stimuli=done.stimuli,
             vibration_s=done.vibration_s,
-            trace=measured.trace,
-            trace_unit=measured.unit,
-            moving=measured.moving,
-            last=measured.last,
-            pace=measured.pace,
-            too_fast=measured.too_fast,
-            delivered=measured.delivered,
-            lamps=(*measured.lamps, *self._audio(), *self._microphone(), self._disk()),
+            **{
+                **dict(measured),
+                "lamps": (*measured.lamps, *self._audio(), *self._microphone(), self._disk()),
+            },
         )
 
     def standing(self) -> Standing:

@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING
 
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock
+from experiment.desk.messages import Measured
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Header, PlannedTrial
 from experiment.records.tapping import FIRST, SECOND, PairLaidOut
-from experiment.session.kind import FarEnds, KindDevices, Limits, Log, Meaning, Measured, Seen
+from experiment.session.kind import FarEnds, KindDevices, Limits, Log, Meaning, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream

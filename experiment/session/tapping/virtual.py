@@ -15,13 +15,13 @@ from experiment.apparatus.servo import settings
 from experiment.apparatus.tracker import calibration
 from experiment.apparatus.tracker.landing import QUIETEST_MM
 from experiment.clock import Clock, day
-from experiment.desk.messages import Lamp
+from experiment.desk.messages import Lamp, Measured
 from experiment.desk.port import Console
 from experiment.errors import RigError, TrackerStopped
 from experiment.protocol.models import Protocol, Virtual
 from experiment.records.entries import Header, PlannedTrial
 from experiment.records.tapping import FIRST, SECOND, TIE, Changed, PairLaidOut, Place
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Measured, Seen
+from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen
 from experiment.session.tapping.taps import Lying, Taps
 from experiment.synthesis import tap
 from experiment.synthesis.contact.block import Block
@@ -217,7 +217,7 @@ class VirtualSurfaces:
         words = f"faster than {self._virtual.fastest_mm_s:g} mm/s" if fast else "slow enough"
         return Measured(
             trace=felt.height_mm[-1:],
-            unit="mm",
+            trace_unit="mm",
             too_fast=fast,
             lamps=(Lamp(name="hand", good=not fast, words=words),),
         )
