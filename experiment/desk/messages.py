@@ -92,7 +92,7 @@ class Measured(Message):
     `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells that a trial is under way
     at this moment, and `last` what the one before was like, at which `pace` if the protocol asks for one. `too_fast`
     says whether the participant moves too fast at this moment, None where no lamp says so. `delivered` is the stimulus
-    before: as intended, not, or not measured.
+    before: as intended, not, or not measured. `hand_mm` is how high the hand is above a virtual block.
     """
 
     trace: tuple[float, ...] = ()
@@ -101,6 +101,7 @@ class Measured(Message):
     last: str = ""
     pace: Pace | None = None
     too_fast: bool | None = None
+    hand_mm: float | None = None
     delivered: bool | None = None
     lamps: tuple[Lamp, ...] = ()
 
@@ -194,8 +195,9 @@ class Prompt(Message):
 
     `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction, and `answers` what
     may be said in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of
-    the last step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. A break lasts until
-    `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT, and empty in a study.
+    the last step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. `hand_mm` is where the hand
+    is shown above the block, None for no picture of them. A break lasts until `until_ns`, in nanoseconds of the
+    system's clock. `label` is PRACTICE or PILOT, and empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"
@@ -207,6 +209,7 @@ class Prompt(Message):
     keys: tuple[str, ...] = ()
     pace: Pace | None = None
     lamp: bool | None = None
+    hand_mm: float | None = None
     until_ns: int | None = None
     label: Label = ""
 

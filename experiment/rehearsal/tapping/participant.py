@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiment.errors import ActuatorError
-from experiment.records.tapping import FIRST, SECOND, TIE
+from experiment.records.tapping import FIRST, SECOND, TIE, WORDS
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.participant import SimulatedPerson
@@ -48,8 +48,6 @@ AGAIN = 0.3
 
 FELT_TIMEOUT_S = 5.0
 """How long a vibration is waited for, wall-clock time, s."""
-
-WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 
 
 @dataclass(frozen=True)
