@@ -27,6 +27,14 @@ from experiment.records.events import NO_ANSWER
 LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated, reconstructed or imported", "text")
 PARTICIPANT = ("participant", "label of the participant as in BIDS, which no software takes for a number", "text")
 TASK = ("task", "id of the task", "text")
+WHOSE = (LABEL, PARTICIPANT, TASK)
+ATTEMPT = (
+    *WHOSE,
+    ("trial", "place of the trial in its order, from 1", "whole number"),
+    ("attempt", "1 for the first attempt at this trial", "whole number"),
+    ("counted", "1: the attempt that counts; 0: done again", "0 or 1"),
+    ("included", "1: in the analysis; 0: left out, see exclusions.csv", "0 or 1"),
+)
 PRESENTED = ("presented", "material presented", "text")
 
 ATTEMPT = (
@@ -59,9 +67,7 @@ COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("first_task", "the task that the participant did first", "text"),
     ),
     "long.csv": (
-        LABEL,
-        PARTICIPANT,
-        TASK,
+        *WHOSE,
         PRESENTED,
         ("answered", f"material named; {NO_ANSWER}: none was named", "text"),
         ("count", "included trials with this answer", "whole number"),
@@ -104,9 +110,7 @@ COMPARED: Mapping[str, tuple[tuple[str, str, str], ...]] = {
         ("response_time_s", "both samples laid out to the choice of the answer", "seconds"),
     ),
     "pairs.csv": (
-        LABEL,
-        PARTICIPANT,
-        TASK,
+        *WHOSE,
         FIRST,
         SECOND,
         ("first_named", "included trials in which the first was named", "whole number"),

@@ -26,6 +26,9 @@ def _answers() -> None:
 
 
 Dataset = Annotated[Path, typer.Argument(metavar="DATASET", help="Folder of a study's dataset.")]
+ConsentOn = Annotated[
+    date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
+]
 
 
 def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = False) -> None:
@@ -48,9 +51,7 @@ def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = Fa
 def enrol(
     protocol_file: ProtocolFile,
     participant: Participant,
-    consent_on: Annotated[
-        date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
-    ] = None,
+    consent_on: ConsentOn = None,
     dataset: StudyFolder = None,
     seed: Annotated[
         int | None,
@@ -83,9 +84,7 @@ def enrol(
 def consent(
     protocol_file: ProtocolFile,
     participant: Participant,
-    consent_on: Annotated[
-        date | None, typer.Option(parser=a_day, metavar="YYYY-MM-DD", help="Day on which consent was given.")
-    ] = None,
+    consent_on: ConsentOn = None,
     dataset: StudyFolder = None,
     correct: Annotated[
         bool, typer.Option("--correct", help="Correct the day on record, which stays in the roster.")

@@ -19,23 +19,14 @@ from pathlib import Path
 from typing import Protocol
 
 from experiment.apparatus import host
-from experiment.desk.messages import (
-    LONGEST,
-    Command,
-    Deed,
-    Hello,
-    Message,
-    Prompt,
-    Reply,
-    View,
-    from_console,
-    from_session,
-    line,
-)
+from experiment.desk import messages
 from experiment.errors import LinkError
 
 TICK_S = 0.1
 """What is measured is told so often, s."""
+
+HAND_S = 1 / 30
+"""And so often while the participant's screen shows the hand, s: as in Wellman and Howe."""
 
 MOST_UNREAD = 1 << 20
 """A console that leaves so much unread is cut off, bytes."""
@@ -70,11 +61,11 @@ def answers(path: Path) -> bool:
 class SessionEnd(Protocol):
     """The session's side of the link, called from its thread."""
 
-    def tell(self, role: str) -> Message:
+    def tell(self, role: str) -> messages.Message:
         """Return what a console (`console`) or the participant's screen (`screen`) shows now."""
         ...
 
-    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+    def take(self, hello: messages.Hello, deed: messages.Deed) -> tuple[bool, str]:
         """Return whether a command was taken, and in words what was done, or why not."""
         ...
 
@@ -90,7 +81,7 @@ class SessionEnd(Protocol):
 class _Peer:
     def __init__(self, connection: socket.socket) -> None:
         self.connection = connection
-        self.hello: Hello | None = None
+        self.hello: messages.Hello | None = None
         self.read = bytearray()
         self.unsent = bytearray()
         self.told = b""
@@ -106,6 +97,7 @@ class Link:
         self._peers: list[_Peer] = []
         self._selector = selectors.DefaultSelector()
         self._closing = False
+        self._tick_s = TICK_S
         self._server = _listening(path)
         self._woken, self._wakes = socket.socketpair()
         self._woken.setblocking(False)
@@ -151,7 +143,7 @@ class Link:
     def _listen(self) -> None:
         while True:
             closing = self._closing
-            for key, events in self._selector.select(0 if closing else TICK_S):
+            for key, events in self._selector.select(0 if closing else self._tick_s):
                 if key.fileobj is self._server:
                     self._accept()
                 elif key.fileobj is self._woken:
@@ -175,24 +167,24 @@ class Link:
 
     def _hear(self, peer: _Peer) -> None:
         try:
-            read = peer.connection.recv(LONGEST)
+            read = peer.connection.recv(messages.LONGEST)
         except OSError:
             read = b""
         peer.read += read
         *lines, rest = peer.read.split(b"\n")
         peer.read = bytearray(rest)
-        if not read or len(rest) > LONGEST:
+        if not read or len(rest) > messages.LONGEST:
             self._drop(peer)
             return
         for one in lines:
             try:
-                self._obey(peer, from_console(bytes(one)))
+                self._obey(peer, messages.from_console(bytes(one)))
             except LinkError:
                 self._drop(peer)
                 return
 
-    def _obey(self, peer: _Peer, said: Hello | Command) -> None:
-        if isinstance(said, Hello):
+    def _obey(self, peer: _Peer, said: messages.Hello | messages.Command) -> None:
+        if isinstance(said, messages.Hello):
             if peer.hello is not None:
                 raise LinkError("said hello twice")
             peer.hello = said
@@ -201,12 +193,15 @@ class Link:
         if peer.hello is None:
             raise LinkError("said no hello")
         taken, words = self._end.take(peer.hello, said.deed)
-        peer.unsent += line(Reply(id=said.id, taken=taken, words=words))
+        peer.unsent += messages.line(messages.Reply(id=said.id, taken=taken, words=words))
 
     def _speak(self, peer: _Peer) -> None:
         if peer.hello is None:
             return
-        if not peer.unsent and (told := line(self._end.tell(peer.hello.role))) != peer.told:
+        said = self._end.tell(peer.hello.role)
+        if isinstance(said, messages.Prompt):
+            self._tick_s = TICK_S if said.hand_mm is None else HAND_S
+        if not peer.unsent and (told := messages.line(said)) != peer.told:
             peer.told = told
             peer.unsent += told
         try:
@@ -249,7 +244,7 @@ def _listening(path: Path) -> socket.socket:
 class Line:
     """A console's end of the link."""
 
-    def __init__(self, path: Path, hello: Hello) -> None:
+    def __init__(self, path: Path, hello: messages.Hello) -> None:
         """Connect. Raises `LinkError` if no session listens there."""
         self._connection = socket.socket(socket.AF_UNIX)
         # PsychoPy gives every socket of its process a timeout; a session may be silent for longer.
@@ -259,22 +254,22 @@ class Line:
         self._read = bytearray()
         try:
             self._connection.connect(str(path))
-            self._connection.sendall(line(hello))
+            self._connection.sendall(messages.line(hello))
         except OSError as error:
             self._connection.close()
             raise LinkError(f"no session listens at {path} ({error.strerror or error}); begin one") from error
 
-    def send(self, deed: Deed) -> int:
+    def send(self, deed: messages.Deed) -> int:
         """Send a command, and return its id. Raises `LinkError` if the session is gone."""
         with self._lock:
             self._sent += 1
             try:
-                self._connection.sendall(line(Command(id=self._sent, deed=deed)))
+                self._connection.sendall(messages.line(messages.Command(id=self._sent, deed=deed)))
             except OSError as error:
                 raise LinkError("the session is gone") from error
             return self._sent
 
-    def messages(self) -> Iterator[View | Prompt | Reply]:
+    def messages(self) -> Iterator[messages.View | messages.Prompt | messages.Reply]:
         """Yield what the session says, until it is gone; what one call leaves over is the next one's.
 
         Raises `LinkError` for what cannot be understood.
@@ -283,10 +278,10 @@ class Line:
             said, newline, rest = self._read.partition(b"\n")
             if newline:
                 self._read = rest
-                yield from_session(bytes(said))
+                yield messages.from_session(bytes(said))
                 continue
             try:
-                more = self._connection.recv(LONGEST)
+                more = self._connection.recv(messages.LONGEST)
             except OSError:
                 more = b""
             if not more:
@@ -301,7 +296,7 @@ class Line:
 
 
 @contextmanager
-def connected(path: Path, hello: Hello) -> Iterator[Line]:
+def connected(path: Path, hello: messages.Hello) -> Iterator[Line]:
     """Connect to a session, and leave it again. Raises `LinkError`."""
     there = Line(path, hello)
     try:

@@ -143,7 +143,7 @@ class LinkedConsole:
             if monotonic_ns() - self._waits_ns < PATIENCE_NS:
                 return last
         same = new.model_copy(update={"number": last.number})
-        if same.model_copy(update={"question": last.question}) == last:
+        if same.model_copy(update={"question": last.question, "hand_mm": last.hand_mm}) == last:
             self._prompts[-1] = same
         else:
             self._prompts = [*self._prompts[1 - PROMPTS :], new.model_copy(update={"number": last.number + 1})]

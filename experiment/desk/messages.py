@@ -86,15 +86,32 @@ Pace = Literal["slow", "right", "fast"]
 """How a step's speed lies to the range that the protocol asks for."""
 
 
-class Gauges(Message):
-    """What is measured all the time.
+class Measured(Message):
+    """What a kind of trial measures all the time.
+
+    `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells that a trial is under way
+    at this moment, and `last` what the one before was like, at which `pace` if the protocol asks for one. `too_fast`
+    says whether the participant moves too fast at this moment, None where no lamp says so. `delivered` is the stimulus
+    before: as intended, not, or not measured. `hand_mm` is how high the hand is above a virtual block.
+    """
+
+    trace: tuple[float, ...] = ()
+    trace_unit: str = ""
+    moving: bool = False
+    last: str = ""
+    pace: Pace | None = None
+    too_fast: bool | None = None
+    hand_mm: float | None = None
+    delivered: bool | None = None
+    lamps: tuple[Lamp, ...] = ()
+
+
+class Gauges(Measured):
+    """What is measured all the time, by the session too.
 
     `left_s` is left of the protocol's session time, s. `masker_db_a` is its level, dB(A), None in silence, at most
     `masker_limit_db_a`, None for a rig without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt so far,
-    `vibration_s` together, s. `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells
-    that a trial is under way at this moment, and `last` what the one before was like, at which `pace` if the protocol
-    asks for one. `too_fast` says whether the participant moves too fast at this moment, None where no lamp says so.
-    `delivered` is the stimulus before: as intended, not, or not measured.
+    `vibration_s` together, s.
     """
 
     left_s: float
@@ -103,14 +120,6 @@ class Gauges(Message):
     dose: float | None = None
     stimuli: int = 0
     vibration_s: float = 0.0
-    trace: tuple[float, ...] = ()
-    trace_unit: str = ""
-    moving: bool = False
-    last: str = ""
-    pace: Pace | None = None
-    too_fast: bool | None = None
-    delivered: bool | None = None
-    lamps: tuple[Lamp, ...] = ()
 
 
 class Told(Message):
@@ -186,8 +195,9 @@ class Prompt(Message):
 
     `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction, and `answers` what
     may be said in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of
-    the last step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. A break lasts until
-    `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT, and empty in a study.
+    the last step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. `hand_mm` is where the hand
+    is shown above the block, None for no picture of them. A break lasts until `until_ns`, in nanoseconds of the
+    system's clock. `label` is PRACTICE or PILOT, and empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"
@@ -199,6 +209,7 @@ class Prompt(Message):
     keys: tuple[str, ...] = ()
     pace: Pace | None = None
     lamp: bool | None = None
+    hand_mm: float | None = None
     until_ns: int | None = None
     label: Label = ""
 

@@ -49,6 +49,12 @@ NO_BREAK_AFTER = "「『（【〔〈《([{"
 UNSPACED = (("\u2e80", "\u9fff"), ("\uac00", "\ud7af"), ("\uf900", "\ufaff"), ("\uff00", "\uffef"))
 """Letters between which a line may break."""
 
+HAND_MM, HAND_PX, BLOCK_PX = (-4.0, 20.0), 22, (360, 44)
+"""How deep in the block and how high above it the hand is shown; its radius, and width and height of the block."""
+
+_FACE_PX = 230
+"""The block's face above the page's end, above the lamp; 1 mm is 9 pixels."""
+
 REGULAR = ("NotoSansCJK-Regular", "NotoSans-Regular", "ipagp", "ipag", "DejaVuSans")
 """Fonts that are taken before others, by their files."""
 
@@ -58,7 +64,8 @@ class Page:
     """One page: a text, a clock below it, keys with what they do, and the pace of the last step in its range.
 
     `keys` holds what stands on a key, nothing for a remark without one, and what it does. `paces` holds each pace, its
-    words, and whether it was that of the last step; a lamp stands there alike.
+    words, and whether it was that of the last step; a lamp stands there alike. Whether there is a block is `block`: the
+    hand above it moves, and is no part of the page (`hand_px`).
     """
 
     text: str
@@ -66,6 +73,7 @@ class Page:
     keys: tuple[tuple[str, str], ...] = ()
     paces: tuple[tuple[str, str, bool], ...] = ()
     label: str = ""
+    block: bool = False
 
     @property
     def letters(self) -> frozenset[str]:
@@ -94,7 +102,15 @@ def page(prompt: Prompt | None, settings: ScreenRig, now_ns: int) -> Page:
         keys=tuple(_keys(prompt, settings)) if prompt.question is not None else (),
         paces=tuple(lit),
         label=prompt.label,
+        block=prompt.hand_mm is not None,
     )
+
+
+def hand_px(hand_mm: float, size_px: tuple[int, int]) -> tuple[float, float]:
+    """Return how far the middle of the hand is above that of a page of this size, and the hand's radius, pixels."""
+    unit = min(size_px[0] / DESIGN_PX[0], size_px[1] / DESIGN_PX[1])
+    high_mm = min(max(hand_mm, HAND_MM[0]), HAND_MM[1])
+    return (_FACE_PX + 9 * high_mm + HAND_PX) * unit - size_px[1] / 2, HAND_PX * unit
 
 
 def chosen(prompt: Prompt | None, key: str, settings: ScreenRig) -> str | None:
@@ -157,6 +173,10 @@ def drawn(page: Page, size_px: tuple[int, int], font: Path) -> Image:
     if page.label:
         draw.text((32 * unit, 24 * unit), page.label, MUTED, _letters(font, 24 * unit), anchor="la")
     bottom = height - 150 * unit if page.paces else height - 60 * unit
+    if page.block:
+        wide, high, face = BLOCK_PX[0] * unit / 2, BLOCK_PX[1] * unit, height - _FACE_PX * unit
+        draw.rectangle((width / 2 - wide, face, width / 2 + wide, face + high), CAP, OUTLINE, max(1, round(2 * unit)))
+        bottom = face - (9 * HAND_MM[1] + 2 * HAND_PX + 10) * unit
     if page.paces:
         _draw_paces(draw, page, width / 2, height - 110 * unit, unit, font)
     keys_px = 84 * unit * len(page.keys) + (30 * unit if page.keys else 0)

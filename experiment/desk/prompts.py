@@ -1,8 +1,8 @@
 """What the participant's screen shows, from what the console does: nothing that is presented or laid out passes.
 
 Of a view only its state, whether samples are compared, whether its step is the debriefing, the kind of its question,
-the protocol's own instruction, the pace of the last step, whether a hand is too fast, the masker's place under its
-limit, the end of a break, whether a fault ended the session, and the label of a practice are looked at.
+the protocol's own instruction, the pace of the last step, whether a hand is too fast and how high it is, the masker's
+place under its limit, the end of a break, whether a fault ended the session, and the label of a practice are looked at.
 """
 
 from __future__ import annotations
@@ -100,6 +100,7 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         keys=tuple(key for key in KEYS if key in offered),
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
         lamp=gauges.too_fast if gauges is not None and show in ("instructions", "ready", "answer", "compare") else None,
+        hand_mm=gauges.hand_mm if gauges is not None and show == "instructions" else None,
         until_ns=view.pause_until_ns if show == "break" else None,
         label=next((label for label in get_args(Label) if label == view.label), ""),
     )

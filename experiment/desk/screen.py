@@ -132,6 +132,7 @@ class Window:
         # The backend `event` hears this window alone; the others hear what the experimenter types elsewhere as well.
         self._keyboard = keyboard.Keyboard(backend="event")
         self._stimulus = visual.ImageStim(self._window, units="pix", size=self.size_px)
+        self._hand = visual.Circle(self._window, units="pix", fillColor=pages.TEXT, lineColor=None, colorSpace="rgb255")
 
     @property
     def size_px(self) -> tuple[int, int]:
@@ -148,9 +149,13 @@ class Window:
         """Have another picture shown from the next `show` on."""
         self._stimulus.setImage(picture, log=False)
 
-    def show(self) -> int:
-        """Show the picture; return since when it is seen, by the system's monotonic clock, ns."""
+    def show(self, hand_mm: float | None) -> int:
+        """Show the picture, and the hand if there is one; return since when, by the system's monotonic clock, ns."""
         self._stimulus.draw()
+        if hand_mm is not None:
+            high_px, self._hand.radius = pages.hand_px(hand_mm, self.size_px)
+            self._hand.pos = (0, high_px)
+            self._hand.draw()
         self._window.flip()
         return monotonic_ns()
 
@@ -245,14 +250,15 @@ class Screen:
                 _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))
 
     def _show(self, prompt: Prompt | None) -> None:
-        page = pages.page(prompt, self._settings, wall_ns())
+        page, hand_mm = pages.page(prompt, self._settings, wall_ns()), prompt.hand_mm if prompt else None
+        moved = hand_mm != (self._prompt.hand_mm if self._prompt else None)
         if page != self._page:
             self._window.put(self._picture(page))
-            self._since_ns = self._drawn_ns = self._window.show()
+            self._since_ns = self._drawn_ns = self._window.show(hand_mm)
             # What was pressed before the page was seen answers nothing on it.
             self._window.pressed()
-        elif monotonic_ns() - self._drawn_ns > REDRAW_NS:
-            self._drawn_ns = self._window.show()
+        elif moved or monotonic_ns() - self._drawn_ns > REDRAW_NS:
+            self._drawn_ns = self._window.show(hand_mm)
         self._page, self._prompt = page, prompt
 
     def _picture(self, page: Page) -> Image:

@@ -9,6 +9,7 @@ from experiment.records.footstep import DeviceUs
 from experiment.records.stimulus import Onset, Stimulus
 
 FIRST, SECOND, TIE = "first", "second", "tie"
+WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 """What an answer names: the material presented first, the one presented second, or neither."""
 
 Place = Literal["first", "second"]

@@ -15,7 +15,7 @@ from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock
-from experiment.desk.messages import Lamp, Pace
+from experiment.desk.messages import Measured
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol as StudyProtocol
 from experiment.records.entries import Header, PlannedTrial, Trace
@@ -102,20 +102,6 @@ class Seen:
     failed: BaseException | None = None
     delivered: bool | None = None
     repeat: str = ""
-
-
-@dataclass(frozen=True)
-class Measured:
-    """What a kind of trial measures all the time, for the desk; fields as in `desk.messages.Gauges`."""
-
-    trace: tuple[float, ...] = ()
-    unit: str = ""
-    moving: bool = False
-    last: str = ""
-    pace: Pace | None = None
-    too_fast: bool | None = None
-    delivered: bool | None = None
-    lamps: tuple[Lamp, ...] = ()
 
 
 class Kind(Protocol):

@@ -6,6 +6,7 @@ import shutil
 import threading
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -125,80 +126,63 @@ class Remarks:
         return True, f"Trial {asked.trial}: the correction is on disk: {answered or 'no answer'}."
 
 
+@dataclass(frozen=True, kw_only=True)
 class Attendance:
-    """Implements `Attended`: a session under way, for a desk that asks at any moment."""
+    """Implements `Attended`: a session under way, with its dataset in `folder`, for a desk that asks at any time."""
 
-    def __init__(
-        self,
-        *,
-        remarks: Remarks,
-        kind: Kind,
-        exposed: Exposed,
-        masking: Masking | None,
-        stream: AudioStream | None,
-        ear: Ear | None,
-        log: Log,
-        clock: Clock,
-        folder: Path,
-    ) -> None:
-        """Tell of a session with these parts; its dataset grows in `folder`."""
-        self._remarks = remarks
-        self._kind = kind
-        self._exposed = exposed
-        self._masking = masking
-        self._stream = stream
-        self._ear = ear
-        self._log = log
-        self._clock = clock
-        self._folder = folder
+    remarks: Remarks
+    kind: Kind
+    exposed: Exposed
+    masking: Masking | None
+    stream: AudioStream | None
+    ear: Ear | None
+    log: Log
+    clock: Clock
+    folder: Path
 
     def gauges(self) -> Gauges:
-        measured, done = self._kind.measured(), self._log.done
-        masker = self._masking.exposure if self._masking is not None else None
+        measured, done = self.kind.measured(), self.log.done
+        masker = self.masking.exposure if self.masking is not None else None
         return Gauges(
-            left_s=self._exposed.left_s,
+            left_s=self.exposed.left_s,
             masker_db_a=masker.level_db_a if masker else None,
-            masker_limit_db_a=self._masking.limit_db_a if self._masking is not None else None,
+            masker_limit_db_a=self.masking.limit_db_a if self.masking is not None else None,
             dose=masker.dose if masker else None,
             stimuli=done.stimuli,
             vibration_s=done.vibration_s,
-            trace=measured.trace,
-            trace_unit=measured.unit,
-            moving=measured.moving,
-            last=measured.last,
-            pace=measured.pace,
-            too_fast=measured.too_fast,
-            delivered=measured.delivered,
-            lamps=(*measured.lamps, *self._audio(), *self._microphone(), self._disk()),
+            **{
+                **dict(measured),
+                "lamps": (*measured.lamps, *self._audio(), *self._microphone(), self._disk()),
+            },
         )
 
     def standing(self) -> Standing:
-        return standing(self._log.done)
+        return standing(self.log.done)
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
-        return self._remarks.take(remark)
+        return self.remarks.take(remark)
 
     def pause(self, why: str) -> None:
-        self._exposed.pause(why)
+        self.exposed.pause(why)
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
-        self._remarks.commanded(by=by, command=command, taken=taken, words=words)
+        self.remarks.commanded(by=by, command=command, taken=taken, words=words)
 
     def shown(self, prompt: Prompt, ago_ns: int) -> None:
-        self._remarks.shown(prompt, self._clock.now_ns() - ago_ns)
+        self.remarks.shown(prompt, self.clock.now_ns() - ago_ns)
 
     def _audio(self) -> tuple[Lamp, ...]:
-        if self._stream is None:
+        if self.stream is None:
             return ()
-        marked, gaps = self._stream.xruns, self._stream.gaps
+        marked, gaps = self.stream.xruns, self.stream.gaps
         return (Lamp(name="audio", good=not gaps, words=f"{gaps} gaps, {marked} late blocks"),)
 
     def _microphone(self) -> tuple[Lamp, ...]:
-        return () if self._ear is None else (self._ear.lamp(),)
+        return () if self.ear is None else (self.ear.lamp(),)
 
     def _disk(self) -> Lamp:
         try:
-            free = shutil.disk_usage(self._folder).free
+            free = shutil.disk_usage(self.folder).free
         except OSError as error:
             return Lamp(name="disk", good=False, words=error.strerror or str(error))
         return Lamp(name="disk", good=free > LITTLE_BYTES, words=f"{free / 1e9:.1f} GB free")
@@ -215,7 +199,7 @@ class Paused:
         self._path = path
         self._participant = contents.header.participant
         self._standing = standing(progress(contents.entries))
-        self._clock = clock
+        self.clock = clock
 
     def gauges(self) -> None:
         return None
@@ -237,7 +221,7 @@ class Paused:
         self._write(Commanded(by=by, command=command, taken=taken, reply=words))
 
     def shown(self, prompt: Prompt, ago_ns: int) -> None:
-        since_ns = self._clock.now_ns() - ago_ns
+        since_ns = self.clock.now_ns() - ago_ns
         self._write(Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
 
     def _write(self, entry: Note | Commanded | Shown) -> bool:
@@ -246,7 +230,7 @@ class Paused:
             contents = journal.read_if_begun(self._path)
             if not contents.lines or contents.torn or isinstance(contents.entries[-1], Withdrawal):
                 return False
-            with closing(journal.Journal(self._path, self._clock, contents)) as opened:
+            with closing(journal.Journal(self._path, self.clock, contents)) as opened:
                 opened.append(entry)
             return True
 

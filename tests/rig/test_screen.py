@@ -51,6 +51,8 @@ PROMPTS: dict[str, Prompt] = {
     "break": Prompt(show="break"),
     "break that is over": Prompt(show="break", until_ns=0),
     "compare": Prompt(show="compare", answers=("first", "second", "no difference")),
+    "compare, with the lamp dark": Prompt(show="compare", answers=("first", "second"), lamp=False),
+    "compare, too fast": Prompt(show="compare", answers=("first", "second"), lamp=True),
     "finished": Prompt(show="finished"),
     "thanks": Prompt(show="thanks"),
 }
@@ -254,6 +256,25 @@ def test_where_nothing_is_asked_no_key_does_anything(display: Display, end: End,
     end.say(MASKER)
     time.sleep(0.3)
     assert [deed for deed in end.deeds[before:] if isinstance(deed, Choose)] == []
+
+
+def test_the_hand_is_seen_on_the_block_and_moves(display: Display, end: End, window: subprocess.Popen[str]) -> None:
+    said = "Tap the block as often as you like, gently enough that the lamp stays dark."
+    practice = Prompt(show="instructions", text=said, lamp=False, hand_mm=12.0)
+    end.say(practice)
+    told = len(end.deeds)
+    rows: list[int] = []
+    for hand_mm in (12.0, 6.0, 0.0):
+        end.prompt = end.prompt.model_copy(update={"hand_mm": hand_mm})
+        middle, _ = pages.hand_px(hand_mm, SIZE_PX)
+        rows.append(round(SIZE_PX[1] / 2 - middle))
+        wait_until(lambda: tuple(display.picture()[rows[-1], SIZE_PX[0] // 2]) == pages.TEXT, "no hand is there", 5)
+        if folder := os.environ.get("PALPATE_PICTURES"):
+            from PIL import Image
+
+            Image.fromarray(display.picture()).save(Path(folder) / f"hand-{hand_mm:g}.png")
+    assert rows == sorted(rows)
+    assert len(end.deeds) == told, "a hand that moves is no other page"
 
 
 def test_a_break_counts_down_on_the_screen(display: Display, end: End, window: subprocess.Popen[str]) -> None:

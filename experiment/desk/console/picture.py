@@ -61,9 +61,9 @@ class Phase:
         return "#000000" if self.colour in (YELLOW, WHITE, ORANGE) else "#ffffff"
 
 
-STEPS, PAIRS = ("", "ARMED", "STEPPING", "ANSWER"), ("", "LAY OUT", "ANSWER")
-"""The strip from left to right, of footsteps and of comparisons; the first place is for all that is none of the
-others."""
+STEPS, PAIRS, VIRTUAL = ("", "ARMED", "STEPPING", "ANSWER"), ("", "LAY OUT", "ANSWER"), ("", "ANSWER")
+"""The strip from left to right, of footsteps, of comparisons, and of those of virtual surfaces, which nobody lays out;
+the first place is for all that is none of the others."""
 
 ASKED = {
     "agree": Phase("AGREE?", "", ORANGE),
@@ -112,7 +112,8 @@ def phase(view: View) -> Phase:
 
 def strip(view: View) -> tuple[str, ...]:
     """Return the places of the strip, from left to right."""
-    return PAIRS if view.pairs else STEPS
+    virtual = view.gauges is not None and view.gauges.too_fast is not None
+    return STEPS if not view.pairs else VIRTUAL if virtual else PAIRS
 
 
 def heading(label: str, study: str, participant: str, task: str) -> Text:

@@ -1,10 +1,11 @@
 """A simulated participant who compares two samples by tapping them.
 
 It judges a sample's hardness by how high its taps feel (`surfaces.felt_hz`), and by nothing else: in each trial both
-samples are felt with an error of their own, and the one that felt higher is called the harder. A pair that feels nearly
-alike is thus called by chance, and takes longer.
+samples are felt with an error of their own, and the harder one is chosen. A live sample is the harder the higher it
+feels; what the height of a virtual one of Table 1 says of its hardness is FITTED to Table 3 of Wellman and Howe
+(`surfaces.virtual_hardness`). A pair that feels nearly alike is thus called by chance, and takes longer.
 
-The parameters are few, and none was fitted to percentages of right answers:
+Further parameters are few, and none of them was fitted to percentages of right answers:
 
 - `DISCRIMINATION`: the standard deviation of a judged height, in logarithms, is the Weber fraction of frequency, 0.18
   to 0.25 (Israr and Tan 2006); `SPREAD` is the standard deviation of its own logarithm among participants. Ours;
@@ -21,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from experiment.errors import ActuatorError
-from experiment.records.tapping import FIRST, SECOND, TIE
+from experiment.records.tapping import FIRST, SECOND, TIE, WORDS
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import CardPanel, Panel
 from experiment.rehearsal.participant import SimulatedPerson
@@ -47,8 +48,6 @@ AGAIN = 0.3
 
 FELT_TIMEOUT_S = 5.0
 """How long a vibration is waited for, wall-clock time, s."""
-
-WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 
 
 @dataclass(frozen=True)
@@ -80,11 +79,12 @@ class SimulatedTapper(SimulatedPerson):
         self._leaning = LEANING * float(rng.normal())
         names = [material.id for material in self.protocol.materials]
         felt_hz = [surfaces.felt_hz(surfaces.rings(hz), surfaces.RATE_HZ) for hz in surfaces.frequencies_hz(names)]
-        self._heights = {name: float(np.log(hz or 1.0)) for name, hz in zip(names, felt_hz, strict=True)}
+        self._heights = {name: (float(np.log(hz or 1.0)), 1.0) for name, hz in zip(names, felt_hz, strict=True)}
+        self._in_table_1 = all(name in surfaces.TABLE_1 for name in names)
         self._keys = {answer: key for key, answer in self.protocol.comparisons.answers.items()}
         self._laid: tuple[str, ...] = ()
         self._times: Counter[int] = Counter()
-        self._felt: list[float] = []
+        self._felt: list[tuple[float, float]] = []
 
     def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
         super().place(trial=trial, presented=presented)
@@ -107,19 +107,19 @@ class SimulatedTapper(SimulatedPerson):
             heights = self._felt[-2:]
             if len(self._felt) % 2 or self._tries_again(heights, rng.random()):
                 return self.protocol.surfaces.switch_key, "the other one, please"
-        first, second = (height + self._discrimination * rng.normal() for height in heights)
+        first, second = (height + error * self._discrimination * rng.normal() for height, error in heights)
         apart = (first - second) / self._discrimination
         self.clock.sleep_ns(int(rng.lognormal(*DECIDES_LOG_S) * (1 + np.exp(-abs(apart))) * 1e9))
         answer = self._answer(apart + self._leaning / self._discrimination)
         return self._keys[answer], WORDS[answer]
 
-    def _tries_again(self, heights: list[float], drawn: float) -> bool:
+    def _tries_again(self, heights: list[tuple[float, float]], drawn: float) -> bool:
         """Return whether both are tapped once more."""
-        alike = abs(heights[0] - heights[1]) < self._discrimination
+        alike = abs(heights[0][0] - heights[1][0]) < self._discrimination
         return alike and drawn < AGAIN and len(self._felt) < 4
 
-    def _tap(self, fingers: Fingers, rng: np.random.Generator) -> float:
-        """Tap the surface that lies there, and return how high that felt, as a logarithm; 0 for nothing felt."""
+    def _tap(self, fingers: Fingers, rng: np.random.Generator) -> tuple[float, float]:
+        """Tap the surface that lies there, and return how hard that felt, and its error in discriminations."""
         if fingers.panel is None:
             raise ActuatorError("the simulated fingers have no actuator; give a rig with one")
         while fingers.panel.felt(0) is not None:
@@ -136,7 +136,10 @@ class SimulatedTapper(SimulatedPerson):
         fingers.foot.finish()
         felt = fingers.panel.felt(FELT_TIMEOUT_S)
         height_hz = None if felt is None else surfaces.felt_hz(felt, fingers.rate_hz)
-        return float(np.log(height_hz or 1.0))
+        if not self._in_table_1:
+            return float(np.log(height_hz or 1.0)), 1.0
+        hardness, error = surfaces.virtual_hardness(height_hz)
+        return DISCRIMINATION * hardness, error
 
     def _answer(self, apart: float) -> str:
         if TIE in self._keys and abs(apart) < NEARLY:

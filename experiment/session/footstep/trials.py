@@ -18,7 +18,7 @@ from experiment.apparatus.tracker.frames import LinkCounts
 from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from experiment.clock import Clock, lasted_ms
-from experiment.desk.messages import TRACE_S, Lamp, Pace
+from experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
 from experiment.desk.port import Console
 from experiment.errors import RecordingError, TrackerError
 from experiment.protocol.models import ExclusionRule, Protocol
@@ -27,7 +27,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Link, Probed, Track
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Measured, Seen, Stimuli
+from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen, Stimuli
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -275,7 +275,7 @@ class Footsteps:
         falling = len(heights) > 1 and heights[-1] < heights[-2]
         return Measured(
             trace=heights,
-            unit="mm",
+            trace_unit="mm",
             moving=falling and step.contact_mm < heights[-1] <= step.gate_top_mm,
             last=self._last,
             pace=self._pace,

@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock
+from experiment.desk.messages import Measured
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Header, PlannedTrial
 from experiment.records.tapping import FIRST, SECOND, PairLaidOut
-from experiment.session.kind import FarEnds, KindDevices, Limits, Log, Meaning, Measured, Seen
+from experiment.session.kind import FarEnds, KindDevices, Limits, Log, Meaning, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -55,6 +56,7 @@ def open_comparisons(
     return open_surfaces(protocol=protocol, rig=rig, clock=clock, stream=stream, ends=ends, opened=opened)
 
 
+@dataclass(kw_only=True)
 class Comparisons:
     """Implements `Kind`: each attempt is one pair of samples before the participant.
 
@@ -62,21 +64,19 @@ class Comparisons:
     moment at which both are laid out, and response times count from it.
     """
 
-    def __init__(self, *, protocol: Protocol, console: Console, clock: Clock, limits: Limits) -> None:
-        """Set up before the first attempt; arguments as in `KindDevices.begin`."""
-        self._comparison = protocol.comparisons
-        self._console = console
-        self._clock = clock
-        self._limits = limits
-        self._laid: PairLaidOut | None = None
+    protocol: Protocol
+    console: Console
+    clock: Clock
+    limits: Limits
+    _laid: PairLaidOut | None = field(default=None, init=False)
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
         """Have the samples of the pair laid out, the one that is presented first at the first place."""
-        if self._limits.over():
+        if self.limits.over():
             return
-        self._console.place(trial=planned.trial, presented=planned.presented)
+        self.console.place(trial=planned.trial, presented=planned.presented)
         self._laid = PairLaidOut(
-            trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=self._clock.now_ns()
+            trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=self.clock.now_ns()
         )
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
@@ -90,7 +90,7 @@ class Comparisons:
         """Return what each key names: the first or the second sample of this pair, or neither."""
         first, second = planned.presented
         words = {FIRST: f"the first ({first})", SECOND: f"the second ({second})"}
-        return {key: Meaning(one, words.get(one, "neither")) for key, one in self._comparison.answers.items()}
+        return {key: Meaning(one, words.get(one, "neither")) for key, one in self.protocol.comparisons.answers.items()}
 
     @property
     def keys(self) -> Mapping[str, str]:

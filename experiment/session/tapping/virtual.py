@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING
 
@@ -15,13 +15,13 @@ from experiment.apparatus.servo import settings
 from experiment.apparatus.tracker import calibration
 from experiment.apparatus.tracker.landing import QUIETEST_MM
 from experiment.clock import Clock, day
-from experiment.desk.messages import Lamp
+from experiment.desk.messages import Lamp, Measured
 from experiment.desk.port import Console
 from experiment.errors import RigError, TrackerStopped
 from experiment.protocol.models import Protocol, Virtual
 from experiment.records.entries import Header, PlannedTrial
-from experiment.records.tapping import FIRST, SECOND, TIE, Changed, PairLaidOut, Place
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Measured, Seen
+from experiment.records.tapping import WORDS, Changed, PairLaidOut, Place
+from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen
 from experiment.session.tapping.taps import Lying, Taps
 from experiment.synthesis import tap
 from experiment.synthesis.contact.block import Block
@@ -61,8 +61,10 @@ class SurfaceDevices:
             limits=limits,
         )
         self.opened.callback(taps.close)
+        # For practice, without a vibration: nothing lies there before the first trial.
+        self.servo.render(self.block)
         return VirtualSurfaces(
-            self.rings,
+            rings=self.rings,
             taps=taps,
             protocol=protocol,
             trials=len(header.order),
@@ -137,40 +139,33 @@ def block(virtual: Virtual, *, tracker_hz: int) -> Block:
     return Block((k, k), (c, c), (m, m), into=(-1.0, 0.0), nominal_s=round(1e6 / tracker_hz) * 1e-6)
 
 
+@dataclass(kw_only=True)
 class VirtualSurfaces:
     """Implements `Kind`: each attempt is one pair of surfaces, of which one is rendered at a time.
 
-    The question is asked from the moment at which the first can be tapped, and response times count from it.
+    The question is asked from the moment at which the first can be tapped, and response times count from it. `rings`
+    are the surfaces' vibrations, by their materials' ids.
     """
 
-    def __init__(
-        self,
-        rings: Mapping[str, Rings],
-        *,
-        taps: Taps,
-        protocol: Protocol,
-        trials: int,
-        console: Console,
-        clock: Clock,
-        log: Log,
-        limits: Limits,
-    ) -> None:
-        """Set up before the first attempt; `rings` are the surfaces' vibrations, by their materials' ids."""
-        self._rings, self._taps = rings, taps
-        self._comparison, self._virtual = protocol.comparisons, protocol.surfaces
-        self._trials = trials
-        self._console, self._clock, self._log, self._limits = console, clock, log, limits
-        self._ready: PairLaidOut | None = None
-        self._pair: PairLaidOut | None = None
-        self._at = 0
+    rings: Mapping[str, Rings]
+    taps: Taps
+    protocol: Protocol
+    trials: int
+    console: Console
+    clock: Clock
+    log: Log
+    limits: Limits
+    _ready: PairLaidOut | None = field(default=None, init=False)
+    _pair: PairLaidOut | None = field(default=None, init=False)
+    _at: int = field(default=0, init=False)
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
         """Say that a pair comes. Raises `TrackerStopped` if what renders it has failed."""
-        if self._taps.failed is not None:
-            raise TrackerStopped(str(self._taps.failed))
-        if self._limits.over():
+        if self.taps.failed is not None:
+            raise TrackerStopped(str(self.taps.failed))
+        if self.limits.over():
             return
-        self._console.arm(trial=planned.trial, attempt=attempt, trials=self._trials)
+        self.console.arm(trial=planned.trial, attempt=attempt, trials=self.trials)
         self._ready = PairLaidOut(trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=0)
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
@@ -178,18 +173,18 @@ class VirtualSurfaces:
         pair, self._ready = self._ready, None
         if pair is None:
             raise RuntimeError("no pair is watched before it was made ready")
-        self._pair = pair.model_copy(update={"laid_ns": self._clock.now_ns()})
+        self._pair = pair.model_copy(update={"laid_ns": self.clock.now_ns()})
         self._lay(0)
         return Seen(self._pair, answerable_ns=self._pair.laid_ns)
 
     def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:  # noqa: ARG002
         """Return what each key names; which surface is which, nobody at the desk has to know."""
-        return {key: Meaning(one, _WORDS[one]) for key, one in self._comparison.answers.items()}
+        return {key: Meaning(one, WORDS[one]) for key, one in self.protocol.comparisons.answers.items()}
 
     @property
     def keys(self) -> Mapping[str, str]:
         """The key that changes to the other surface."""
-        return {self._virtual.switch_key: f"change to the {PLACES[1 - self._at]} surface"}
+        return {self.protocol.surfaces.switch_key: f"change to the {PLACES[1 - self._at]} surface"}
 
     def press(self, key: str) -> None:  # noqa: ARG002
         """Change to the other surface, and put that on record."""
@@ -197,28 +192,29 @@ class VirtualSurfaces:
             raise RuntimeError("no surface is changed before one was rendered")
         self._lay(1 - self._at)
         place, material = PLACES[self._at], self._pair.presented[self._at]
-        self._log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
-        self._console.show(f"The {place} surface is there now.")
+        self.log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
+        self.console.show(f"The {place} surface is there now.")
 
     def rest(self) -> str:
         """Render nothing more; return why what was felt does not count, or nothing."""
         pair, self._pair = self._pair, None
         if pair is None:
             return ""
-        self._taps.lay(None)
-        return "" if self._taps.failed is None else str(self._taps.failed)
+        self.taps.lay(None)
+        return "" if self.taps.failed is None else str(self.taps.failed)
 
     def measured(self) -> Measured:
         """Return the hand's height, mm, and whether it is too fast."""
-        felt = self._taps.felt
+        felt = self.taps.felt
         if felt is None:
-            return Measured(lamps=(Lamp(name="hand", good=False, words="no frame yet"),))
-        fast = self._taps.too_fast
-        words = f"faster than {self._virtual.fastest_mm_s:g} mm/s" if fast else "slow enough"
+            return Measured(too_fast=False, lamps=(Lamp(name="hand", good=False, words="no frame yet"),))
+        fast = self.taps.too_fast
+        words = f"faster than {self.protocol.surfaces.fastest_mm_s:g} mm/s" if fast else "slow enough"
         return Measured(
             trace=felt.height_mm[-1:],
-            unit="mm",
+            trace_unit="mm",
             too_fast=fast,
+            hand_mm=felt.height_mm[-1],
             lamps=(Lamp(name="hand", good=not fast, words=words),),
         )
 
@@ -229,14 +225,11 @@ class VirtualSurfaces:
 
     def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
         """Open the servo anew."""
-        self._taps.reconnect()
+        self.taps.reconnect()
 
     def _lay(self, place: int) -> None:
         if self._pair is None:
             return
         self._at = place
         material = self._pair.presented[place]
-        self._taps.lay(Lying(self._pair.trial, self._pair.attempt, PLACES[place], material, self._rings[material]))
-
-
-_WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
+        self.taps.lay(Lying(self._pair.trial, self._pair.attempt, PLACES[place], material, self.rings[material]))

@@ -171,6 +171,23 @@ def test_a_lamp_is_lit_or_dark_in_the_same_place(show: Show) -> None:
     assert LIT["fast"] not in {tuple(pixel) for pixel in dark[600:].reshape(-1, 3).tolist()}
 
 
+def test_the_hand_moves_above_a_block_that_stays() -> None:
+    shown = [pages.page(Prompt(show="instructions", text="Tap.", hand_mm=mm), RIG, 0) for mm in (0.0, 8.0)]
+    assert shown[0] == shown[1]
+    assert shown[0].block
+    size_px = pages.DESIGN_PX
+    picture = drawn(shown[0])
+    (resting, radius), (above, _) = (pages.hand_px(mm, size_px) for mm in (0.0, 8.0))
+    face = round(size_px[1] / 2 - (resting - radius))
+    assert tuple(picture[face + 10, size_px[0] // 2]) == CAP
+    assert tuple(picture[face - 10, size_px[0] // 2]) == BACKGROUND
+    assert above > resting
+    # A hand far away, or deep in the block, stays on the page, and below the text.
+    assert pages.hand_px(1e9, size_px)[0] == pages.hand_px(20.0, size_px)[0]
+    text = np.flatnonzero((picture[: face - 5] != BACKGROUND).any(axis=(1, 2)))
+    assert text[-1] < size_px[1] / 2 - (pages.hand_px(1e9, size_px)[0] + radius)
+
+
 def luminance(colour: Colour) -> float:
     """Return the relative luminance of WCAG 2.1, of 1."""
     linear = [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in (part / 255 for part in colour)]

@@ -33,6 +33,12 @@ def test_the_lamp_is_lit_where_the_participant_taps(state: str, lamp: bool | Non
         assert prompt(view, THEIRS).lamp is shown
 
 
+@pytest.mark.parametrize("state", ["familiarising", "armed", "answering", "paused", "preparing"])
+def test_the_hand_is_shown_for_practice_alone(state: str) -> None:
+    view = View.model_validate({"state": state, "gauges": Gauges(left_s=1.0, hand_mm=3.5)})
+    assert prompt(view, THEIRS).hand_mm == (3.5 if state == "familiarising" else None)
+
+
 @given(view=views, other=views, kinds=st.frozensets(st.sampled_from(KINDS)))
 def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: frozenset[str]) -> None:
     """A view whose every other field is that of another view, at random, gives the same prompt."""

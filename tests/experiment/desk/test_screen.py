@@ -25,6 +25,7 @@ class Window:
     def __init__(self, *rounds: list[str]) -> None:
         self.rounds = list(rounds)
         self.pictures: list[Image] = []
+        self.hands: list[float | None] = []
         self.seen = 0
         self.seen_ns = 0
         self.fresh = False
@@ -37,8 +38,9 @@ class Window:
         self.pictures.append(picture)
         self.fresh = True
 
-    def show(self) -> int:
+    def show(self, hand_mm: float | None) -> int:
         self.seen += 1
+        self.hands.append(hand_mm)
         self.seen_ns = monotonic_ns()
         return self.seen_ns
 
@@ -100,6 +102,15 @@ def test_a_page_is_drawn_once_and_told_once() -> None:
     run(Told(heard(sent, Prompt(number=3, show="ready"))), window)
     assert (len(window.pictures), window.seen) == (1, 1)
     assert sent.deeds == [Shown(number=3, t_ns=window.seen_ns)]
+
+
+def test_a_hand_that_moves_is_shown_without_another_page_and_told_by_nobody() -> None:
+    sent, window = Sent(), Window([], [], [], [])
+    practice = Prompt(number=3, show="instructions", text="Tap.", hand_mm=5.0)
+    moved = [heard(sent, practice.model_copy(update={"hand_mm": mm})) for mm in (4.0, 3.0)]
+    run(Told(heard(sent, practice), *moved), window)
+    assert (len(window.pictures), window.hands) == (1, [5.0, 4.0, 3.0])
+    assert len(sent.deeds) == 1
 
 
 def test_a_key_answers_the_question_that_was_seen() -> None:

@@ -274,7 +274,7 @@ def test_what_is_noted_at_the_end_of_a_visit_is_of_no_trial(protocol: Protocol, 
 def remarks_of(one: Bench) -> Remarks:
     attended = one.console.attended[-1]
     assert isinstance(attended, Attendance)
-    return attended._remarks
+    return attended.remarks
 
 
 def test_the_desk_is_told_which_answers_were_corrected(protocol: Protocol, tmp_path: Path) -> None:

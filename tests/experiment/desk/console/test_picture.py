@@ -37,6 +37,8 @@ def test_where_samples_are_compared_nothing_is_armed_and_no_foot_is_measured() -
     view = View(pairs=True)
     assert not {"ARMED", "STEPPING"} & set(picture.strip(view))
     assert {"ARMED", "STEPPING"} <= set(picture.strip(View()))
+    virtual = view.model_copy(update={"gauges": Gauges(left_s=60, too_fast=False)})
+    assert picture.strip(virtual) == ("", "ANSWER"), "nobody lays out what is rendered"
     told = picture.gauges(Gauges(left_s=60, lamps=(Lamp(name="disk", good=True, words="9 GB free"),)), True, 40).plain
     assert told == "● disk: 9 GB free"
 

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from experiment.rehearsal.tapping.surfaces import RATE_HZ, TABLE_1, felt_hz, frequencies_hz, generic, rings
+from experiment.rehearsal.tapping.surfaces import (
+    FITTED,
+    RATE_HZ,
+    TABLE_1,
+    felt_hz,
+    frequencies_hz,
+    generic,
+    rings,
+    virtual_hardness,
+)
 
 SURFACES = tuple(TABLE_1)
 
@@ -49,10 +58,17 @@ def test_what_the_skin_does_not_pass_makes_aluminum_feel_no_higher_than_plastic(
     assert heights[2] < heights[4] < heights[3]
 
 
+def test_a_virtual_surface_is_as_hard_as_was_fitted_and_silence_softer_than_any() -> None:
+    found = [virtual_hardness(felt_hz(rings(hz), RATE_HZ)) for hz in frequencies_hz(SURFACES)]
+    assert found == [pytest.approx(one) for one in FITTED]
+    assert virtual_hardness(None)[0] < FITTED[0][0]
+    assert FITTED[1][0] < virtual_hardness(60.0)[0] < FITTED[2][0]
+
+
 def test_other_materials_ring_generically_in_their_order_and_that_is_said() -> None:
     found = frequencies_hz(["felt", "cork", "tin"])
     assert found[0] == pytest.approx(43.0)
     assert found[2] == pytest.approx(4000.0)
     assert found[0] < found[1] < found[2]
-    assert generic(SURFACES) == ""
+    assert "fitted to Table 3" in generic(SURFACES)
     assert "does not have felt" in generic(["basswood", "felt"])

@@ -7,13 +7,14 @@ from pathlib import Path
 import pytest
 
 from experiment.clock import ManualClock
+from experiment.desk.messages import Measured
 from experiment.desk.port import Corrected, Repeated
 from experiment.protocol.models import Protocol
 from experiment.records import transcript
 from experiment.records.entries import Answer, Armed, Correction, Redo
 from experiment.records.progress import progress
 from experiment.records.tapping import PairLaidOut
-from experiment.session.kind import Meaning, Measured
+from experiment.session.kind import Meaning
 from experiment.session.tapping.trials import Comparisons
 from tests.experiment.protocol.tapping import protocol
 from tests.experiment.session.scripted import START_NS, Endless, ScriptedConsole

@@ -189,9 +189,9 @@ def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_do
     assert session.actuator.withdrawn >= 1
 
 
-def test_a_block_is_there_only_while_a_question_is_open(tmp_path: Path) -> None:
+def test_a_block_is_there_for_practice_and_then_only_while_a_question_is_open(tmp_path: Path) -> None:
     session = Session([([], "1"), ([], "2")], tmp_path)
-    assert [one is not None for one in session.servo.rendered] == [True, False, True, False]
+    assert [one is not None for one in session.servo.rendered] == [True, True, False, True, False]
     assert session.footer.reason == "complete"
 
 
