@@ -16,7 +16,7 @@ from scipy.special import chdtrc, stdtrit
 
 from analysis.published.numbers import Published
 from analysis.reading.study import Study, Task
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import defined
 from analysis.statistics.inference import ConfidenceInterval, clopper_pearson
 from analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
 from experiment.records import tapping
@@ -220,10 +220,9 @@ def scaled(data: Comparisons, law: Law) -> Scaled:
     """Return a scale of one law with its intervals, or why there is none."""
     if not len(data.first):
         return Scaled(law, None, "no trial has an answer")
-    try:
-        scale = fit(data, law)
-    except NotDefined as reason:
-        return Scaled(law, None, str(reason))
+    scale, why = defined(lambda: fit(data, law))
+    if scale is None:
+        return Scaled(law, None, why)
     people = len(np.unique(data.person))
     errors = np.sqrt(np.diag(scale.covariance))
     steps = (scale.difference(above, above - 1) for above in range(1, data.items))

@@ -20,7 +20,7 @@ from scipy.special import fdtrc
 from analysis.identification.confusion import Confusion
 from analysis.reading.study import Study
 from analysis.statistics import mixed_logit
-from analysis.statistics.exact import Floats, Integers, NotDefined
+from analysis.statistics.exact import Floats, Integers, NotDefined, defined
 from analysis.statistics.inference import EffectSize, TTest, cohens_d, t_against_chance
 from analysis.statistics.participants import Repeated, SignFlip, repeated, sign_flip
 
@@ -86,11 +86,9 @@ def beside(study: Study, tasks: Mapping[str, Confusion]) -> Beside:
     said: dict[str, str] = {}
 
     def told(what: str, compute: Callable[[], T]) -> T | None:
-        try:
-            return compute()
-        except NotDefined as reason:
-            said[what] = str(reason)
-            return None
+        found, why = defined(compute)
+        said.update({what: why} if why else {})
+        return found
 
     materials: dict[str, tuple[Repeated, ...]] = {}
     for task, matrix in tasks.items():

@@ -14,7 +14,7 @@ from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
 from analysis.identification.maps import Choice, Mantel, Scaling
 from analysis.statistics import lapses
-from analysis.statistics.exact import NotDefined, mean
+from analysis.statistics.exact import NotDefined, defined, mean
 from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
@@ -109,11 +109,9 @@ def identify(
     said: dict[str, str] = {}
 
     def told(what: str, compute: Callable[[], T]) -> T | None:
-        try:
-            return compute()
-        except NotDefined as reason:
-            said[what] = str(reason)
-            return None
+        found, why = defined(compute)
+        said.update({what: why} if why else {})
+        return found
 
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
     bits = told("information", lambda: information(counts.sum(axis=0)))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from analysis.statistics.anova import (
     two_way,
     variance_components,
 )
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import defined
 from analysis.statistics.icc import Icc, icc
 from analysis.statistics.inference import EffectSize, TTest, cohens_d, holm, log_bayes_factor, t_against_chance
 from analysis.statistics.participants import SignFlip, sign_flip
@@ -161,7 +162,7 @@ def compute(
         components=_components(data, tasks) if data else None,
         reliabilities=tuple(_reliabilities(study, tasks)),
         beside=beside(study, matrices),
-        marginal=_marginal(study, matrices),
+        marginal=defined(lambda: marginal(study, matrices)),
         equivalences=equivalences(study, matrices),
         trials=trial_level(study),
         course=course_of(study, SEED),
@@ -203,25 +204,13 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
     )
 
 
-def _marginal(study: Study, tasks: Mapping[str, Confusion]) -> tuple[Marginal | None, str]:
-    try:
-        return marginal(study, tasks), ""
-    except NotDefined as reason:
-        return None, str(reason)
-
-
 def _tests(matrix: Confusion, guessed: Fraction) -> list[TTest]:
     return [t_against_chance(list(matrix.ratios(i, i).values()), guessed) for i in range(len(matrix.materials))]
 
 
 def _flips(matrix: Confusion, guessed: Fraction) -> list[tuple[SignFlip | None, str]]:
-    found: list[tuple[SignFlip | None, str]] = []
-    for i in range(len(matrix.materials)):
-        try:
-            found.append((sign_flip(list(matrix.ratios(i, i).values()), guessed), ""))
-        except NotDefined as reason:
-            found.append((None, str(reason)))
-    return found
+    ratios = [list(matrix.ratios(i, i).values()) for i in range(len(matrix.materials))]
+    return [defined(partial(sign_flip, each, guessed)) for each in ratios]
 
 
 def _adjusted(p: Sequence[Sequence[float | None]], families: Sequence[str | None]) -> list[list[float | None]]:
@@ -249,10 +238,7 @@ def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest
         first, second = (matrix.materials.index(material) for material in pair)
         places = ((first, first), (second, second), (first, second), (second, first))
         groups = [list(matrix.ratios(i, j).values()) for i, j in places]
-        try:
-            tests.append(PairTest(task.task.id, pair, chosen, one_way(groups, "ratio"), ""))
-        except NotDefined as reason:
-            tests.append(PairTest(task.task.id, pair, chosen, None, str(reason)))
+        tests.append(PairTest(task.task.id, pair, chosen, *defined(partial(one_way, groups, "ratio"))))
     return tests
 
 
@@ -265,10 +251,7 @@ def _crossed(tasks: Sequence[TaskResult]) -> tuple[Cells | None, str]:
             values += ratios
             levels[0].extend([task.task.id] * len(ratios))
             levels[1].extend([material] * len(ratios))
-    try:
-        return cells(values, *levels, names=(TASK, MATERIAL)), ""
-    except NotDefined as reason:
-        return None, str(reason)
+    return defined(lambda: cells(values, *levels, names=(TASK, MATERIAL)))
 
 
 def _components(data: Cells, tasks: Sequence[TaskResult]) -> ComponentReliability:
@@ -325,7 +308,4 @@ def _correct(task: TaskResult, people: Sequence[str], count: int) -> list[list[F
 def _reliability(
     matrix: str, task: str | None, rows: Sequence[Sequence[Fraction]], dropped: tuple[str, ...]
 ) -> Reliability:
-    try:
-        return Reliability(matrix, task, icc(rows), "", dropped)
-    except NotDefined as reason:
-        return Reliability(matrix, task, None, str(reason), dropped)
+    return Reliability(matrix, task, *defined(lambda: icc(rows)), dropped)

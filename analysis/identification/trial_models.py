@@ -25,7 +25,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.reading.study import Study
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import NotDefined, defined
 
 TRIAL, FASTER, LATER = "10 trials on", "foot 100 mm/s faster", "a task after the first"
 COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0)}
@@ -57,9 +57,8 @@ class Design:
 def design(study: Study) -> Design:
     """Return the design of the included trials of a study.
 
-    Raises:
-        NotDefined: for a reconstruction or counts, without a trial, and if all answers to a material or in a task are
-            right, or wrong.
+    Raises `NotDefined` for a reconstruction or counts, without a trial, and if all answers to a material or in a task
+    are right, or wrong.
     """
     if study.origin == "RECONSTRUCTION":
         raise NotDefined(
@@ -225,8 +224,7 @@ def log_likelihood(
 def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> MixedLogit:
     """Return the maximum of `log_likelihood`, searched on columns made orthogonal and of one size.
 
-    Raises:
-        NotDefined: if columns depend on one another, the search does not converge, or the likelihood is flat there.
+    Raises `NotDefined` if columns depend on one another, the search does not converge, or the likelihood is flat there.
     """
     from scipy.optimize import minimize
 
@@ -334,9 +332,8 @@ class TrialModel:
 def gee(design: Design) -> TrialModel:
     """Return the population-averaged logit, exchangeable within participants.
 
-    Raises:
-        NotDefined: if participants are too few for the parameters, the fit does not converge, or participants do not
-            differ enough for standard errors.
+    Raises `NotDefined` if participants are too few for the parameters, the fit does not converge, or participants do
+    not differ enough for standard errors.
     """
     people = _participants(design)
     # Decided before the fit: what a fit says of a singular matrix depends on the processor.
@@ -364,8 +361,7 @@ def gee(design: Design) -> TrialModel:
 def mixed(design: Design) -> TrialModel:
     """Return the logit with a random intercept for each participant.
 
-    Raises:
-        NotDefined: if participants are too few for the parameters, or the fit does not converge.
+    Raises `NotDefined` if participants are too few for the parameters, or the fit does not converge.
     """
     people = _participants(design)
     found = fit(correct=design.correct, matrix=design.matrix, participants=design.participants)
@@ -460,12 +456,7 @@ def trial_level(study: Study) -> TrialLevel:
         trials = design(study)
     except NotDefined as reason:
         return TrialLevel(None, None, {}, {}, (), {"GEE logit and mixed logit": str(reason)})
-    found: dict[str, TrialModel] = {}
-    said: dict[str, str] = {}
-    for name, fit in (("GEE logit", gee), ("mixed logit", mixed)):
-        try:
-            found[name] = fit(trials)
-        except NotDefined as reason:
-            said[name] = str(reason)
-    models = found.get("GEE logit"), found.get("mixed logit")
-    return TrialLevel(*models, trials.absent, trials.left_out, trials.gone, said)
+    first, why_first = defined(lambda: gee(trials))
+    second, why_second = defined(lambda: mixed(trials))
+    said = {name: why for name, why in (("GEE logit", why_first), ("mixed logit", why_second)) if why}
+    return TrialLevel(first, second, trials.absent, trials.left_out, trials.gone, said)

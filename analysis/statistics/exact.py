@@ -8,12 +8,12 @@ hold integers of 64 bits, and what follows is float64.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
 from operator import mul
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +25,21 @@ Integers = NDArray[np.int64]
 Values = NDArray[Any]
 """Fractions or Python's integers of one study, or float64 or int64 of many; shape (..., studies)."""
 
+T = TypeVar("T")
+
 _fractions = np.frompyfunc(Fraction, 2, 1)
 
 
 class NotDefined(ValueError):
     """These values do not define the statistic; the text says why."""
+
+
+def defined(compute: Callable[[], T]) -> tuple[T | None, str]:
+    """Return a statistic and an empty text, or None and why the values do not define it."""
+    try:
+        return compute(), ""
+    except NotDefined as reason:
+        return None, str(reason)
 
 
 def integers(values: Sequence[Number]) -> tuple[list[int], int]:
