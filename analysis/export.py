@@ -125,8 +125,7 @@ DICTIONARY = "data_dictionary.csv"
 def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
     """Write every table of the datasets, pooled if there are several, into the folder `out`, and return the files.
 
-    Raises:
-        DatasetError: for a dataset that cannot be read or pooled, a folder within a dataset, or a file in the way.
+    Raises `DatasetError` for a dataset that cannot be read or pooled, a folder within a dataset, or a file in the way.
     """
     check(out, (), "export")
     study = read_pooled(datasets)
