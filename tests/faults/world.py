@@ -1,7 +1,8 @@
 """SIMULATED devices of a live laboratory, in a process of their own: `python -m tests.faults.world FOLDER [SERVER]`.
 
 A foot stands above a tracker on a pseudo-terminal, FOLDER/tracker. A panel listens on a socket, and its list of what it
-was given is the tests' own: nothing of palpate writes or reads it. With SERVER the process also runs a sound card, and
+was given is the tests' own: nothing of palpate writes or reads it. Devices do not wait for the machine, so the process
+runs in real time where it may. With SERVER the process also runs a sound card, and
 names its server in that file. It takes one command a line: `step SPEED SEED`, `unplug`, `replug`, `deaf` and `hears`
 (of the panel), and `ping`; it says in JSON what it heard and that it has done a command.
 """
@@ -15,6 +16,7 @@ import socket
 import sys
 import threading
 import time
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -85,6 +87,8 @@ class Panel:
 
 
 def main() -> None:
+    with suppress(PermissionError):
+        os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     folder = Path(sys.argv[1])
     card = SoundCard(rate_hz=RATE_HZ, block=BLOCK, inputs=2, outputs=3, exact=False) if sys.argv[2:] else None
     settings = rig.load(shipped("rigs/rehearsal.toml")).tracker
