@@ -28,16 +28,19 @@ LABEL = ("dataset", "what the rows are: 'measured', or that they are simulated, 
 PARTICIPANT = ("participant", "label of the participant as in BIDS, which no software takes for a number", "text")
 TASK = ("task", "id of the task", "text")
 PRESENTED = ("presented", "material presented", "text")
+ATTEMPT = (
+    LABEL,
+    PARTICIPANT,
+    TASK,
+    ("trial", "place of the trial in its order, from 1", "whole number"),
+    ("attempt", "1 for the first attempt at this trial", "whole number"),
+    ("counted", "1: the attempt that counts; 0: done again", "0 or 1"),
+    ("included", "1: in the analysis; 0: left out, see exclusions.csv", "0 or 1"),
+)
 
 COLUMNS: Mapping[str, tuple[tuple[str, str, str], ...]] = {
     "trials.csv": (
-        LABEL,
-        PARTICIPANT,
-        TASK,
-        ("trial", "place of the trial in its order, from 1", "whole number"),
-        ("attempt", "1 for the first attempt at this trial", "whole number"),
-        ("counted", "1: the attempt that counts; 0: done again", "0 or 1"),
-        ("included", "1: in the analysis; 0: left out, see exclusions.csv", "0 or 1"),
+        *ATTEMPT,
         PRESENTED,
         ("answered", f"material named; {NO_ANSWER}: none was named", "text"),
         ("correct", "1: the material presented was named; NA: the attempt has no answer yet", "0 or 1"),
@@ -92,13 +95,7 @@ FIRST, SECOND = ("first", "material presented first", "text"), ("second", "mater
 
 COMPARED: Mapping[str, tuple[tuple[str, str, str], ...]] = {
     "trials.csv": (
-        LABEL,
-        PARTICIPANT,
-        TASK,
-        ("trial", "place of the trial in its order, from 1", "whole number"),
-        ("attempt", "1 for the first attempt at this trial", "whole number"),
-        ("counted", "1: the attempt that counts; 0: done again", "0 or 1"),
-        ("included", "1: in the analysis; 0: left out, see exclusions.csv", "0 or 1"),
+        *ATTEMPT,
         FIRST,
         SECOND,
         ("answered", f"which was named: first, second, or tie; {NO_ANSWER}: none was named", "text"),

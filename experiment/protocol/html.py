@@ -12,27 +12,9 @@ from collections.abc import Iterable
 from datetime import date
 from html import escape
 
-from experiment.protocol import approval
+from experiment.protocol import approval, page
 from experiment.protocol.approval import Seal
 from experiment.protocol.models import Protocol
-from experiment.protocol.page import (
-    CLOSE,
-    LEFT_EMPTY,
-    OPEN,
-    UNBROKEN,
-    Block,
-    Facts,
-    Free,
-    Gap,
-    Item,
-    Quoted,
-    Rows,
-    Said,
-    approval_of,
-    heading,
-    sections,
-    title,
-)
 from experiment.settings.characters import plain
 
 STYLE = """
@@ -67,19 +49,22 @@ tfoot p { margin: 1mm 0 0; }
 NOTHING_RUNS = "default-src 'none'; style-src 'unsafe-inline'"
 """What a browser is told of the file, should an escape ever fail: nothing is fetched, and no script runs."""
 
-_NAMES = str.maketrans({OPEN: '<span class="name">&quot;', CLOSE: "&quot;</span>", UNBROKEN: " "})
+_NAMES = str.maketrans({page.OPEN: '<span class="name">&quot;', page.CLOSE: "&quot;</span>", page.UNBROKEN: " "})
 
 
 def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: date) -> str:
     """Return the page of the protocol in `file`; `state` and `seal` are of `approval.state`, as of `today`."""
     word = state.partition(":")[0]
     until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
-    known: list[Block] = [Said(f"{state} This was so on {today}."), *([approval_of(seal)] if seal else [])]
-    parts = [f"<h1>{_own(heading(protocol))}</h1>", f'<div class="state">{_blocks(known)}</div>']
-    parts.append(_blocks(title(protocol, file)))
+    known: list[page.Block] = [
+        page.Said(f"{state} This was so on {today}."),
+        *([page.approval_of(seal)] if seal else []),
+    ]
+    parts = [f"<h1>{_own(page.heading(protocol))}</h1>", f'<div class="state">{_blocks(known)}</div>']
+    parts.append(_blocks(page.title(protocol, file)))
     parts += [
         f"<section><h2>{place}. {_own(name)}</h2>{_blocks(blocks)}</section>"
-        for place, (name, blocks) in enumerate(sections(protocol), start=1)
+        for place, (name, blocks) in enumerate(page.sections(protocol), start=1)
     ]
     foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
     return (
@@ -87,7 +72,7 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
         '<meta name="generator" content="palpate">'
         f'<meta http-equiv="Content-Security-Policy" content="{NOTHING_RUNS}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{_own(heading(protocol))}</title><style>{STYLE}</style></head>\n"
+        f"<title>{_own(page.heading(protocol))}</title><style>{STYLE}</style></head>\n"
         '<body><table class="sheet" role="presentation">'
         f'<tfoot><tr><td><p>{_own(foot)} <span class="hash">{approval.sha256(protocol)}</span></p></td></tr></tfoot>\n'
         f"<tbody><tr><td><main>{''.join(parts)}</main></td></tr></tbody></table></body></html>\n"
@@ -104,30 +89,30 @@ def _free(text: str, of: str = "") -> str:
     return f'<blockquote dir="ltr"{of}>{escape(plain(text, keep=chr(10)))}</blockquote>\n'
 
 
-def _blocks(blocks: Iterable[Block]) -> str:
+def _blocks(blocks: Iterable[page.Block]) -> str:
     return "".join(map(_block, blocks))
 
 
-def _block(block: Block) -> str:
+def _block(block: page.Block) -> str:
     match block:
-        case Said(text):
+        case page.Said(text):
             return f"<p>{_own(text)}</p>\n"
-        case Item(text):
+        case page.Item(text):
             return f'<p class="item">{_own(text)}</p>\n'
-        case Quoted(text, item):
+        case page.Quoted(text, item):
             return _free(text, ' class="item"' if item else "")
-        case Facts(known):
+        case page.Facts(known):
             said = (f'<tr><th scope="row">{_own(name)}</th><td>{_fact(value)}</td></tr>' for name, value in known)
             return f'<table class="facts">{"".join(said)}</table>\n'
-        case Rows(rows):
+        case page.Rows(rows):
             cells = "".join(f'<th scope="col">{_own(cell)}</th>' for cell in rows[0])
             body = "".join(f"<tr>{''.join(f'<td>{_own(cell)}</td>' for cell in row)}</tr>" for row in rows[1:])
             return f'<table class="rows"><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>\n'
-        case Gap():
+        case page.Gap():
             return ""
 
 
-def _fact(value: str | Free) -> str:
-    if isinstance(value, Free) and value.text:
+def _fact(value: str | page.Free) -> str:
+    if isinstance(value, page.Free) and value.text:
         return _free(value.text)
-    return _own((value.text if isinstance(value, Free) else value) or LEFT_EMPTY)
+    return _own((value.text if isinstance(value, page.Free) else value) or page.LEFT_EMPTY)

@@ -194,11 +194,6 @@ class Spoken(Entry):
     sound_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")] | None = None
     problem: str = ""
 
-    @property
-    def rejected(self) -> bool:
-        """Whether somebody spoke, and it was taken for no answer."""
-        return self.onset_s is not None and self.proposed is None
-
 
 class Correction(Entry):
     """Another answer takes the place of one that was confirmed in this session; both stay on record."""

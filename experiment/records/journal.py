@@ -19,58 +19,38 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from experiment.clock import Clock
 from experiment.errors import JournalError, SessionLocked
-from experiment.records import chain
+from experiment.records import chain, entries
 from experiment.records.chain import End
-from experiment.records.entries import (
-    FORMAT,
-    Answer,
-    Armed,
-    Commanded,
-    Correction,
-    Exposure,
-    Footer,
-    Header,
-    Ignored,
-    MaskerSet,
-    Note,
-    Phase,
-    Redo,
-    Resumed,
-    Shown,
-    Spoken,
-    TrackerOpened,
-    Visited,
-    Withdrawal,
-)
+from experiment.records.entries import FORMAT, Header
 from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
 from experiment.records.tapping import Changed, PairLaidOut, Tapped
 
 AnyEntry = Annotated[
     Header
-    | TrackerOpened
+    | entries.TrackerOpened
     | Zeroed
-    | MaskerSet
+    | entries.MaskerSet
     | Probed
-    | Exposure
-    | Phase
-    | Armed
+    | entries.Exposure
+    | entries.Phase
+    | entries.Armed
     | FootStep
     | BrokenOff
     | PairLaidOut
     | Changed
     | Tapped
-    | Answer
-    | Spoken
-    | Correction
-    | Note
-    | Commanded
-    | Shown
-    | Visited
-    | Ignored
-    | Redo
-    | Resumed
-    | Footer
-    | Withdrawal,
+    | entries.Answer
+    | entries.Spoken
+    | entries.Correction
+    | entries.Note
+    | entries.Commanded
+    | entries.Shown
+    | entries.Visited
+    | entries.Ignored
+    | entries.Redo
+    | entries.Resumed
+    | entries.Footer
+    | entries.Withdrawal,
     Field(discriminator="kind"),
 ]
 ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)

@@ -6,26 +6,7 @@ import textwrap
 
 from experiment.clock import utc
 from experiment.errors import JournalError
-from experiment.records.entries import (
-    Answer,
-    Armed,
-    Commanded,
-    Correction,
-    Exposure,
-    Footer,
-    Header,
-    Ignored,
-    MaskerSet,
-    Note,
-    Phase,
-    Redo,
-    Resumed,
-    Shown,
-    Spoken,
-    TrackerOpened,
-    Visited,
-    Withdrawal,
-)
+from experiment.records import entries
 from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
 from experiment.records.journal import AnyEntry, Contents
 from experiment.records.progress import progress
@@ -61,8 +42,12 @@ def text(contents: Contents, trial: int | None = None) -> str:
         "",
     ]
     # There is an exposure every few seconds; the last one tells what the others told.
-    last = max((n for n, entry in enumerate(contents.entries) if isinstance(entry, Exposure)), default=0)
-    told = [line for n, line in enumerate(contents.lines) if n and (n == last or not isinstance(line.entry, Exposure))]
+    last = max((n for n, entry in enumerate(contents.entries) if isinstance(entry, entries.Exposure)), default=0)
+    told = [
+        line
+        for n, line in enumerate(contents.lines)
+        if n and (n == last or not isinstance(line.entry, entries.Exposure))
+    ]
     if trial is not None:
         if trial not in {planned.trial for planned in header.order}:
             raise JournalError(f"trial {trial}: this session has none; allowed: 1 to {len(header.order)}; give another")
@@ -78,7 +63,9 @@ def text(contents: Contents, trial: int | None = None) -> str:
     if contents.torn:
         lines.append(f"The last line is torn: {len(contents.torn)} bytes that were never confirmed were left out.")
     if done.footer is None:
-        again = "" if any(isinstance(entry, Withdrawal) for entry in contents.entries) else " It can be resumed."
+        again = (
+            "" if any(isinstance(entry, entries.Withdrawal) for entry in contents.entries) else " It can be resumed."
+        )
         lines.append(f"The session has no footer: it ended without saying why.{again}")
     fill = textwrap.TextWrapper(WIDTH, subsequent_indent=INDENT, break_on_hyphens=False).fill
     return "\n".join(fill(plain(line, keep="")) for line in lines)
@@ -86,25 +73,25 @@ def text(contents: Contents, trial: int | None = None) -> str:
 
 def _said(entry: AnyEntry) -> str:
     match entry:
-        case Header():
+        case entries.Header():
             return "header"
-        case TrackerOpened():
+        case entries.TrackerOpened():
             return f"the tracker was opened at {entry.port}; its device time was {entry.device_us} us"
         case Zeroed():
             return f"zeroed: the foot rests at {entry.offset_mm:+.2f} mm from contact, spread {entry.spread_mm:.2f} mm"
-        case MaskerSet():
+        case entries.MaskerSet():
             level = "silent" if entry.level_db_a is None else f"at {entry.level_db_a:.0f} dB(A)"
             return f"the masker is {level}; {entry.dose:.1%} of the dose for 24 hours is used up"
         case Probed():
             return (
                 f"probe of the masker: {entry.material} at {entry.speed_mm_s:g} mm/s, {_played(entry.stimulus, None)}"
             )
-        case Exposure():
+        case entries.Exposure():
             dose = "" if entry.dose is None else f"; {entry.dose:.1%} of the masker's dose for 24 hours is used up"
             return f"so far {entry.stimuli} stimuli were played, {entry.vibration_s:.1f} s together{dose}"
-        case Phase():
+        case entries.Phase():
             return f"{entry.state} {entry.detail}".rstrip()
-        case Armed():
+        case entries.Armed():
             return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, armed"
         case FootStep():
             link = entry.link
@@ -128,42 +115,42 @@ def _said(entry: AnyEntry) -> str:
                 f"{entry.speed_mm_s:.1f} mm/s{' (too fast)' if entry.fast else ''}; "
                 f"{_played(entry.stimulus, entry.onset)}{_met(entry.onset)}"
             )
-        case Answer():
+        case entries.Answer():
             return f"trial {entry.trial}.{entry.attempt}: {_answered(entry)} after {entry.response_time_s:.2f} s"
-        case Spoken():
+        case entries.Spoken():
             return f"trial {entry.trial}.{entry.attempt}: {_heard(entry)}"
-        case Correction():
+        case entries.Correction():
             answer = entry.answered or "no answer"
             return f"trial {entry.trial}.{entry.attempt}: the answer was corrected to {answer}: {entry.reason}"
-        case Note():
+        case entries.Note():
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
-        case Visited():
+        case entries.Visited():
             return f"{entry.step}: {entry.text}"
-        case Commanded():
+        case entries.Commanded():
             refused = "" if entry.taken else f", refused: {entry.reply}"
             return f"asked for by {entry.by}: {entry.command}{refused}"
-        case Shown():
+        case entries.Shown():
             pace = "" if entry.pace is None else f", the step before was {PACE[entry.pace]}"
             text = f": {entry.text}" if entry.text else ""
             return f"the participant's screen shows '{entry.show}'{pace}{text}"
-        case Ignored():
+        case entries.Ignored():
             return f"ignored because it was typed before the question: {keyed(entry.typed)}"
-        case Redo():
+        case entries.Redo():
             again = "put off to the end of the block" if entry.put_off else "done again"
             return f"trial {entry.trial}.{entry.attempt} does not count and is {again}: {entry.reason}"
-        case Resumed():
+        case entries.Resumed():
             return f"the session was resumed with {len(entry.remaining)} trials left{_torn(entry.torn)}"
-        case Footer():
+        case entries.Footer():
             return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
-        case Withdrawal():
+        case entries.Withdrawal():
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
 
 
-def _answered(entry: Answer) -> str:
+def _answered(entry: entries.Answer) -> str:
     return f"answered {entry.answered}" if entry.answered else "no answer was given"
 
 
-def _heard(entry: Spoken) -> str:
+def _heard(entry: entries.Spoken) -> str:
     if entry.problem:
         return f"nothing could be heard: {entry.problem}"
     if entry.onset_s is None:
@@ -177,7 +164,7 @@ def _torn(torn: str) -> str:
     return f"; a torn line of {len(torn)} characters was dropped" if torn else ""
 
 
-def _presented(entry: Armed | FootStep | BrokenOff | PairLaidOut) -> str:
+def _presented(entry: entries.Armed | FootStep | BrokenOff | PairLaidOut) -> str:
     return " and ".join(entry.presented)
 
 

@@ -306,15 +306,6 @@ def _never(of: Collision, penetration: float | None, peak: float) -> tuple[str, 
     return (nothing + why, *deep)
 
 
-def energies_j(of: Collision, course: Course) -> NDArray[np.float64]:
-    """Return the energy of a mass and its spring at each step, without the work of the force, J, shape (n,).
-
-    Outside of the block the spring holds none; between release and face it keeps what it was left with.
-    """
-    spring = of.stiffness_n_m * np.maximum(course.deep_m, 0.0) ** 2 / 2
-    return of.mass_kg * course.deep_m_s**2 / 2 + spring - of.force_n * course.deep_m
-
-
 @dataclass(frozen=True)
 class Answer:
     """What `palpate tap contact` says of an impact: by which method, at which rate, stable or not.
