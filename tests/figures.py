@@ -14,7 +14,7 @@ import grimp
 REPOSITORY = Path(__file__).parent.parent
 PACKAGES = ("experiment", "analysis")
 
-LINES = 60_000
+LINES = 59_900
 """31,500 when the house was redrawn; and what proofs of a dataset, exposure at every moment, texts that cannot deceive,
 trackers that lie and files that fail, people who ask to be erased, what an experimenter notes and corrects, practice
 without a laboratory, the status of a study, answers that are heard, the servo of a virtual block, the causes of a
