@@ -114,11 +114,9 @@ def analyse(
     it for `pictures`, which are PNG files of them. They have `titles` inside for slides, and for a paper none, for the
     caption says what they show. The CSV file of `dissimilarities` is that of
     `analysis.reading.dissimilarities.from_file`; by default they are the published ones. `say` is told what is done.
-
-    Raises:
-        DatasetError: for a dataset or file that cannot be read, datasets that do not go together or have no trial left,
-            a folder within a dataset, and a file in the way.
-        ProtocolError: for a broken copy of the protocol in the dataset.
+    Raises `DatasetError` for a dataset or file that cannot be read, datasets that do not go together or have no trial
+    left, a folder within a dataset, and a file in the way, and `ProtocolError` for a broken copy of the protocol in the
+    dataset.
     """
     if out is None and len(datasets) > 1:
         raise DatasetError("--out: got none; allowed: a folder for the results of several datasets; name it")

@@ -36,6 +36,15 @@ ATTEMPT = (
     ("included", "1: in the analysis; 0: left out, see exclusions.csv", "0 or 1"),
 )
 PRESENTED = ("presented", "material presented", "text")
+ATTEMPT = (
+    LABEL,
+    PARTICIPANT,
+    TASK,
+    ("trial", "place of the trial in its order, from 1", "whole number"),
+    ("attempt", "1 for the first attempt at this trial", "whole number"),
+    ("counted", "1: the attempt that counts; 0: done again", "0 or 1"),
+    ("included", "1: in the analysis; 0: left out, see exclusions.csv", "0 or 1"),
+)
 
 ATTEMPT = (
     LABEL,
@@ -127,8 +136,7 @@ DICTIONARY = "data_dictionary.csv"
 def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
     """Write every table of the datasets, pooled if there are several, into the folder `out`, and return the files.
 
-    Raises:
-        DatasetError: for a dataset that cannot be read or pooled, a folder within a dataset, or a file in the way.
+    Raises `DatasetError` for a dataset that cannot be read or pooled, a folder within a dataset, or a file in the way.
     """
     check(out, (), "export")
     study = read_pooled(datasets)

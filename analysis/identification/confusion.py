@@ -206,9 +206,8 @@ def proportion_correct(d_prime: float, alternatives: int) -> float:
 def d_prime(proportion: float, alternatives: int) -> float:
     """Return the d' of a share of correct answers among m alternatives; it is negative below chance, 1/m.
 
-    Raises:
-        NotDefined: for a share of 0 or 1, where d' is infinite.
-        ValueError: for a share outside 0 to 1, or fewer than two alternatives.
+    Raises `NotDefined` for a share of 0 or 1, where d' is infinite, and `ValueError` for a share outside 0 to 1, or
+    fewer than two alternatives.
     """
     if alternatives < 2 or not 0 <= proportion <= 1:
         raise ValueError(f"got a share of {proportion} among {alternatives}; allowed: 0 to 1 among two or more")

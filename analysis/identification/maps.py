@@ -48,8 +48,7 @@ class Choice:
 def similarity_choice(counts: NDArray[np.int64], materials: Sequence[str]) -> Choice:
     """Return the model fitted to counts of presented x answered, shape (M, M), without the unanswered trials.
 
-    Raises:
-        NotDefined: for fewer than two materials, one that was never recognised, or an estimate on the edge.
+    Raises `NotDefined` for fewer than two materials, one that was never recognised, or an estimate on the edge.
     """
     count = len(counts)
     if count < 2:
@@ -115,8 +114,7 @@ class Scaling:
 def classical(dissimilarities: NDArray[np.float64]) -> Scaling:
     """Return the map of a symmetric table of dissimilarities, shape (n, n), with a diagonal of 0.
 
-    Raises:
-        NotDefined: with fewer than three objects, a pair that is not finite, or no dissimilarity at all.
+    Raises `NotDefined` with fewer than three objects, a pair that is not finite, or no dissimilarity at all.
     """
     count = len(dissimilarities)
     if count < 3:
@@ -174,9 +172,8 @@ class Mantel:
 def mantel(first: NDArray[np.float64], second: NDArray[np.float64], rng: np.random.Generator) -> Mantel:
     """Return the test of two symmetric tables, shape (n, n), without their diagonals: exact up to `MOST` objects.
 
-    Raises:
-        NotDefined: with fewer than three objects, or where the pairs of a table do not vary.
-        ValueError: for tables of unlike shape, not symmetric, or with a pair that is not finite.
+    Raises `NotDefined` with fewer than three objects, or where the pairs of a table do not vary, and `ValueError` for
+    tables of unlike shape, not symmetric, or with a pair that is not finite.
     """
     count = len(first)
     if first.shape != (count, count) or second.shape != first.shape:

@@ -122,8 +122,7 @@ def as_dict(result: Numerics) -> dict[str, Any]:
 def check_out(out: Path) -> None:
     """Refuse, before anything is measured, a folder that `write` could not write into.
 
-    Raises:
-        DatasetError: the folder is within a dataset, a file is in the way, or the file system refuses.
+    Raises `DatasetError` if the folder is within a dataset, a file is in the way, or the file system refuses.
     """
     check(out, FILES, "numerics")
     try:

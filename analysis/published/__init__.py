@@ -29,8 +29,7 @@ def load(study: str) -> Published | None:
 def read(path: Path) -> Published:
     """Return the printed numbers in the file at `path`.
 
-    Raises:
-        PublishedError: with every problem of the file at once.
+    Raises `PublishedError` with every problem of the file at once.
     """
     from experiment.settings import load as files
 

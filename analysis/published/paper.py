@@ -71,8 +71,7 @@ class Paper:
 def read(path: Path, stated: Stated) -> Paper:
     """Return the printed numbers in the tables of an HTML page or a CSV file.
 
-    Raises:
-        PublishedError: in one line, for a file that cannot be read or holds no table of a known kind.
+    Raises `PublishedError` in one line, for a file that cannot be read or holds no table of a known kind.
     """
     grids = _csv(path) if path.suffix.lower() in (".csv", ".tsv") else _html(path)
     passed: list[str] = []
@@ -134,8 +133,7 @@ def _clean(text: str, most: int = 40) -> str:
 def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int) -> int:
     """Add a table to the document; return 1 for a confusion table, and else 0.
 
-    Raises:
-        _Unknown: for a table of no known kind, or without what has to be known beside it.
+    Raises `_Unknown` for a table of no known kind, or without what has to be known beside it.
     """
     for at in range(min(MOST_HEADINGS, len(grid.rows) - 1)):
         found = _below(document, grid.name, grid.rows[at], grid.rows[at + 1 :], stated, confusions)

@@ -58,9 +58,8 @@ ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "I
 def read(root: Path) -> Study:
     """Read the dataset in the folder `root`.
 
-    Raises:
-        DatasetError: a file is missing, broken or truncated; the message names the file and what to do.
-        ProtocolError: the copy of the protocol is broken.
+    Raises `DatasetError` if a file is missing, broken or truncated; the message names the file and what to do;
+    `ProtocolError` if the copy of the protocol is broken.
     """
     description = _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
     facts = _facts(description, root / "dataset_description.json")
@@ -353,12 +352,9 @@ def read_pooled(roots: Sequence[Path]) -> Study:
     """Read the datasets in these folders, and pool them where there are several.
 
     Participant 03 of dataset `lab` becomes `lab-03`. The exclusions, plans and trials of each dataset are those of its
-    own protocol. The study's id is kept where it is the same.
-
-    Raises:
-        DatasetError: see `read`; also for a folder named twice, different origins or materials, tasks of one id with
-            different titles or chances, and the same trials of the same people.
-        ProtocolError: the copy of a protocol is broken.
+    own protocol. The study's id is kept where it is the same. Raises `DatasetError` as `read`; also for a folder named
+    twice, different origins or materials, tasks of one id with different titles or chances, and the same trials of the
+    same people; `ProtocolError` if the copy of a protocol is broken.
     """
     if len({root.resolve() for root in roots}) < len(roots):
         raise DatasetError(f"got a dataset twice among {', '.join(map(str, roots))}; name each once")

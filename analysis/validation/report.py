@@ -62,11 +62,9 @@ def validate(
     """Validate recordings against fresh takes, and write tables, figures and the report into `out`.
 
     The fresh takes are of the same materials, rate and length. Takes are averaged as the protocol states; the result of
-    the other average stands beside it. Drawing the figures takes most of the time.
-
-    Raises:
-        RecordingError: for recordings at a single speed, or fresh takes that do not compare with them.
-        DatasetError: for a folder within a dataset, or a file in the way.
+    the other average stands beside it. Drawing the figures takes most of the time. Raises `RecordingError` for
+    recordings at a single speed, or fresh takes that do not compare with them, and `DatasetError` for a folder within a
+    dataset, or a file in the way.
     """
     check(out, (), "validate")
     validation = compute(recorded, fresh, average=average)

@@ -245,8 +245,7 @@ class Validation:
 def compute(recorded: Recorded, fresh: Recorded, *, average: Average = "magnitude") -> Validation:
     """Return every number of the validation.
 
-    Raises:
-        RecordingError: for recordings at a single speed, or fresh takes that do not compare with them.
+    Raises `RecordingError` for recordings at a single speed, or fresh takes that do not compare with them.
     """
     if recorded.simulated != fresh.simulated:
         kinds = {True: "SIMULATED", False: "real"}

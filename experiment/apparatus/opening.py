@@ -50,11 +50,8 @@ def open_audio(
     """Open what a session needs of the rig's audio device, as `session_stream` says; its clock must go by itself.
 
     Calibrations must not be too old `today`; those of a simulated rig do not age. A `device` is used instead of the one
-    that the rig names.
-
-    Raises:
-        RigError: the rig has no audio device, a calibration is too old, or the device exists in simulation alone.
-        AudioError: the device cannot be opened.
+    that the rig names. Raises `RigError` if the rig has no audio device, a calibration is too old, or the device exists
+    in simulation alone, and `AudioError` if the device cannot be opened.
     """
     from experiment.apparatus.audio.stream import AudioStream
 
@@ -74,9 +71,7 @@ def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker:
     That is `limit_m_s2`, the protocol's, for the magnitude of any sample of a stimulus, and the masker's where the
     headphones will play one. Where the limit is None, or another device is the actuator, neither the actuator's output
     nor the loopback is opened, no place for stimuli is held, and what comes in is kept only if a microphone `listens`.
-
-    Raises:
-        RigError: the rig has no audio device.
+    Raises `RigError` if the rig has no audio device.
     """
     audio = audio_of(rig)
     channels, plays = audio.channels, limit_m_s2 is not None and rig.actuator.driver == "audio"
@@ -173,9 +168,8 @@ def simulated_only(rig: Rig, key: str) -> str:
 def copy_rig(rig_file: Path, copy: Path) -> None:
     """Copy a rig file, and beside it what it names: its response table, and its tracker's driver if that is a file.
 
-    Raises:
-        RigError: the table is not the one that the rig file names, or another table or driver of that name stands
-            beside the copy.
+    Raises `RigError` if the table is not the one that the rig file names, or another table or driver of that name
+    stands beside the copy.
     """
     rig = rigs.load(rig_file)
     beside: dict[str, tuple[str, bytes]] = {}
@@ -207,11 +201,8 @@ def open_tracker(
 
     The session's clock stamps arrivals. A `port` is used instead of the one that the rig names. A simulated device
     whose clock is known brings its `clock_map`; otherwise that is estimated from arrivals. `contact_mm` is the
-    protocol's height of contact; None where no foot steps, so that nothing is zeroed.
-
-    Raises:
-        TrackerError: the port cannot be opened.
-        RigError: the driver that the rig names cannot be found or used.
+    protocol's height of contact; None where no foot steps, so that nothing is zeroed. Raises `TrackerError` if the port
+    cannot be opened, and `RigError` if the driver that the rig names cannot be found or used.
     """
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(simulated_only(rig, "tracker.port"))
@@ -239,11 +230,9 @@ def open_servo(
     """Open the rig's tracker and force device together: in a process of their own, unless time is simulated.
 
     Forces go out `rate_hz` times a second, none larger than `limit_n`; a lamp is lit while the hand is faster than
-    `fastest_mm_s`. `port`, `address` and `clock_map` are as in `open_tracker` and `open_actuator`.
-
-    Raises:
-        RigError: the rig has no force device, or one that exists in simulation alone.
-        ServoError: tracker or device cannot be opened.
+    `fastest_mm_s`. `port`, `address` and `clock_map` are as in `open_tracker` and `open_actuator`. Raises `RigError` if
+    the rig has no force device, or one that exists in simulation alone, and `ServoError` if tracker or device cannot be
+    opened.
     """
     from experiment.apparatus.servo import settings
     from experiment.apparatus.servo.link import ServoHere, ServoProcess
@@ -293,11 +282,9 @@ def open_actuator(
     """Open the rig's actuator, at its own address or another, or on a channel of the session's stream.
 
     `limit_m_s2` is the protocol's, for the magnitude of any sample. A rig with `actuator.shaping` needs a `drive`, as
-    `conditioning.open_drive` opens it.
-
-    Raises:
-        ActuatorError: the address or the limit cannot be used, nothing answers there, or the stream is missing.
-        RigError: `drive` is missing, or is given although the rig's actuator takes accelerations.
+    `conditioning.open_drive` opens it. Raises `ActuatorError` if the address or the limit cannot be used, nothing
+    answers there, or the stream is missing, and `RigError` if `drive` is missing, or is given although the rig's
+    actuator takes accelerations.
     """
     settings = rig.actuator
     where = address or settings.address
@@ -353,8 +340,7 @@ def open_accelerometer(
 ) -> Accelerometer:
     """Open the rig's accelerometer, at its own address or another, for recordings at the protocol's `rate_hz`.
 
-    Raises:
-        RigError: the rig has none, it samples at another rate, or it exists in simulation alone.
+    Raises `RigError` if the rig has none, it samples at another rate, or it exists in simulation alone.
     """
     from experiment.apparatus.panel.pcm import PcmAccelerometer
 

@@ -40,17 +40,15 @@ class Tracker(Protocol):
     def read(self) -> Samples:
         """Return the next samples, at least one, and wait for them.
 
-        Raises:
-            TrackerStopped: nothing came for at most 200 ms, or the port has gone.
-            TrackerError: the device's clock is no longer the one it was.
+        Raises `TrackerStopped` if nothing came for at most 200 ms, or the port has gone, and `TrackerError` if the
+        device's clock is no longer the one it was.
         """
         ...
 
     def reconnect(self, timeout_s: float) -> None:
         """Wait until the device is back and speaks. It may have restarted: a new `clock_map` begins; `counts` go on.
 
-        Raises:
-            TrackerStopped: it was not back in time; this may be called again.
+        Raises `TrackerStopped` if it was not back in time; this may be called again.
         """
         ...
 
@@ -84,8 +82,7 @@ class Actuator(Protocol):
     def prepare(self, stimulus: Stimulus | Ring) -> Played:
         """Make a stimulus at `rate_hz` ready; nothing sounds yet. It replaces one that was prepared and has not begun.
 
-        Raises:
-            ActuatorError: there is nothing to play, or the device is gone.
+        Raises `ActuatorError` if there is nothing to play, or the device is gone.
         """
         ...
 
@@ -99,8 +96,7 @@ class Actuator(Protocol):
     def landed(self, contact_ns: int) -> None:
         """The foot touched the panel at `contact_ns`, session time: a stimulus that was never aimed sounds at once.
 
-        Raises:
-            ActuatorError: the stimulus could not be handed over.
+        Raises `ActuatorError` if the stimulus could not be handed over.
         """
         ...
 
@@ -111,10 +107,8 @@ class Actuator(Protocol):
     def delivered(self, contact_ns: int) -> Delivered | None:
         """Return what was heard of the stimulus, once it has ended; None where nothing measures it.
 
-        `contact_ns` is when the foot touched the panel, session time, as it is known by then.
-
-        Raises:
-            ActuatorError: the device cannot say.
+        `contact_ns` is when the foot touched the panel, session time, as it is known by then. Raises `ActuatorError` if
+        the device cannot say.
         """
         ...
 
@@ -194,8 +188,7 @@ class Masker(Protocol):
     def set_level(self, level_db_a: float) -> float:
         """Go to another level, and return the one in force: the level wanted, or the nearest that is allowed.
 
-        Raises:
-            DoseUsedUp: the masker is silent.
+        Raises `DoseUsedUp` if the masker is silent.
         """
         ...
 
@@ -241,8 +234,7 @@ class Microphone(Protocol):
     def heard(self, *, from_ns: int, until_ns: int) -> Recorded:
         """Return what was heard between two session times, once it has been; of what is long ago the last that is kept.
 
-        Raises:
-            AudioError: the device has stopped.
+        Raises `AudioError` if the device has stopped.
         """
         ...
 
@@ -294,8 +286,7 @@ class Accelerometer(Protocol):
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
         """Return the take that begins where the panel first shakes between two times of the host's clock.
 
-        Raises:
-            RecordingError: it was not armed, or the device failed.
+        Raises `RecordingError` if it was not armed, or the device failed.
         """
         ...
 

@@ -173,8 +173,7 @@ class AccelerometerRig(Confined):
 def response_table(folder: Path, shaping: ShapingRig) -> bytes:
     """Return the bytes of the response table that a rig file in a folder names.
 
-    Raises:
-        RigError: it cannot be read, or its hash is not the one that the rig file states.
+    Raises `RigError` if it cannot be read, or its hash is not the one that the rig file states.
     """
     path = folder / shaping.response
     try:
@@ -577,8 +576,7 @@ class Rig(Confined):
 def load(path: Path) -> Rig:
     """Return the rig that a file describes.
 
-    Raises:
-        RigError: every problem of the file, one a line; of its syntax, the first.
+    Raises `RigError` with every problem of the file, one a line; of its syntax, the first.
     """
     try:
         rig = files.read(path, Rig)

@@ -53,11 +53,9 @@ def import_trials(
     """Build the dataset `out` from files of single trials.
 
     `study` is its id, `source` says where and with what the answers were measured, and `materials` are as in
-    `read_trials`; for a published study that is known here they are by default the paper's.
-
-    Raises:
-        DatasetError: what `read_trials` raises; also for a text that no dataset may hold, a file that is given twice,
-            participants or tasks that cannot be told apart, and an `out` that would be overwritten.
+    `read_trials`; for a published study that is known here they are by default the paper's. Raises `DatasetError` as
+    `read_trials` does, and for a text that no dataset may hold, a file that is given twice, participants or
+    tasks that cannot be told apart, and an `out` that would be overwritten.
     """
     check_study_id(study)
     check_texts(Path("--source"), {"source": source})

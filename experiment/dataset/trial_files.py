@@ -98,12 +98,10 @@ def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] 
     """Return the trials in these files.
 
     `materials` are those that may be presented and answered, in order; by default those that are presented, in
-    alphabetical order. Trials stand in the order of the files and their lines.
-
-    Raises:
-        DatasetError: for a file that cannot be read, a column that is missing or there twice, a cell that is not
-            allowed, a trial number that a participant has twice in a task, and without a trial or with less than two
-            materials. It names the file, the line and the column.
+    alphabetical order. Trials stand in the order of the files and their lines. Raises `DatasetError` for a file that
+    cannot be read, a column that is missing or there twice, a cell that is not allowed, a trial number that a
+    participant has twice in a task, and without a trial or with less than two materials. It names the file, the line
+    and the column.
     """
     rows: list[Row] = []
     passed_over = 0

@@ -244,13 +244,15 @@ def _no_nan(found: Analysis) -> str:
 
 def test_one_task(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k)} for k in range(1, 5)}
-    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
+    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)], pictures=False))
     assert "There is no two-way ANOVA: two-way ANOVA needs two levels of task, got 1." in shown
     assert "Against the paper" not in shown
 
 
 def test_one_participant(tmp_path: Path) -> None:
-    shown = _no_nan(analyse([write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})]))
+    shown = _no_nan(
+        analyse([write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})], pictures=False)
+    )
     assert "with one participant, SD, t and P are not defined" in shown
     assert "an ICC needs two targets and two raters" in shown
     assert "There is no two-way ANOVA: two-way ANOVA needs two participants in a cell" in shown
@@ -259,21 +261,21 @@ def test_one_participant(tmp_path: Path) -> None:
 def test_constant_answers(tmp_path: Path) -> None:
     rows = trials([(material, MATERIALS[0]) for material in MATERIALS for _ in range(3)])
     sessions = {str(k): {"virtual": rows, "real": rows} for k in range(1, 4)}
-    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
+    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)], pictures=False))
     assert "there is no variance, so t and P are not defined" in shown
     assert "The two-way ANOVA of type III is not defined: there is no variance within the groups" in shown
 
 
 def test_the_same_answer_to_everything_by_everyone(tmp_path: Path) -> None:
     rows = trials([(material, material) for material in MATERIALS for _ in range(3)])
-    shown = _no_nan(analyse([write_dataset(tmp_path, {str(k): {"real": rows} for k in range(1, 4)})]))
+    shown = _no_nan(analyse([write_dataset(tmp_path, {str(k): {"real": rows} for k in range(1, 4)})], pictures=False))
     assert "all ratings are the same: no ICC is defined" in shown
 
 
 def test_unequal_numbers_missing_answers_and_missing_materials(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k), "real": balanced(k + 1)} for k in range(1, 5)}
     sessions["5"] = {"virtual": trials([("sand", "sand"), ("sand", "(none)"), ("snow", "snow")])}
-    found = analyse([write_dataset(tmp_path, sessions)])
+    found = analyse([write_dataset(tmp_path, sessions)], pictures=False)
     shown = _no_nan(found)
     assert "glass was presented to 4 of 5 participants." in shown
     assert "(none)" in shown
@@ -284,7 +286,9 @@ def test_two_materials_with_long_names_and_many_exclusions(tmp_path: Path) -> No
     names = ("a material whose name says much more than a name should ever say", "b")
     rows = [trial(k, names[k % 2], names[k % 3 % 2], attempt=2) for k in range(1, 31)]
     again = [trial(k, names[k % 2], "n/a", counted=False, redo_reason="slipped") for k in range(1, 31)]
-    found = analyse([write_dataset(tmp_path, {"1": {"real": again + rows}, "2": {"real": rows}}, materials=names)])
+    found = analyse(
+        [write_dataset(tmp_path, {"1": {"real": again + rows}, "2": {"real": rows}}, materials=names)], pictures=False
+    )
     shown = _no_nan(found)
     assert re.search(r"done again +30", shown)
     assert found.report.read_text().count("was done again: slipped") == 30
@@ -295,7 +299,7 @@ def test_a_rehearsal_is_labelled_and_compared_in_its_own_words(tmp_path: Path) -
         str(k): {"virtual": balanced(k, 10, OKAMOTO), "real": balanced(k + 1, 10, OKAMOTO)} for k in range(1, 5)
     }
     root = write_dataset(tmp_path, sessions, study="okamoto2012", origin="REHEARSAL", materials=OKAMOTO)
-    shown = _no_nan(analyse([root]))
+    shown = _no_nan(analyse([root], pictures=False))
     assert shown.startswith("REHEARSAL - simulated participants")
     assert "nothing about the paper's results" in " ".join(shown.split())
     assert "the 16 cells of the printed table correlate" in " ".join(shown.split())
@@ -317,7 +321,7 @@ def test_of_one_everything_is_said_in_the_singular(tmp_path: Path) -> None:
 
 def test_markup_in_a_dataset_stays_text(tmp_path: Path) -> None:
     names = ("<script>alert(1)</script>", "snow & ice")
-    found = analyse([write_dataset(tmp_path, {"1": {"real": balanced(1, 4, names)}}, materials=names)])
+    found = analyse([write_dataset(tmp_path, {"1": {"real": balanced(1, 4, names)}}, materials=names)], pictures=False)
     page = _Links()
     page.feed(found.report.read_text())
     assert page.loads == []
@@ -337,6 +341,6 @@ def test_the_analysis_loads_no_oracle_and_prints_nothing(tmp_path: Path) -> None
 
 def test_a_material_that_was_never_presented(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k, 4, MATERIALS[:2])} for k in range(1, 4)}
-    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)]))
+    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)], pictures=False))
     assert "snow: nobody was presented this material." in shown
     assert "snow was presented to 0 of 3 participants." in shown

@@ -23,6 +23,8 @@ from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.experiment.synthesis.stimuli import given
 from tests.rig import sound
 
+pytestmark = pytest.mark.alone
+
 CLOCK = MonotonicClock()
 MS = 10**6
 DAY = date(2026, 11, 22)

@@ -22,6 +22,8 @@ from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API, SoundCard
 from tests.conftest import Palpate
 from tests.rig import sound
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture
 def parts() -> None:

@@ -12,6 +12,8 @@ from experiment.apparatus import host
 from experiment.apparatus.audio.mixer import Block, Mixer
 from tests.rig import sound
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
 @pytest.mark.parametrize("server_too", [True, False])

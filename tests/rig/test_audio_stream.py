@@ -16,6 +16,8 @@ from experiment.errors import AudioError
 from experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture(scope="module")
 def card() -> Iterator[SoundCard]:

@@ -23,6 +23,8 @@ import pytest
 
 from tests.rig.laboratory import write_rig
 
+pytestmark = pytest.mark.alone
+
 ALSA = """\
 </usr/share/alsa/alsa.conf>
 pcm.card {{

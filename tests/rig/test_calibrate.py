@@ -22,6 +22,8 @@ from experiment.protocol.files import shipped
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 
+pytestmark = pytest.mark.alone
+
 NOISE_MM = 0.05
 
 

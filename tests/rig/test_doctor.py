@@ -30,6 +30,8 @@ from tests.conftest import Palpate
 from tests.rig.laboratory import write_rig
 from tests.rig.verdicts import LOAD, red, verdicts
 
+pytestmark = pytest.mark.alone
+
 HEARD_S = 1.0
 
 

@@ -34,6 +34,8 @@ from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API
 from tests.experiment.session.scripted import ScriptedConsole
 from tests.rig import sound, speech
 
+pytestmark = pytest.mark.alone
+
 RATE_HZ, BLOCK = 48_000, 1024
 AUDIO = rigs.load(shipped("rigs/headless.toml")).audio
 VOICE = speech.TESTED[0]

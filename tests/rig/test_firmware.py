@@ -23,6 +23,8 @@ from experiment.rehearsal.footstep.foot import trajectory
 from tests.rig import board
 from tests.rig.board import Board, Events
 
+pytestmark = pytest.mark.alone
+
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 WRAP_US = 2**32
 

@@ -22,6 +22,8 @@ from experiment.rehearsal.wires.sound_card import WiredCard
 from tests.rig import sound
 from tests.rig.laboratory import HURRIED
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture
 def hurried(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,6 +23,8 @@ from experiment.protocol.models import Step
 from experiment.rehearsal.footstep import foot
 from experiment.rehearsal.wires.serial_line import SerialLine
 
+pytestmark = pytest.mark.alone
+
 SPEED_MM_S = 180.0
 
 

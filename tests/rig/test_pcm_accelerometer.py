@@ -18,6 +18,8 @@ from experiment.clock import Clock, ManualClock
 from experiment.errors import RecordingError
 from experiment.rehearsal.footstep.recorder import Sensor
 
+pytestmark = pytest.mark.alone
+
 RIG = AccelerometerRig(driver="pcm-tcp", address="rehearsal", rate_hz=1000, full_scale_m_s2=64.0, trigger_m_s2=0.5)
 BEFORE = round(pcm_ports.BEFORE_S * RIG.rate_hz)
 MS = 1_000_000

@@ -33,6 +33,8 @@ from experiment.synthesis.spectra import bin_frequencies_hz, spectrum
 from experiment.synthesis.waveforms import Basis, Stimulus
 from tests.experiment.synthesis import stimuli as made
 
+pytestmark = pytest.mark.alone
+
 RIG = ActuatorRig(driver="pcm-tcp", address="rehearsal", rate_hz=5000, full_scale_m_s2=64.0)
 
 

@@ -17,6 +17,8 @@ from experiment.recordings.store import Condition, plan
 from experiment.recordings.workflow import SPEED_TOLERANCE
 from experiment.rehearsal.footstep import recorded_takes, recorder
 
+pytestmark = pytest.mark.alone
+
 
 def record(out: Path, root: Path, **options: object) -> Path:
     given: dict[str, object] = {

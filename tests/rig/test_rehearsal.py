@@ -1,10 +1,14 @@
-"""A whole rehearsal through real ports: what it makes, how close it comes to the paper, and the control condition."""
+"""A whole rehearsal through real ports: what it makes, how close it comes to the paper, and the control condition.
+
+How near the answers are to the printed ones is judged over three seeds in `rehearsal/footstep/test_observer.py`.
+"""
 
 from __future__ import annotations
 
 import csv
 import gzip
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -33,9 +37,8 @@ def ratios(root: Path, task: str) -> np.ndarray:
     return np.asarray(counts / counts.sum(axis=1, keepdims=True))
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_confusions_are_those_of_the_paper(tmp_path: Path, seed: int) -> None:
-    root = rehearse(tmp_path / "whole", participants=15, seed=seed, jobs=2)
+def test_confusions_are_those_of_the_paper(tmp_path: Path) -> None:
+    root = rehearse(tmp_path / "whole", participants=15, jobs=2)
     assert len(counted(root, "virtual")) == 15 * 40
     assert len(counted(root, "real")) == 10 * 40
     virtual = np.corrcoef(ratios(root, "virtual").ravel(), np.ravel(PUBLISHED["virtual"]))[0, 1]
@@ -158,12 +161,13 @@ def test_the_foot_trace_is_the_frames_that_the_journal_names(one: Path) -> None:
         assert np.nanmin(height[(seconds > contact) & (seconds < contact + 0.05)]) < 0.3
 
 
-def test_a_finished_rehearsal_is_not_run_again(tmp_path: Path) -> None:
-    root = rehearse(tmp_path / "rehearsal")
+def test_a_finished_rehearsal_is_not_run_again(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
     report = verify(root)
     assert (report.title, report.refused) == (f"REHEARSAL of okamoto2012: {root}", 0)
     before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
-    rehearse(tmp_path / "rehearsal")
+    rehearse(root)
     assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
 
 

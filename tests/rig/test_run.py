@@ -29,6 +29,8 @@ from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture
 def laboratory(

@@ -27,6 +27,8 @@ from experiment.protocol.files import shipped
 from experiment.records import entries, journal, transcript
 from tests.experiment.protocol.small import SMALL
 
+pytestmark = pytest.mark.alone
+
 SIZE_PX = (1280, 800)
 WORDS = ScreenWords(right="gutes Tempo", thanks="ありがとうございました。", slow="zu langsam", fast="zu schnell")
 INSTRUCTION = "Zerknüllen Sie die vier Zylinder auf der Platte, so oft Sie möchten, bis sie Ihnen vertraut sind."

@@ -22,6 +22,8 @@ from experiment.protocol.models import Step
 from experiment.rehearsal.footstep.foot import Faults, Foot, Trajectory, trajectory
 from experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
 
+pytestmark = pytest.mark.alone
+
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
 

@@ -29,6 +29,8 @@ from experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, For
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import pressing
 
+pytestmark = pytest.mark.alone
+
 TRIES, MOST_TRIES = 3, 12
 WITHIN_MS = 2.0
 STALLED_NS, RECENT_NS = 2_000_000, 20_000_000

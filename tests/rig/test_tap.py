@@ -21,6 +21,8 @@ from experiment.rehearsal.wires.listener import Tap
 from experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
 
+pytestmark = pytest.mark.alone
+
 SERVES = """
 from experiment.rehearsal.wires.sound_card import SoundCard
 from experiment.rehearsal.wires.listener import Tap

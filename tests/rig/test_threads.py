@@ -18,6 +18,8 @@ from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import sound
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.mark.skipif(sys.platform != "linux", reason="palpate keeps to a core on Linux alone")
 def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -154,9 +154,8 @@ class Conditioner:
     def __call__(self, stimulus: Stimulus | Ring) -> Played:
         """Return a stimulus, given at the device's rate, as its samples are played.
 
-        Raises:
-            ActuatorError: there is nothing to play, or a tap for a device that takes volts.
-            SynthesisError: the speed is so high that the spectrum overflows.
+        Raises `ActuatorError` if there is nothing to play, or a tap for a device that takes volts, and `SynthesisError`
+        if the speed is so high that the spectrum overflows.
         """
         wanted, scale, method = self._made(stimulus)
         if np.ndim(wanted) != 1 or np.size(wanted) == 0:
@@ -205,11 +204,8 @@ def open_drive(
     """Return what turns accelerations into voltages for the actuator of a rig; None for one that takes accelerations.
 
     The response table stands in the rig file's folder. `limit_m_s2` is the protocol's, for the acceleration delivered.
-    The voltages of `materials`, by their ids, are prepared now, so that they are there sooner.
-
-    Raises:
-        RigError: the table is not the one that the rig file names.
-        RecordingError: the table cannot be used.
+    The voltages of `materials`, by their ids, are prepared now, so that they are there sooner. Raises `RigError` if the
+    table is not the one that the rig file names, and `RecordingError` if the table cannot be used.
     """
     settings = actuator.shaping
     if settings is None:

@@ -72,8 +72,7 @@ class PcmActuator:
     ) -> None:
         """Prepare for the server at `host:port`; nothing is connected yet. `Conditioner` says what the limits are.
 
-        Raises:
-            ActuatorError: `address` is no `host:port`, or the limit is negative or not finite.
+        Raises `ActuatorError` if `address` is no `host:port`, or the limit is negative or not finite.
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:

@@ -45,9 +45,8 @@ class _Row:
 def read(path: Path) -> Response:
     """Return the response in a table.
 
-    Raises:
-        RecordingError: the table is missing, a cell is no number, frequencies or levels are out of order, repeated or
-            missing, or a response does not rise; it names file, line, what it got and what is allowed.
+    Raises `RecordingError` if the table is missing, a cell is no number, frequencies or levels are out of order,
+    repeated or missing, or a response does not rise; it names file, line, what it got and what is allowed.
     """
     try:
         content = storage.read_bytes(path)
@@ -61,8 +60,7 @@ def read(path: Path) -> Response:
 def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
     """Write a response as a table, six significant digits a number, under comments on what was measured and when.
 
-    Raises:
-        RecordingError: the file cannot be written.
+    Raises `RecordingError` if the file cannot be written.
     """
     lines = [f"# {comment}" for comment in comments] + [",".join(COLUMNS)]
     for frequency_hz, answers in zip(response.frequencies_hz, response.accelerations_m_s2, strict=True):

@@ -97,8 +97,7 @@ def raw(rig: Rig) -> Rig:
 def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     """Return the points for a rig file from readings at two heights or more, dated today.
 
-    Raises:
-        TrackerError: there are too few heights, or the readings do not tell them apart, in one direction.
+    Raises `TrackerError` if there are too few heights, or the readings do not tell them apart, in one direction.
     """
     by_height = sorted(levels, key=lambda one: one.mm)
     if len(by_height) < 2 or any(lower.mm == upper.mm for lower, upper in pairwise(by_height)):
@@ -153,8 +152,7 @@ def check_age(rig: Rig, today: date) -> None:
 def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
     """Refuse a sensor that reads beyond its calibration before anybody is on the panel.
 
-    Raises:
-        TrackerError: half of the readings lie at or beyond an end of the calibration, or the tracker failed.
+    Raises `TrackerError` if half of the readings lie at or beyond an end of the calibration, or the tracker failed.
     """
     read_mm = heights(tracker, START_READINGS)
     calibrated = [point.mm for point in settings.calibration]
@@ -181,10 +179,8 @@ def heights_asked(text: str) -> tuple[float, ...]:
 def walk(tracker: Tracker, heights_mm: Sequence[float], *, ask: Callable[[str], str], clock: Clock) -> Calibration:
     """Return a calibration: the sensor is read at each height when the experimenter says that the target is there.
 
-    The tracker was opened with the rig of `raw`. `ask` shows a prompt and returns when Enter was pressed.
-
-    Raises:
-        PalpateError: the tracker failed, or the readings make no calibration.
+    The tracker was opened with the rig of `raw`. `ask` shows a prompt and returns when Enter was pressed. Raises
+    `PalpateError` if the tracker failed, or the readings make no calibration.
     """
     levels = []
     for place, mm in enumerate(heights_mm, start=1):
@@ -270,8 +266,7 @@ class Zero:
 def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: float) -> Zero:
     """Return the offset of a resting foot from the protocol's contact, from its heights, mm, shape (n,).
 
-    Raises:
-        TrackerError: there are too few samples, the foot moved, or the offset is too large.
+    Raises `TrackerError` if there are too few samples, the foot moved, or the offset is too large.
     """
     if heights_mm.size < 2:
         raise TrackerError(f"zeroing: got {heights_mm.size} samples; allowed: 2 or more; see to the tracker")

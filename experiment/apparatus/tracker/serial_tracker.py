@@ -93,10 +93,8 @@ class SerialTracker:
         """Open the device path, pseudo-terminal or pyserial URL, for this process alone where the system can.
 
         The session's `clock` stamps arrivals; None stands for the machine's monotonic clock. A simulated device whose
-        clock is known brings its `clock_map`; otherwise the map is estimated from arrivals.
-
-        Raises:
-            TrackerError: the port cannot be opened.
+        clock is known brings its `clock_map`; otherwise the map is estimated from arrivals. Raises `TrackerError` if
+        the port cannot be opened.
         """
         self._name = port
         self._settings = settings

@@ -10,7 +10,7 @@ import time
 import tracemalloc
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -44,6 +44,7 @@ class Timing:
         return abs(self.ms) > self.spread_ms
 
 
+@cache
 def import_cost(modules: tuple[str, ...]) -> tuple[Timing, float | None]:
     """Return the time, and the median of resident memory, kB, that importing `modules` adds to a session without them.
 

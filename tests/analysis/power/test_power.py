@@ -74,6 +74,13 @@ def guess(study: Protocol) -> ChoiceModel:
     return find("okamoto2012", study)
 
 
+@pytest.fixture
+def _no_flips(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The sign flips beside each t-test, which take most of the time, are left out: they have tests of their own."""
+    monkeypatch.setattr(planned_tests, "sign_flip_tests", lambda counts, *_: np.ones(counts.shape[:-1]))
+
+
+@pytest.mark.usefixtures("_no_flips")
 def test_power_of_nearly_normal_ratios_is_that_of_the_noncentral_t() -> None:
     """statsmodels TTestPower. Ratios of 400 trials around one half, participants 0.1 apart: close to normal."""
     rho, trials, chance = 0.04, 400, 0.45
@@ -124,6 +131,7 @@ def test_power_of_tiny_designs_is_that_of_every_outcome_counted(
             assert row.tally.undefined / row.tally.studies == pytest.approx(undefined, abs=0.011)
 
 
+@pytest.mark.usefixtures("_no_flips")
 def test_the_type_i_error_of_a_t_test_is_near_alpha() -> None:
     study = protocol(t_test(0.5), materials=2, repetitions=400, people=(12,))
     result = run(study, two_answers(0.6, 0.0), participants=(12,), studies=20_000)
@@ -134,6 +142,7 @@ def test_the_type_i_error_of_a_t_test_is_near_alpha() -> None:
     assert low <= 0.05 <= high
 
 
+@pytest.mark.usefixtures("_no_flips")
 def test_wilsons_interval_covers() -> None:
     """Over 200 seeds the 95 % interval holds the exact power about 95 times in 100."""
     study = protocol(t_test(0.5, 0.3), materials=2, repetitions=2, people=(3,))

@@ -52,18 +52,17 @@ def test_bradley_terry_is_that_of_r() -> None:
 
 
 def log_likelihood(data: Comparisons, law: Law, values: np.ndarray, order: float, tie: float) -> float:
-    """The law as it stands in print, comparison by comparison."""
-    total = 0.0
-    for first, second, chosen in zip(data.first, data.second, data.chosen, strict=True):
-        d = values[first] - values[second] + order
-        if law == "thurstone":
-            total += scipy.stats.norm.logcdf(d if chosen == FIRST else -d)
-        elif law == "bradley-terry":
-            total -= np.log1p(np.exp(-d if chosen == FIRST else d))
-        else:
-            odds = {FIRST: np.exp(d / 2), TIE: np.exp(tie), SECOND: np.exp(-d / 2)}
-            total += np.log(odds[chosen] / sum(odds.values()))
-    return float(total)
+    """The law as it stands in print, one term a comparison."""
+    d = values[data.first] - values[data.second] + order
+    towards = np.where(data.chosen == FIRST, d, -d)
+    if law == "thurstone":
+        terms = scipy.stats.norm.logcdf(towards)
+    elif law == "bradley-terry":
+        terms = -np.log1p(np.exp(-towards))
+    else:
+        odds = np.exp([-d / 2, np.full_like(d, tie), d / 2])  # SECOND, TIE and FIRST
+        terms = np.log(np.choose(data.chosen, odds) / odds.sum(axis=0))
+    return float(np.sum(terms))
 
 
 def simulated(law: Law, seed: int, items: int = 4, persons: int = 6, each: int = 4) -> Comparisons:

@@ -36,10 +36,10 @@ def test_a_dataset_and_its_label(palpate: Palpate, repository_root: Path) -> Non
 
 
 def test_a_file_in_any_place(palpate: Palpate, repository_root: Path, tmp_path: Path) -> None:
-    shipped = repository_root / "analysis" / "published" / "okamoto2012.toml"
+    shipped = repository_root / "analysis" / "published" / "wellman1995.toml"
     copy = tmp_path / "ours.toml"
     copy.write_bytes(shipped.read_bytes())
-    assert palpate("audit", copy, "--json")[1] == palpate("audit", "okamoto2012", "--json")[1]
+    assert palpate("audit", copy, "--json")[1] == palpate("audit", "wellman1995", "--json")[1]
 
 
 def test_what_is_unknown_is_one_line_and_code_2(palpate: Palpate) -> None:

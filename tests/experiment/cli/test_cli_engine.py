@@ -35,11 +35,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, protocol: Path) -> Path:
     return out
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_at_least_half_of_the_takes_are_on_their_own_or_a_neighbouring_speed(
-    recorded: Path, tmp_path: Path, seed: int
-) -> None:
-    result = call("validate", recorded, "--seed", seed, "--out", tmp_path / "v", "--no-figures", "--json")
+def test_at_least_half_of_the_takes_are_on_their_own_or_a_neighbouring_speed(recorded: Path, tmp_path: Path) -> None:
+    """Over twenty seeds in `rehearsal/footstep/test_recorded_takes.py`."""
+    result = call("validate", recorded, "--seed", 1, "--out", tmp_path / "v", "--no-figures", "--json")
     found = json.loads(result.stdout)
     assert found["label"] == "SIMULATED"
     for one in found["classification"]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -30,6 +30,14 @@ from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
 from experiment.synthesis.spectra import inverse
 
 STIMULUS = ("experiment.synthesis", "experiment.recordings.", "experiment.apparatus.panel.pcm", "scipy")
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _once() -> Iterator[None]:
+    """What a plan measures is measured once: of a spread there is a test of its own."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cost, "REPEATS", 1)
+        yield
 
 
 @pytest.fixture(scope="module")

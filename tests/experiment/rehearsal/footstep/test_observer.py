@@ -12,13 +12,13 @@ from experiment.errors import SessionError, SynthesisError
 from experiment.rehearsal.footstep.participant import Observer, third_octaves
 from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from experiment.synthesis.crinkle import CrinkleSpectra, subtract
-from tests.experiment.synthesis.stimuli import waveform
+from experiment.synthesis.waveforms import prepare
 from tests.reference.okamoto2012 import MATERIALS as IDS
 from tests.reference.okamoto2012 import TABLE_1, TABLE_2
 
 MATERIALS = SimulatedMaterials(rate_hz=5000, samples=2500)
 SPEEDS = (50.0, 100.0, 200.0, 300.0)
-OUTPUT_HZ = 48_000
+OUTPUT_HZ = 5000
 
 Delivered = NDArray[np.float64] | None
 Deliver = Callable[[int, float, np.random.Generator], Delivered]
@@ -75,10 +75,10 @@ def real(*, participants: int, seed: int) -> NDArray[np.float64]:
 
 def stimuli(seed: int, *, shift: int = 0) -> Deliver:
     """The stimulus of the material presented, or of the one `shift` places further."""
-    known = spectra(seed)
+    known = [prepare(one, material="any", output_rate_hz=OUTPUT_HZ) for one in spectra(seed)]
 
     def deliver(presented: int, v: float, rng: np.random.Generator) -> Delivered:
-        return waveform(known[(presented + shift) % 4], speed_mm_s=v, output_rate_hz=OUTPUT_HZ)
+        return known[(presented + shift) % 4].at(v).waveform_m_s2
 
     return deliver
 
@@ -111,9 +111,9 @@ def test_real_materials_are_told_apart_better_than_virtual_ones() -> None:
     "deliver",
     [
         lambda presented, v, rng: None,
-        lambda presented, v, rng: np.zeros(24_000),
-        lambda presented, v, rng: rng.normal(scale=3.0, size=24_000),
-        lambda presented, v, rng: np.full(24_000, np.nan),
+        lambda presented, v, rng: np.zeros(2500),
+        lambda presented, v, rng: rng.normal(scale=3.0, size=2500),
+        lambda presented, v, rng: np.full(2500, np.nan),
     ],
     ids=["nothing", "silence", "noise", "not a number"],
 )
@@ -153,11 +153,11 @@ def test_the_same_chance_gives_the_same_answers() -> None:
 @pytest.mark.parametrize("rate_hz", [1200, 5000, 44_100, 48_000])
 def test_the_rate_of_the_actuator_does_not_matter(rate_hz: int) -> None:
     """Copy paper is loud: whatever the rate, it is named far more often than chance."""
-    known, observer = spectra(8)[0], one()
+    observer = one()
+    made = prepare(spectra(8)[0], material="any", output_rate_hz=rate_hz).at(150).waveform_m_s2
     named = 0
     for seed in range(40):
         rng = np.random.default_rng(seed)
-        made = waveform(known, speed_mm_s=150, output_rate_hz=rate_hz)
         panel = MATERIALS.take(None, speed_mm_s=150, rng=rng)
         named += observer.judge_virtual(panel, made, rate_hz=rate_hz, speed_mm_s=150, rng=rng) == "copy paper"
     assert named >= 20
