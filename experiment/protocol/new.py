@@ -142,6 +142,7 @@ def text(study: NewStudy) -> str:
         "tasks": ", ".join(map(toml, tasks)),
         "chance": f"{1 / max(count, 2)!r:29}",
         "count": str(count),
+        "first": toml(study.materials[0].name) if study.materials else '""',
     }
     head, order, rules, both = (string.Template(one).substitute(known) for one in (_STUDY, _ORDER, _RULES, _BOTH))
     blocks = [head, *map(_material, study.materials), order, *(_task(study, task, names) for task in tasks), rules]
@@ -309,6 +310,7 @@ session_min = $session_min # the longest session: one task of one participant
 noise = "pink"                         # or white
 level_set_by = "participant"           # or experimenter
 criterion = "The participant does not hear the panel."    # what must hold at the level that is chosen
+# probe = { material = $first, speed_mm_s = 200 }    # what a task with vibration can play meanwhile
 
 [answers]
 mode = "oral"                          # the participant says the answer, and the experimenter types its key
@@ -402,6 +404,7 @@ test = "t against chance"
 tasks = [$tasks]
 alpha = 0.05                           # the level of significance
 chance = $chance # the share of right answers of somebody who guesses: one of $count materials
+correction = "materials"               # Holm's method adjusts P over the materials of a task; or left out
 question = \"""
 For each material and task: does the participants' mean ratio of correct answers differ from chance? One-sample t, \\
 two-tailed, df = participants - 1; with Cohen's d, and P adjusted by Holm over the materials of a task.\"""

@@ -220,11 +220,11 @@ def test_no_probe_is_felt_once_the_time_is_over(
 def test_other_keys_are_not_the_maskers() -> None:
     clock = ManualClock(START_NS)
     masker = ScriptedMasker(clock)
-    written: list[MaskerSet] = []
+    written: list[MaskerSet | Note] = []
     one = Masking(masker, ScriptedConsole(clock, ""), written.append)
     assert one.change("+")
     assert (masker.level_db_a, written) == (None, []), "it stays silent"
     masker.start(50.0)
     assert not one.change("c")
     assert one.change("-")
-    assert [entry.level_db_a for entry in written] == [48.0]
+    assert [entry.level_db_a for entry in written if isinstance(entry, MaskerSet)] == [48.0]
