@@ -454,14 +454,21 @@ def status(
 
 
 def status_of(study: Path) -> "Status":
-    """Return how far a study is, with who is excluded by its rules where its tables can tell."""
+    """Return how far a study is, with who is excluded by its rules where its tables can tell.
+
+    A protocol file of which there is no study yet stands for what was practised of it, if anything was.
+    """
     from dataclasses import replace
 
     from analysis.reading import dataset as reading
     from experiment.clock import day, wall_ns
     from experiment.dataset import build
     from experiment.dataset import status as statuses
+    from experiment.protocol import files
 
+    if study.is_file():
+        own, practised = (options.default_folder(files.load(study), practice=one) for one in (False, True))
+        study = practised if practised.exists() and not own.exists() else study
     found = statuses.status(study, day(wall_ns()))
     done = {one.participant for one in found.those("done")}
     if found.doubts:

@@ -263,6 +263,8 @@ def rehearse(
     and the tables are made from the dataset on disk, with figures for the report; `palpate analyse` draws them as PNG
     too. To continue a rehearsal that was interrupted, run the same command again.
     """
+    if not as_json:
+        options.at_once("REHEARSAL: the simulated laboratory is being set up ...")
     from experiment.cli.analysis import tell_analysis
     from experiment.desk.terminal import TerminalConsole
     from experiment.protocol import files

@@ -159,6 +159,9 @@ class TerminalConsole(_Lines):
         self.show(f"{self._heading}  Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}")
         self._ask("Press Enter when the participant is familiar with the materials: ")
 
+    def instruct(self, *, instruction: str) -> None:
+        self.show(f"{self._heading}  Tell the participant: {instruction}")
+
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         self.show(f"{self._heading}  Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
         offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())

@@ -146,6 +146,7 @@ def text(study: NewStudy) -> str:
         "tasks": ", ".join(map(toml, tasks)),
         "chance": f"{1 / max(count, 2)!r:29}",
         "count": str(count),
+        "first": toml(study.materials[0].name) if study.materials else '""',
     }
     template = Path(__file__).with_name("new_study.template").read_text("utf-8")
     _, *named = re.split(r"^## (.*)\n", template, flags=re.MULTILINE)

@@ -67,10 +67,12 @@ def opened(name: str, view: View) -> Form:
             title = "Pause for a break as soon as nothing can be felt. Its end is told, and nothing begins by itself."
             form = Form(name, title, "pauses", (Blank("Minutes", BREAK_MIN),))
         case "stop":
-            title = (
-                "Stop for today? The session pauses as soon as nothing can be felt, and its process ends. "
-                "Every confirmed answer is on disk, and the same command continues another time."
+            stops = (
+                "End for today? The session is paused, and its process ends."
+                if view.state == "paused"
+                else "Stop for today? The session pauses as soon as nothing can be felt, and its process ends."
             )
+            title = f"{stops} Every confirmed answer is on disk, and the same command continues another time."
             form = Form(name, title, "stops")
         case _:
             title = (

@@ -7,7 +7,7 @@ does.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from rich.style import Style
@@ -96,6 +96,8 @@ FAILED = Phase("FAILED", "", RED)
 """A session whose process ended with a fault."""
 
 STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
+AGAIN = Phase("STEP AGAIN", "ARMED", BLUE, "The step before did not count. {why}. The participant may step again.")
+DONE = Phase("TASK DONE", "", ORANGE)
 GONE = Phase("GONE", "", RED)
 
 
@@ -104,9 +106,13 @@ def phase(view: View) -> Phase:
     if view.ended is not None and view.ended.exit_code:
         return FAILED
     if view.question is not None:
+        if view.question.kind == "debrief" and view.step in view.steps[:-1]:
+            return DONE
         return ASKED[view.question.kind]
     if view.state == "armed" and view.gauges is not None and view.gauges.moving:
         return STEPPING
+    if view.state == "armed" and view.again:
+        return replace(AGAIN, says=AGAIN.says.format(why=view.again))
     return STATES[view.state]
 
 
