@@ -64,6 +64,13 @@ def read_text(path: Path, most: int = MOST) -> str:
     return io.TextIOWrapper(io.BytesIO(read_bytes(path, most)), encoding="utf-8").read()
 
 
+def why(error: Exception) -> str:
+    """Return in words why a file cannot be read as text."""
+    if isinstance(error, UnicodeDecodeError):
+        return f"byte {error.start + 1} is no text in UTF-8"
+    return (error.strerror if isinstance(error, OSError) else None) or str(error)
+
+
 def json_of(text: str | bytes) -> Any:
     """Return a JSON document. Raises `ValueError` if it is none, or holds what `extreme` tells, or half a character.
 

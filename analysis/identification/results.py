@@ -31,7 +31,7 @@ from analysis.statistics.anova import (
 )
 from analysis.statistics.exact import defined
 from analysis.statistics.icc import Icc, icc
-from analysis.statistics.inference import EffectSize, TTest, cohens_d, holm, log_bayes_factor, t_against_chance
+from analysis.statistics.inference import STARS, EffectSize, TTest, cohens_d, holm, log_bayes_factor, t_against_chance
 from analysis.statistics.participants import SignFlip, sign_flip
 
 TASK, MATERIAL = "task", "material"
@@ -113,6 +113,21 @@ class TaskResult:
     def test(self, material: str) -> MaterialTest:
         """Return the test of one material; `KeyError` if there is none."""
         return {test.material: test for test in self.tests}[material]
+
+    def flip(self, test: MaterialTest) -> float | None:
+        """Return P of sign flips, adjusted where the P that the stars follow is."""
+        return test.flip_holm if self.correction else test.flip.p if test.flip else None
+
+    def stars(self, test: MaterialTest) -> str:
+        """Return the stars of a test, in brackets where sign flips, which hold, do not show what they mark."""
+        p = self.flip(test)
+        return f"({test.stars})" if test.stars and p is not None and p >= STARS[-1][0] else test.stars
+
+
+def bracketed(tasks: Sequence[TaskResult]) -> str:
+    """Return what brackets around stars say, where any of the tasks has them."""
+    found = any(task.stars(test) != test.stars for task in tasks for test in task.tests)
+    return " Sign flips, the exact test over participants, which is ours, do not show stars in brackets." * found
 
 
 @dataclass(frozen=True)

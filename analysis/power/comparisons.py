@@ -26,7 +26,7 @@ from analysis.statistics.scaling import FIRST, SECOND
 from experiment.errors import PowerError
 from experiment.protocol.models import Protocol
 from experiment.settings import load
-from experiment.settings.load import Confined, Name, Text
+from experiment.settings.load import Confined, Label, Name, Text
 
 STEPS, FAR = 40, 15.0
 """The most of Newton's steps, and the value in logits beyond which a scale counts as one without limit."""
@@ -43,25 +43,33 @@ MEAN = (
 
 
 @dataclass(frozen=True)
-class PairModel:
-    """How observers compare: values of the materials in logits, shape (M,), and what being first adds.
+class Observers:
+    """How observers compare in one task: values of the materials in logits, shape (M,), and what being first adds.
 
-    `spread` is the SD of each value among participants, `order_spread` that of what being first adds. The rest is as in
-    `choice_models.ChoiceModel`.
+    `spread` is the SD of each value among participants, `order_spread` that of what being first adds.
     """
 
-    source: str
+    task: str
     values: Floats
     order: float
     spread: float
     order_spread: float
+
+
+@dataclass(frozen=True)
+class PairModel:
+    """How observers compare in every task whose scale is planned; the rest is as in `choice_models.ChoiceModel`."""
+
+    source: str
+    tasks: tuple[Observers, ...]
     notes: tuple[str, ...] = ()
     label: str = ""
 
 
 class StatedValue(Confined):
-    """The value of one material, in logits."""
+    """The value of one material, in logits, in one task or, where none is named, in all."""
 
+    task: Label | None = None
     material: Name
     value: float
 
@@ -81,7 +89,8 @@ def find(name: str, protocol: Protocol) -> PairModel:
     """Return the model of comparisons called `name`, as `choice_models.find`.
 
     Raises:
-        PowerError: there is no such model, it lacks a material, a scale has no limit, or no test can be simulated.
+        PowerError: there is no such model, it lacks a task or a material, a scale has no limit, or no test
+            can be simulated.
         DatasetError, ProtocolError: the dataset or the file cannot be read.
     """
     if not any(test.test == PLANNED for test in protocol.analysis):
@@ -90,13 +99,15 @@ def find(name: str, protocol: Protocol) -> PairModel:
             "scale; plan it, or plan without palpate power"
         )
     ids = [material.id for material in protocol.materials]
+    planned = {task for test in protocol.analysis if test.test == PLANNED for task in test.tasks}
+    tasks = [task.id for task in protocol.tasks if task.id in planned]
     if printed := published.load(protocol.study.id if name == "published" else name):
-        return _from_print(printed, protocol, ids)
+        return _from_print(printed, tasks, ids)
     path = Path(name)
     if path.is_dir():
-        return _fitted(path, ids)
+        return _fitted(path, tasks, ids)
     if name != "published" and (path.suffix == ".toml" or path.exists()):
-        return _stated(path, ids)
+        return _stated(path, tasks, ids)
     raise PowerError(
         f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study whose "
         "printed percentages palpate holds, the folder of a dataset, or a TOML file; give one of these"
@@ -106,67 +117,82 @@ def find(name: str, protocol: Protocol) -> PairModel:
 def alike(model: PairModel) -> PairModel:
     """Return the control: nothing differs on average, and participants differ as much as in the model."""
     source = "materials that are alike on average, with the same spread among participants"
-    return replace(model, source=source, values=np.zeros_like(model.values), order=0.0)
+    tasks = tuple(replace(one, values=np.zeros_like(one.values), order=0.0) for one in model.tasks)
+    return replace(model, source=source, tasks=tasks)
 
 
-def _stated(file: Path, ids: list[str]) -> PairModel:
+def _stated(file: Path, tasks: list[str], ids: list[str]) -> PairModel:
     stated = load.read(file, StatedPairs)
-    values = {one.material: one.value for one in stated.values}
-    if len(values) != len(stated.values) or set(values) != set(ids):
-        raise PowerError(
-            f"{file}: got values of {', '.join(one.material for one in stated.values)}; allowed: each material of the "
-            f"protocol once: {', '.join(ids)}; mend it"
-        )
-    at = np.array([values[name] for name in ids])
-    source = f"stated in {file.name}: {stated.source}"
-    return PairModel(source, at - at.mean(), stated.order, stated.spread, stated.order_spread)
+    if strange := [one.task for one in stated.values if one.task not in (None, *tasks)]:
+        raise PowerError(f"{file}: got a value in task {strange[0]}; allowed: {', '.join(tasks)}, or none; mend it")
+    observers = []
+    for task in tasks:
+        given = [one for one in stated.values if one.task in (None, task)]
+        if sorted(one.material for one in given) != sorted(ids):
+            raise PowerError(
+                f"{file}, task {task}: got values of {', '.join(one.material for one in given) or 'no material'}; "
+                f"allowed: each material of the protocol once: {', '.join(ids)}; mend it"
+            )
+        values = {one.material: one.value for one in given}
+        at = np.array([values[name] for name in ids])
+        observers.append(Observers(task, at - at.mean(), stated.order, stated.spread, stated.order_spread))
+    return PairModel(f"stated in {file.name}: {stated.source}", tuple(observers))
 
 
-def _from_print(printed: published.numbers.Published, protocol: Protocol, ids: list[str]) -> PairModel:
-    """Return the scale of printed percentages; the spread among participants, which nobody prints, is ours."""
-    block = next((one for one in printed.choices if one.task in {task.id for task in protocol.tasks}), None)
-    if block is None:
-        raise PowerError(f"the tables of {printed.study}: got no percentages of choices; choose another --model")
+def _from_print(printed: published.numbers.Published, tasks: list[str], ids: list[str]) -> PairModel:
+    """Return the scales of printed percentages; the spread among participants, which nobody prints, is ours."""
     place = {**{str(k + 1): k for k in range(len(ids))}, **{name: k for k, name in enumerate(ids)}}
-    wins, trials = np.zeros((len(ids), len(ids))), np.zeros((len(ids), len(ids)))
-    for cell in block.cells:
-        low, high = sorted(place[name] for name in cell.pair)
-        if low != high:
-            wins[high, low], trials[high, low] = float(cell.correct.value), 1.0
-    values = scale(wins[None, None], trials).values[0]
-    if not np.isfinite(values).all():
-        raise PowerError(f"the percentages of {printed.study}: got no finite scale; state one in a TOML file")
+    blocks = {block.task: block for block in printed.choices}
+    observers = []
+    for task in tasks:
+        if task not in blocks:
+            raise PowerError(
+                f"the tables of {printed.study}: got no percentages of choices in task {task}; allowed: those of every "
+                "task whose scale is planned; choose another --model"
+            )
+        wins, trials = np.zeros((len(ids), len(ids))), np.zeros((len(ids), len(ids)))
+        for cell in blocks[task].cells:
+            low, high = sorted(place[name] for name in cell.pair)
+            if low != high:
+                wins[high, low], trials[high, low] = float(cell.correct.value), 1.0
+        values = scale(wins[None, None], trials).values[0]
+        if not np.isfinite(values).all():
+            where = f"the percentages of {printed.study}, task {task}"
+            raise PowerError(f"{where}: got no finite scale; state one in a TOML file")
+        observers.append(Observers(task, values, 0.0, SPREAD, SPREAD))
     note = f"no paper prints how much participants differ: the spread is ours, {SPREAD:g} logits"
-    return PairModel(f"percentages of {block.where} of {printed.source}", values, 0.0, SPREAD, SPREAD, (note,))
+    where = " and ".join(dict.fromkeys(blocks[task].where for task in tasks))
+    return PairModel(f"percentages of {where} of {printed.source}", tuple(observers), (note,))
 
 
-def _fitted(folder: Path, ids: list[str]) -> PairModel:
-    """Return the scale of a dataset, with the spread by which its errors exceed those of participants who are alike."""
+def _fitted(folder: Path, tasks: list[str], ids: list[str]) -> PairModel:
+    """Return the scales of a dataset, with the spread by which errors exceed those of participants who are alike."""
     study = dataset.read(folder)
     if study.answers is None or set(ids) != set(study.materials):
         raise PowerError(f"{folder}: got other answers or materials; allowed: comparisons of {', '.join(ids)}; mend it")
-    rows = study.attempts[study.attempts["included"] & study.attempts["answered"].isin(list(CHOSEN))]
-    people = list(dict.fromkeys(rows["participant"].tolist()))
-    chosen = rows["answered"].map(CHOSEN).to_numpy()
-    told = (chosen == FIRST) | (chosen == SECOND)
-    codes = [rows[column].map(dict(zip(of, range(len(of)), strict=True))).to_numpy()[told]
-             for column, of in (("participant", people), ("first", ids), ("second", ids))]  # fmt: skip
-    wins, trials = (np.zeros((len(people), len(ids), len(ids))) for _ in range(2))
-    np.add.at(trials, tuple(codes), 1)
-    np.add.at(wins, tuple(codes), chosen[told] == FIRST)
-    found = scale(wins[None], trials)
-    if not np.isfinite(found.values).all() or len(people) < 2:
-        raise PowerError(
-            f"{folder}: got no finite scale of two participants; allowed: comparisons in which each material was "
-            "chosen over others and not over all; state a model in a TOML file"
-        )
-    beyond = len(people) * (np.diagonal(found.covariance[0]) - np.diagonal(found.alike[0]))
-    spread, order_spread = float(beyond[:-1].mean()), float(beyond[-1])
+    observers = []
+    for task in tasks:
+        rows = study.trials(task)
+        rows = rows[rows["answered"].isin(list(CHOSEN))]
+        people = list(dict.fromkeys(rows["participant"].tolist()))
+        chosen = rows["answered"].map(CHOSEN).to_numpy()
+        told = (chosen == FIRST) | (chosen == SECOND)
+        codes = [rows[column].map(dict(zip(of, range(len(of)), strict=True))).to_numpy()[told].astype(np.int64)
+                 for column, of in (("participant", people), ("first", ids), ("second", ids))]  # fmt: skip
+        wins, trials = (np.zeros((len(people), len(ids), len(ids))) for _ in range(2))
+        np.add.at(trials, tuple(codes), 1)
+        np.add.at(wins, tuple(codes), chosen[told] == FIRST)
+        found = scale(wins[None], trials) if len(people) > 1 else None
+        if found is None or not np.isfinite(found.values).all():
+            raise PowerError(
+                f"{folder}: got no finite scale of two participants in task {task}; allowed: comparisons in which each "
+                "material was chosen over others and not over all; state a model in a TOML file"
+            )
+        beyond = len(people) * (np.diagonal(found.covariance[0]) - np.diagonal(found.alike[0]))
+        spread, order_spread = np.sqrt(np.clip([beyond[:-1].mean(), beyond[-1]], 0.0, None)).tolist()
+        observers.append(Observers(task, found.values[0], float(found.order[0]), spread, order_spread))
     label = f" ({study.label})" if study.label else ""
-    return PairModel(
-        f"fitted to the answers in {folder.name}{label}", found.values[0], float(found.order[0]),
-        float(np.sqrt(max(spread, 0.0))), float(np.sqrt(max(order_spread, 0.0))), (MEAN,), study.label,
-    )  # fmt: skip
+    return PairModel(f"fitted to the answers in {folder.name}{label}", tuple(observers), (MEAN,), study.label)
 
 
 @dataclass(frozen=True)
@@ -220,7 +246,7 @@ def scale(wins: Floats | Integers, trials: Floats) -> Scales:
     return Scales(every[:, :-1], every[:, -1], covariance, back @ inverse @ back.T)
 
 
-def draw(model: PairModel, trials: Integers, people: int, studies: int, random: np.random.Generator) -> Integers:
+def draw(model: Observers, trials: Integers, people: int, studies: int, random: np.random.Generator) -> Integers:
     """Return choices of the first of `trials` with each ordered pair, shape (S, participants, M, M)."""
     own = model.values + model.spread * random.standard_normal((studies, people, len(model.values)))
     order = model.order + model.order_spread * random.standard_normal((studies, people, 1, 1))
@@ -239,9 +265,12 @@ def answers(
 ) -> dict[Question, Answer]:
     """Return every step and the order effect of each planned scale, of studies drawn from the model."""
     found: dict[Question, Answer] = {}
+    models = {one.task: one for one in model.tasks}
     for task, people in zip(planned.tasks, planned.sizes(participants), strict=True):
+        if task.id not in models:
+            continue
         trials = planned_trials(len(planned.materials), task.repetitions)
-        fitted = scale(draw(model, trials, people, studies, random), trials.astype(np.float64))
+        fitted = scale(draw(models[task.id], trials, people, studies, random), trials.astype(np.float64))
         for number, test in enumerate(planned.tests):
             if test.test == PLANNED and task.id in test.tasks:
                 for subject, p in _tested(fitted, planned.materials, people):

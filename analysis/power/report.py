@@ -100,20 +100,22 @@ def _pairs(
     """Return the paragraphs, table and records of a model of comparisons."""
     paragraphs = (
         said[0],
-        f"Observers compare by Bradley and Terry's law. Among participants each value has an SD of {model.spread:.3f} "
-        f"logits, and what being first adds one of {model.order_spread:.3f} around {model.order:.3f}. Each pair, in "
-        f"either order alike, comes {', '.join(str(task.repetitions) for task in result.design.tasks)} times. Nobody "
-        "withdraws, and no exclusion rule is applied.",
+        "Observers compare by Bradley and Terry's law, by a scale for each task. Among participants each value has the "
+        "SD that is named, and so has what being first adds. A participant compares each pair so often, in either "
+        f"order alike: {', '.join(f'{task.id} {task.repetitions}' for task in result.design.tasks)}. Nobody withdraws, "
+        "and no exclusion rule is applied.",
         *said[2:],
     )
-    values = model.values.tolist()
-    rows = tuple((name, f"{value:.3f}") for name, value in zip(result.design.materials, values, strict=True))
     records = tuple(
-        {"material": name, "value": value, "spread": model.spread, "order": model.order,
-         "order_spread": model.order_spread}
-        for name, value in zip(result.design.materials, values, strict=True)
+        {"task": one.task, "material": name, "value": value, "spread": one.spread, "order": one.order,
+         "order_spread": one.order_spread}
+        for one in model.tasks for name, value in zip(result.design.materials, one.values.tolist(), strict=True)
     )  # fmt: skip
-    return paragraphs, (Table("Model of comparisons, in logits", ("material", "value"), rows),), records
+    rows = [(str(row["task"]), str(row["material"]), f"{row['value']:.3f}", f"{row['spread']:.3f}") for row in records]
+    rows += [(one.task, "being first", f"{one.order:.3f}", f"{one.order_spread:.3f}") for one in model.tasks]
+    header = ("task", "material", "value", "SD")
+    table = Table("Model of comparisons, in logits", header, tuple(rows), left=frozenset({0, 1}))
+    return paragraphs, (table,), records
 
 
 def _needed(result: Power) -> Section:

@@ -174,7 +174,7 @@ def _text(path: Path, remedy: str) -> str:
     except FileNotFoundError as error:
         raise DatasetError(f"{path} is missing; {remedy}") from error
     except (OSError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{path} cannot be read ({error}); {remedy}") from error
+        raise DatasetError(f"{path} cannot be read ({storage.why(error)}); {remedy}") from error
 
 
 def _json(path: Path, remedy: str) -> dict[str, Any]:

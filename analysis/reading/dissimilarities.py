@@ -80,7 +80,7 @@ def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
         rows = list(csv.DictReader(io.StringIO(storage.read_bytes(path).decode(), newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DatasetError(
-            f"{path} cannot be read ({error}); give a CSV file with the columns {', '.join(COLUMNS)}"
+            f"{path} cannot be read ({storage.why(error)}); give a CSV file with the columns {', '.join(COLUMNS)}"
         ) from error
     pairs: dict[frozenset[str], float] = {}
     for number, row in enumerate(rows, start=2):

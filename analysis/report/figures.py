@@ -35,7 +35,7 @@ from analysis.documents.drawing import (
 )
 from analysis.documents.tables import plural
 from analysis.identification.identify import Identification
-from analysis.identification.results import Results, TaskResult
+from analysis.identification.results import Results, TaskResult, bracketed
 from analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window
 from analysis.report.contrast_figure import contrast_sheet
 from experiment.records.events import NO_ANSWER
@@ -155,7 +155,7 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
         if result.sd is not None:
             axes.errorbar(x, result.mean, yerr=result.sd, color="black", capsize=2.5, linewidth=1.0)
         top = max(1.0, *values, min(result.mean + (result.sd or 0.0), 1.1))
-        axes.text(x, top + 0.01, test.stars, ha="center", va="bottom")
+        axes.text(x, top + 0.01, task.stars(test), ha="center", va="bottom")
 
 
 def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
@@ -166,7 +166,7 @@ def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
     elif room < 4.5 * LETTER_INCHES:
         return
     else:
-        stars = task.tests[i].stars if i == j and whole else ""
+        stars = task.stars(task.tests[i]) if i == j and whole else ""
         text = f"{mean:.2f}{stars}" + ("" if sd is None or not whole else f"\n± {sd:.2f}")
     ink = "white" if mean is not None and mean > DARK else "black"
     axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=ink)
@@ -345,7 +345,7 @@ def _answers(results: Results, head: _Head) -> Iterator[Sheet]:
     said = (
         f"Correct answer ratios of each material in {_people(tasks)}. Bars are means, whiskers standard deviations "
         f"among participants{dots}, and the dashed line is chance. *, ** and *** mark means above chance with P < "
-        f"0.05, 0.01 and 0.001 (t, {by})."
+        f"0.05, 0.01 and 0.001 (t, {by}).{bracketed(tasks)}"
     )
     yield Sheet("correct-ratios", "found", said, figure)
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
 from analysis.identification.identify import Cell, Identification
-from analysis.identification.results import MaterialTest, Results, TaskResult
+from analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from analysis.reading.study import Study
 from analysis.report.plan import TWO_WAY, Standing, T, alpha, plans
 
@@ -27,7 +27,7 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     tested = [(task, test, cell) for task, one in both for test, cell in zip(task.tests, _right(one), strict=True)]
     rows = tuple(
         (task.task.id, test.material, str(test.result.n), number(test.result.mean), interval(cell.bootstrap),
-         probability(test.p_holm if task.correction else test.result.p), probability(_flip(test, task)), test.stars)
+         probability(test.p_holm if task.correction else test.result.p), probability(task.flip(test)), task.stars(test))
         for task, test, cell in tested
     )  # fmt: skip
     adjusted = {task.correction is not None for task in results.tasks}
@@ -35,7 +35,7 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
     notes = (
         f"Correct answer ratios with BCa intervals over participants. P is of t against chance, {said}; ours is that "
-        "of sign flips. Stars follow P of t.",
+        f"of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
     )
     header = ("task", "presented", "n", "correct", "95 % CI", "P", "ours: P", "")
     mark = ", ".join(dict.fromkeys(stands.of(T, task.task.id) for task in results.tasks))
@@ -89,25 +89,41 @@ def _right(one: Identification) -> list[Cell]:
 
 def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
     cells = {cell.presented: cell for cell in _right(one)}
-    people = plural(len(task.confusion.participants), "participant")
-    tested = [test for test in task.tests if test.result.p is not None]
-    above = [test for test in tested if _above(test, test.p_holm if task.correction else test.result.p, task, level)]
-    rest = [test for test in tested if test not in above]
-    chance = f"by chance ({task.chance:.4g})"
-    yield f"{task.task.title} ({people})."
-    if above:
-        yield f"Answers were right more often than {chance} for {_listed(above, cells)}."
-        if rest:
-            yield f"This was not shown for {_listed(rest, cells)}."
-    elif rest:
-        yield f"Answers were not shown to be right more often than {chance}: {_listed(rest, cells)}."
+    yield f"{task.task.title} ({plural(len(task.confusion.participants), 'participant')})."
+    yield from _tested(task, cells, level)
     yield from _untested(task, cells, level)
-    yield from _flips(task, above, level)
     if pair := task.confusion.most_confused():
         yield f"Most often taken for one another were {pair[0]} and {pair[1]}."
     if one.jackknife and one.information:
         bits, limits = one.jackknife, interval(one.jackknife, 2)
         yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits a trial ({limits}; ours)."
+
+
+def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[str]:
+    """Yield which materials are shown above chance by t and by sign flips, which by one of the two, and which not."""
+    groups: dict[tuple[bool, bool], list[MaterialTest]] = {}
+    for test in task.tests:
+        if test.result.p is not None:
+            by_t = _above(test, test.p_holm if task.correction else test.result.p, task, level)
+            by_flips = _above(test, task.flip(test), task, level) if test.flip else by_t
+            groups.setdefault((by_t, by_flips), []).append(test)
+    least = [test.flip.least for test in task.tests if test.flip]
+    few = f", whose P is {min(least):.3g} or more with so few participants" if min(least, default=0) >= level else ""
+    said = {
+        (True, True): ("Answers were {} for {}.", ""),
+        (True, False): (f"By t alone answers were {{}} for {{}}; sign flips, which are ours{few}, do not show it.",
+                        f"By t alone this is so for {{}}; sign flips, which are ours{few}, do not show it."),
+        (False, True): ("By sign flips alone, which are ours, answers were {} for {}; t does not show it.",
+                        "By sign flips alone, which are ours, this is so for {}; t does not show it."),
+        (False, False): ("Answers were not shown to be {}: {}.", "This was not shown for {}."),
+    }  # fmt: skip
+    first = True
+    for which, (whole, short) in said.items():
+        if which in groups:
+            listed = _listed(groups[which], cells)
+            how = f"right more often than by chance ({task.chance:.4g})"
+            yield whole.format(how, listed) if first or not short else short.format(listed)
+            first = False
 
 
 def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[str]:
@@ -119,36 +135,15 @@ def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterato
     why = "one participant has no spread" if alone else "the ratios of all participants are the same"
     chance = f"where chance is {task.chance:.4g}"
     yield f"Answers were right for {_listed(found, cells)}, {chance}; t has no P, because {why}."
-    shown = [test for test in found if _above(test, _flip(test, task), task, level)]
+    shown = [test for test in found if _above(test, task.flip(test), task, level)]
     if shown:
-        most = max(p for test in shown if (p := _flip(test, task)) is not None)
+        most = max(p for test in shown if (p := task.flip(test)) is not None)
         names = "all of them" if len(shown) == len(found) > 1 else joined([test.material for test in shown])
         yield f"Sign flips, which are ours, show more right answers than by chance for {names} ({p_is(most)} or less)."
 
 
 def _above(test: MaterialTest, p: float | None, task: TaskResult, level: float) -> bool:
     return p is not None and p < level and test.result.mean is not None and test.result.mean > task.chance
-
-
-def _flip(test: MaterialTest, task: TaskResult) -> float | None:
-    """Return P of sign flips, adjusted where the P that the stars follow is."""
-    return test.flip_holm if task.correction else test.flip.p if test.flip else None
-
-
-def _flips(task: TaskResult, above: Sequence[MaterialTest], level: float) -> Iterator[str]:
-    """Yield where sign flips disagree, or that so few participants can show nothing by them."""
-    least = [test.flip.least for test in task.tests if test.flip]
-    if above and least and min(least) >= level:
-        people = plural(len(task.confusion.participants), "participant")
-        yield f"Sign flips, which are ours, cannot show it with {people}: their P is {min(least):.3g} or more."
-        return
-    other = [
-        test.material
-        for test in task.tests
-        if test.flip and test.result.p is not None and _above(test, _flip(test, task), task, level) != (test in above)
-    ]
-    if other:
-        yield f"Sign flips, which are ours, say otherwise of {joined(other)}."
 
 
 def _listed(tests: Sequence[MaterialTest], cells: dict[str, Cell]) -> str:

@@ -19,6 +19,7 @@ from analysis.identification.results import (
     Reliability,
     Results,
     TaskResult,
+    bracketed,
 )
 from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
 from analysis.published.numbers import Published
@@ -211,7 +212,7 @@ def tests_section(results: Results) -> Section:
             r = test.result
             rows.append(
                 (test.material, str(r.n), number(r.mean), number(r.sd), number(r.t, 2), str(r.df), probability(r.p),
-                 probability(test.p_holm), test.stars, number(r.d, 2), interval(test.d, 2),
+                 probability(test.p_holm), task.stars(test), number(r.d, 2), interval(test.d, 2),
                  bayes_factor(test.log_bf10), probability(test.flip.p if test.flip else None),
                  probability(test.flip_holm))
             )  # fmt: skip
@@ -238,7 +239,7 @@ def tests_section(results: Results) -> Section:
         few = [0, 2, 4, 5, 6, 7, 8, 9, 12]
         short = tuple(tuple(row[place] for place in few) for row in rows)
         names = tuple(header[place] for place in few)
-        said = (*notes, "Ours: the exact test by sign flips.")
+        said = (*notes, f"Ours: the exact test by sign flips.{bracketed([task])}")
         brief.append(Table(title, names, short, left=frozenset({0, 6}), notes=said))
     about = (
         "These are two-tailed one-sample t-tests. The effect size d is Cohen's. BF10 is the JZS Bayes factor; above 1 "
@@ -343,13 +344,14 @@ def _confusion_table(task: TaskResult) -> Table:
         for j in answers:
             mean, sd = matrix.mean(i, j), matrix.sd(i, j)
             spread = "" if sd is None else f" ± {sd:.3f}"
-            cells.append(f"{number(mean)}{spread}{task.tests[i].stars if i == j else ''}")
+            cells.append(f"{number(mean)}{spread}{task.stars(task.tests[i]) if i == j else ''}")
         rows.append((presented, *cells))
     header = ("presented", *matrix.materials, NO_ANSWER)[: len(answers) + 1]
     people = len(matrix.participants)
     notes = [
         f"Each column is an answer. *, ** and *** mark correct answers above chance ({task.chance:.4g}) with "
         f"{'an unadjusted P' if task.correction is None else 'a P adjusted by Holm'} below 0.05, 0.01 and 0.001."
+        + bracketed([task])
     ]
     notes += [
         f"{material} was presented to {matrix.n(i)} of {plural(people, 'participant')}."

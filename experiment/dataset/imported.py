@@ -90,7 +90,9 @@ def _hashes(paths: Sequence[Path]) -> tuple[str, ...]:
         try:
             sha256 = hashlib.sha256(storage.read_bytes(path)).hexdigest()
         except OSError as error:
-            raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of trials in UTF-8") from error
+            raise DatasetError(
+                f"{path}: cannot be read ({storage.why(error)}); give a CSV file of trials in UTF-8"
+            ) from error
         if (other := found.setdefault(sha256, path)) is not path:
             raise DatasetError(f"{path}: holds the same as {other}; give each file once")
     return tuple(found)
@@ -167,10 +169,12 @@ def _order(layout: Layout) -> str:
 
 def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: bool) -> tuple[str, ...]:
     silent = sum(row.answered == NO_ANSWER for row in trials.rows)
+    words = {cell: trials.passed_over.count(cell) for cell in dict.fromkeys(trials.passed_over) if cell}
+    of = "".join(f", {count} of them with '{cell}', which is taken for no material" for cell, count in words.items())
     said = [
         f"Participants: {len(labels)}. Trials: {len(trials.rows)}, of them {silent} without an answer. Materials: "
         f"{', '.join(trials.materials)}.",
-        f"Rows that are no trials, and were passed over: {trials.passed_over}.",
+        f"Rows that are no trials, and were passed over: {len(trials.passed_over)}{of}.",
         _order(layout),
     ]
     if not kept:

@@ -24,7 +24,7 @@ from experiment.dataset import bids
 from experiment.errors import DatasetError, ProtocolError
 from experiment.records.events import NO_ANSWER
 from experiment.settings.characters import quoted
-from experiment.settings.load import Confined, Name, Text, checked
+from experiment.settings.load import MISSING, Confined, Name, Text, checked
 
 COLUMNS = ("participant", "presented", "answered", "count")
 """Header of a counts file."""
@@ -99,13 +99,19 @@ def check_texts(where: Path, texts: dict[str, object]) -> None:
         checked(where, _Texts, texts)
     except ProtocolError as error:
         raise DatasetError(f"{where}: {error.problems[0]}; mend it") from error
+    presented = texts.get("presented")
+    for name in presented if isinstance(presented, tuple) else ():
+        if name in MISSING:
+            raise DatasetError(f"{where}: got a material '{name}', which tables take for a missing value; rename it")
 
 
 def _text(path: Path) -> str:
     try:
         return storage.read_text(path)
     except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of counts in UTF-8") from error
+        raise DatasetError(
+            f"{path}: cannot be read ({storage.why(error)}); give a CSV file of counts in UTF-8"
+        ) from error
 
 
 def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tuple[str, str], int]:

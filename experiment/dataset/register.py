@@ -171,7 +171,9 @@ class Signer:
         try:
             keys = [line for line in storage.read_text(self.path).splitlines() if line.strip()]
         except (OSError, UnicodeDecodeError) as error:
-            raise DatasetError(f"{self.path}: cannot be read ({error}); give a public key (.pub)") from error
+            raise DatasetError(
+                f"{self.path}: cannot be read ({storage.why(error)}); give a public key (.pub)"
+            ) from error
         if not keys or not all(re.match(r"(ssh|ecdsa|sk)-\S+ \S", line) for line in keys):
             raise DatasetError(f"{self.path}: got no public SSH keys; allowed: one a line; give the key's .pub file")
         return keys

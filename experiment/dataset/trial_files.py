@@ -75,11 +75,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Trials:
-    """The trials of one file or several, the materials in the order of the tables, and how many rows were no trials."""
+    """The trials of one file or several, and the materials in the order of the tables.
+
+    `passed_over` holds what stands for the material in each row that is no trial.
+    """
 
     rows: tuple[Row, ...]
     materials: tuple[str, ...]
-    passed_over: int
+    passed_over: tuple[str, ...]
 
 
 def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
@@ -104,12 +107,18 @@ def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] 
     and the column.
     """
     rows: list[Row] = []
-    passed_over = 0
+    passed_over: list[str] = []
+    if layout.presented == layout.answered:
+        raise DatasetError(
+            f"--answered: got the column {layout.answered}, as --presented; allowed: another one; name that of the "
+            "answers"
+        )
     for number, path in enumerate(paths, start=1):
-        found = list(_rows(path, number, layout, materials))
-        kept = [row for row in found if row is not None]
-        rows += kept
-        passed_over += len(found) - len(kept)
+        for row in _rows(path, number, layout, materials):
+            if isinstance(row, Row):
+                rows.append(row)
+            else:
+                passed_over.append(row)
     if not rows:
         raise DatasetError(
             f"{', '.join(map(str, paths))}: got no trial: {layout.presented} is empty in every row that is taken; name "
@@ -124,12 +133,14 @@ def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] 
                 f"give --map {row.answered}=MATERIAL, or --material for what was never presented",
             )  # fmt: skip
     _refuse_twice(paths, layout, rows)
-    return Trials(tuple(rows), known, passed_over)
+    return Trials(tuple(rows), known, tuple(passed_over))
 
 
-def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str]) -> Iterator[Row | None]:
-    """Yield each row below the header as a trial, or None where it is none; blank lines do not count."""
+def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str]) -> Iterator[Row | str]:
+    """Yield each row below the header as a trial, or its material where it is none; blank lines do not count."""
     text = _text(path)
+    if not text.strip():
+        raise DatasetError(f"{path}: got an empty file; allowed: a header, and a row for each trial; name another file")
     lines = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=_delimiter(text, layout))
     try:
         header = [name.strip() for name in next(lines, [])]
@@ -163,12 +174,12 @@ class _Cells:
         )
 
 
-def _row(path: Path, file: int, line: int, layout: Layout, materials: Sequence[str], cells: _Cells) -> Row | None:
+def _row(path: Path, file: int, line: int, layout: Layout, materials: Sequence[str], cells: _Cells) -> Row | str:
     if any(cells.of(column) != value for column, value in layout.where.items()):
-        return None
+        return ""
     shown = cells.of(layout.presented)
     if shown in ABSENT and shown not in layout.materials and shown not in materials:
-        return None
+        return shown
     if not cells.fits:
         raise DatasetError(
             f"{path}: line {line}: got {len(cells.cells)} cells under {cells.width} columns; allowed: as many; mend "
@@ -224,7 +235,9 @@ def _text(path: Path) -> str:
     try:
         return storage.read_text(path).removeprefix("\ufeff")
     except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: cannot be read ({error}); give a CSV file of trials in UTF-8") from error
+        raise DatasetError(
+            f"{path}: cannot be read ({storage.why(error)}); give a CSV file of trials in UTF-8"
+        ) from error
 
 
 def _delimiter(text: str, layout: Layout) -> str:

@@ -13,7 +13,7 @@ from math import comb
 from typing import Any
 
 from experiment.settings.characters import looks, skeleton
-from experiment.settings.load import Broken, Table, written
+from experiment.settings.load import MISSING, Broken, Table, written
 from experiment.storage import Place
 
 MAX_COUNTERBALANCED = 6
@@ -21,9 +21,6 @@ MAX_COUNTERBALANCED = 6
 
 LOUDER_KEY, SOFTER_KEY, PROBE_KEY, HEARD_KEY = "+", "-", "p", "h"
 """Keys of the masker's level."""
-
-MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
-"""What programs read as a missing value, ours and those of who reads our tables."""
 
 TESTS: Mapping[str, tuple[str, ...]] = {
     "footstep": ("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "equivalence"),

@@ -300,15 +300,19 @@ def read_taps(path: Path) -> tuple[Tapped, ...]:
     Raises `RecordingError` for a table that cannot be read, other columns, or numbers that are not above zero.
     """
     try:
-        text = storage.read_bytes(path).decode("utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(f"{path}: cannot be read ({error}); allowed: a CSV file; name another file") from error
-    rows = list(csv.DictReader(StringIO(text)))
-    if not rows or set(rows[0]) != set(COLUMNS):
+        reader = csv.DictReader(StringIO(storage.read_bytes(path).decode("utf-8-sig")))
+        rows, header = list(reader), reader.fieldnames or ()
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        why = storage.why(error)
+        raise RecordingError(f"{path}: cannot be read ({why}); allowed: a CSV file; name another file") from error
+    if set(header) != set(COLUMNS):
         raise RecordingError(
-            f"{path}: got the columns {', '.join(map(str, rows[0])) if rows else '(none)'}; allowed: "
-            f"{', '.join(COLUMNS)}, with a row for each recording; correct the heading"
+            f"{path}: got the columns {', '.join(header) or '(none)'}; allowed: {', '.join(COLUMNS)}, with a row for "
+            "each recording; correct the heading"
         )
+    if not rows or any(None in row for row in rows):
+        got = "a row with more cells than the heading" if rows else "no row below the heading"
+        raise RecordingError(f"{path}: got {got}; allowed: a row for each recording; correct the table")
     taps = []
     for line, row in enumerate(rows, start=2):
         try:

@@ -42,6 +42,9 @@ LARGEST = 2**20
 MOST_TOLD = 1_000
 """A file with more fields that cannot be read is no such file: this many are told."""
 
+MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
+"""What programs read as a missing value, ours and those of who reads our tables."""
+
 BROKEN_RULE = "broken_rule"
 """Type of the validation error that stands for broken rules."""
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from analysis import published
 from analysis.power import planned_tests, report, simulate
-from analysis.power.comparisons import PairModel, alike, answers, draw, find, planned_trials, scale
+from analysis.power.comparisons import Observers, PairModel, alike, answers, draw, find, planned_trials, scale
 from analysis.statistics.exact import Integers
 from analysis.statistics.scaling import FIRST, SECOND, Comparisons, fit
 from experiment.errors import PowerError
@@ -25,7 +27,8 @@ def wellman() -> Protocol:
 
 
 def model(values: tuple[float, ...], spread: float = 0.4, order: float = 0.3) -> PairModel:
-    return PairModel("test", np.array(values), order, spread, 0.2)
+    own = Observers("live", np.array(values), order, spread, 0.2)
+    return PairModel("test", (own, replace(own, task="virtual")))
 
 
 def one_by_one(wins: Integers, trials: Integers) -> Comparisons:
@@ -43,7 +46,7 @@ def one_by_one(wins: Integers, trials: Integers) -> Comparisons:
 def test_many_scales_are_those_of_one_study_each() -> None:
     """`scaling.fit` is statsmodels' GLM, which stands against R's BradleyTerry2."""
     trials = planned_trials(4, 4)
-    wins = draw(model((-1.0, 0.0, 0.4, 0.6)), trials, 6, 5, RANDOM())
+    wins = draw(model((-1.0, 0.0, 0.4, 0.6)).tasks[0], trials, 6, 5, RANDOM())
     found = scale(wins, trials.astype(float))
     for study in range(5):
         own = fit(one_by_one(wins[study], trials), "bradley-terry")
@@ -58,7 +61,7 @@ def test_a_step_is_tested_as_its_interval_is_made() -> None:
     planned = planned_tests.design(wellman(), {})
     seen = answers(planned, model((-0.5, -0.4, 0.0, 0.4, 0.5)), 7, 3, RANDOM())
     trials = planned_trials(5, 8)
-    wins = draw(model((-0.5, -0.4, 0.0, 0.4, 0.5)), trials, 7, 3, RANDOM())
+    wins = draw(model((-0.5, -0.4, 0.0, 0.4, 0.5)).tasks[0], trials, 7, 3, RANDOM())
     subjects = [question.subject for question in seen]
     assert subjects[-2:] == ["every step, in order", "being first"]
     for study in range(3):
@@ -95,49 +98,93 @@ def test_an_order_that_is_always_told_has_no_scale_and_is_counted() -> None:
     assert "The planned Thurstone of live and virtual is not simulated" in " ".join(shown.split())
 
 
-def test_printed_percentages_give_a_model_whose_spread_is_ours() -> None:
+def test_each_task_has_the_scale_of_its_own_printed_table_and_a_spread_that_is_ours() -> None:
+    """A scale of greatest likelihood expects as many choices of a surface as Tables 2 and 3 of the paper print."""
     found = find("published", wellman())
-    assert found.values.sum() == pytest.approx(0.0, abs=1e-9)
-    assert found.values[4] > found.values[2] > found.values[0]
+    printed = published.load("wellman1995")
+    assert printed is not None
+    assert [one.task for one in found.tasks] == ["live", "virtual"] == [block.task for block in printed.choices]
+    for one, block in zip(found.tasks, printed.choices, strict=True):
+        surplus = np.zeros(5)
+        for cell in block.cells:
+            high, low = (int(name) - 1 for name in cell.pair)
+            if high != low:
+                beyond = float(cell.correct.value) - 1 / (1 + np.exp(one.values[low] - one.values[high]))
+                surplus += beyond * (np.eye(5)[high] - np.eye(5)[low])
+        assert surplus == pytest.approx(np.zeros(5), abs=1e-8)
+        assert (one.values.sum(), one.order, one.spread) == (pytest.approx(0.0, abs=1e-9), 0.0, 0.5)
+    assert "Table 2 and Table 3" in found.source
     assert "the spread is ours, 0.5 logits" in found.notes[0]
 
 
-def test_a_file_states_a_model(tmp_path: Path) -> None:
+def test_a_study_is_drawn_from_the_scale_of_each_task() -> None:
+    """Where observers guess in one task and never err in the other, no step is shown in the first."""
+    study = wellman()
+    guess, far = Observers("live", np.zeros(5), 0.0, 0.0, 0.0), Observers("virtual", np.arange(5.0), 0.0, 0.0, 0.0)
+    seen = answers(planned_tests.design(study, {}), PairModel("test", (guess, far)), 15, 50, RANDOM())
+    shown = {
+        question.tasks: answer.p for question, answer in seen.items() if question.subject == "every step, in order"
+    }
+    live, virtual = shown["live",], shown["virtual",]
+    assert live is not None
+    assert virtual is not None
+    assert [float(np.mean(p < 0.05)) for p in (live, virtual)] == [0.0, 1.0]
+
+
+def test_a_file_states_a_model_for_all_tasks_or_for_each(tmp_path: Path) -> None:
     file = tmp_path / "pilot.toml"
     names = [material.id for material in wellman().materials]
-    values = ", ".join(f'{{ material = "{name}", value = {k} }}' for k, name in enumerate(names))
-    file.write_text(f'format = 1\nsource = "a guess"\norder = 0.1\nspread = 0.5\nvalues = [{values}]\n', "utf-8")
-    found = find(str(file), wellman())
-    assert found.values == pytest.approx([-2, -1, 0, 1, 2])
-    assert (found.order, found.spread, found.order_spread) == (0.1, 0.5, 0.0)
-    file.write_text(file.read_text("utf-8").replace(names[0], "cheese"), "utf-8")
+    head = 'format = 1\nsource = "a guess"\norder = 0.1\nspread = 0.5\n'
+    of_all = [f'{{ material = "{name}", value = {k} }}' for k, name in enumerate(names)]
+    file.write_text(f"{head}values = [{', '.join(of_all)}]\n", "utf-8")
+    for one in find(str(file), wellman()).tasks:
+        assert one.values == pytest.approx([-2, -1, 0, 1, 2])
+        assert (one.order, one.spread, one.order_spread) == (0.1, 0.5, 0.0)
+    of_each = [f'{{ task = "{task}", material = "{name}", value = {k * step} }}'
+               for task, step in (("live", 1), ("virtual", 3)) for k, name in enumerate(names)]  # fmt: skip
+    file.write_text(f"{head}values = [{', '.join(of_each)}]\n", "utf-8")
+    assert [one.values[-1] for one in find(str(file), wellman()).tasks] == [2.0, 6.0]
+    file.write_text(file.read_text("utf-8").replace('"virtual"', '"glove"'), "utf-8")
+    with pytest.raises(PowerError, match=r"got a value in task glove; allowed: live, virtual, or none"):
+        find(str(file), wellman())
+    file.write_text(f"{head}values = [{', '.join(of_each[:5])}]\n", "utf-8")
+    with pytest.raises(PowerError, match=r"task virtual: got values of no material; allowed: each material"):
+        find(str(file), wellman())
+    file.write_text(f"{head}values = [{', '.join(of_all)}]\n".replace(names[0], "cheese"), "utf-8")
     with pytest.raises(PowerError, match=r"got values of cheese, .*; allowed: each material"):
         find(str(file), wellman())
     with pytest.raises(PowerError, match="got no model of that name"):
         find("nobody", wellman())
 
 
-def test_a_dataset_gives_its_scale_and_its_participants_spread(tmp_path: Path) -> None:
+def test_a_dataset_gives_each_task_its_scale_and_its_participants_spread(tmp_path: Path) -> None:
     study = wellman()
     names = [material.id for material in study.materials]
-    own = PairModel("test", np.array([-1.0, -0.5, 0.0, 0.5, 1.0]), 0.3, 0.9, 0.0)
-    trials = planned_trials(5, 8)
-    wins = draw(own, trials, 40, 1, RANDOM())[0]
+    rising = np.array([-1.0, -0.5, 0.0, 0.5, 1.0])
+    own = [Observers("live", rising, 0.3, 0.9, 0.0), Observers("virtual", -rising, 0.0, 0.0, 0.0)]
+    trials, random = planned_trials(5, 8), RANDOM()
+    wins = {one.task: draw(one, trials, 40, 1, random)[0] for one in own}
     people = {
-        str(p): {"live": compared([
-            (names[i], names[j], "first" if k < wins[p, i, j] else "second")
+        str(p): {task: compared([
+            (names[i], names[j], "first" if k < found[p, i, j] else "second")
             for i in range(5) for j in range(5) for k in range(trials[i, j])
-        ])}
+        ]) for task, found in wins.items()}
         for p in range(40)
     }  # fmt: skip
-    root = write_dataset(tmp_path / "pilot", people, materials=tuple(names), tasks=("live",), origin="REHEARSAL",
-                         answers=("first", "second"))  # fmt: skip
+    root = write_dataset(tmp_path / "pilot", people, materials=tuple(names), tasks=("live", "virtual"),
+                         origin="REHEARSAL", answers=("first", "second"))  # fmt: skip
     found = find(str(root), study)
-    assert found.values == pytest.approx(own.values, abs=0.45)
-    assert found.order == pytest.approx(0.3, abs=0.15)
-    assert found.spread == pytest.approx(0.8, abs=0.3)
-    assert found.order_spread < 0.3
+    live, virtual = found.tasks
+    assert live.values == pytest.approx(rising, abs=0.45)
+    assert virtual.values == pytest.approx(-rising, abs=0.2)
+    assert live.order == pytest.approx(0.3, abs=0.15)
+    assert live.spread == pytest.approx(0.8, abs=0.3)
+    assert max(live.order_spread, virtual.spread, virtual.order_spread) < 0.3
     assert "REHEARSAL" in found.label
+    one = {label: {"live": tasks["live"]} for label, tasks in people.items()}
+    other = write_dataset(tmp_path / "half", one, materials=tuple(names), tasks=("live",), answers=("first", "second"))
+    with pytest.raises(PowerError, match="got no finite scale of two participants in task virtual"):
+        find(str(other), study)
 
 
 def test_comparisons_without_a_planned_scale_cannot_be_planned() -> None:

@@ -66,13 +66,46 @@ def test_tasks_that_the_same_people_did_are_compared_as_pairs(tmp_path: Path) ->
     assert "Ours, over the 5 who did both: virtual less real is" in between
 
 
-def test_sign_flips_of_three_participants_are_not_said_to_disagree(tmp_path: Path) -> None:
+def test_sign_flips_of_three_participants_are_said_to_be_unable_to_show_it(tmp_path: Path) -> None:
     """All above chance: P = 2 / 2^3."""
     sessions = {str(k): {"virtual": balanced(k, 8)} for k in range(3)}
     study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
     said, *_ = _found(study, compute(study, {})).paragraphs
-    assert "Sign flips, which are ours, cannot show it with 3 participants: their P is 0.25 or more." in said
-    assert "say otherwise" not in said
+    assert "By t alone answers were right more often than by chance (0.3333) for " in said
+    assert "; sign flips, which are ours, whose P is 0.25 or more with so few participants, do not show it." in said
+
+
+def _right(material: str, count: int) -> list[tuple[str, str]]:
+    """Twelve trials with a material, `count` of them right, the rest named as the next one."""
+    other = MATERIALS[(MATERIALS.index(material) + 1) % len(MATERIALS)]
+    return [(material, material)] * count + [(material, other)] * (12 - count)
+
+
+def test_what_one_of_the_two_tests_shows_is_said_of_it_alone_and_stars_without_sign_flips_stand_in_brackets(
+    tmp_path: Path,
+) -> None:
+    """Above 4 of 12 by 4, 4, 4, 4, 4, 0: t(5) = 5, P = 0.004; sign flips, 4 of 2^6. By 1, 1, 1, 1, 1, 8: t(5) = 1.86,
+    P = 0.12; sign flips, 2 of 2^6."""
+    right = zip([8, 8, 8, 8, 8, 4], [5, 5, 5, 5, 5, 12], [4, 3, 5, 4, 3, 5], strict=True)
+    sessions = {
+        str(k): {"virtual": trials([*_right("glass", one), *_right("sand", two), *_right("snow", three)])}
+        for k, (one, two, three) in enumerate(right)
+    }
+    study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
+    results = compute(study, {})
+    found = _found(study, results)
+    said, table = found.paragraphs[0], found.tables[0]
+    assert "By t alone answers were right more often than by chance (0.3333) for glass (0.61" in said
+    assert "; sign flips, which are ours, do not show it. By sign flips alone, which are ours, this is so for s" in said
+    assert "for sand (0.51" in said
+    assert "; t does not show it. This was not shown for snow (0.33" in said
+    assert [row[5:] for row in table.rows[:2]] == [("0.004", "0.062", "(**)"), ("0.122", "0.031", "")]
+    brackets = " Sign flips, the exact test over participants, which is ours, do not show stars in brackets."
+    assert table.notes[0].endswith(brackets)
+    for section in (sections.confusion_section(results), sections.tests_section(results)):
+        shown = [table for table in section.brief or section.tables if "(**)" in str(table.rows)]
+        assert len(shown) == 1
+        assert brackets in " ".join(shown[0].notes)
 
 
 def test_at_the_ceiling_t_has_no_p_and_sign_flips_have_one(tmp_path: Path) -> None:

@@ -124,3 +124,20 @@ def test_measured_counts_of_a_published_study_have_its_materials_and_not_its_tex
     assert (text.source, text.origin) == ("our sessions", "IMPORTED")
     with pytest.raises(DatasetError, match="--source"):
         study_text("okamoto2012", {"real": counts}, measured=True)
+
+
+def test_a_material_that_tables_read_as_missing_is_refused_and_a_row_with_it_is_told(tmp_path: Path) -> None:
+    """pandas and R read NA as nothing, so that a material of that name would be lost to whoever reads the tables."""
+    file = tmp_path / "data.csv"
+    file.write_text("who,shown,said\n1,felt,felt\n1,cork,NA\n1,NA,felt\n1,,\n", "utf-8")
+    layout = Layout("shown", "said", "who")
+    made = import_trials([file], tmp_path / "one", layout, study="lab", source="here")
+    assert "were passed over: 2, 1 of them with 'NA', which is taken for no material." in made.sentences[1]
+    with pytest.raises(DatasetError, match="got a material 'NA', which tables take for a missing value; rename it"):
+        import_trials([file], tmp_path / "two", layout, study="lab", source="here", materials=("felt", "cork", "NA"))
+    file.write_text("who,shown,said\n1,felt,felt\n1,nan,felt\n", "utf-8")
+    with pytest.raises(DatasetError, match="got a material 'nan'"):
+        import_trials([file], tmp_path / "two", layout, study="lab", source="here")
+    file.write_text("participant,presented,answered,count\n1,NA,NA,3\n1,felt,felt,4\n", "utf-8")
+    with pytest.raises(DatasetError, match="got a material 'NA'"):
+        study_text("lab", {"one": file}, "here", measured=True)

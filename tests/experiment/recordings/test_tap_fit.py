@@ -138,6 +138,8 @@ def test_a_recording_that_the_table_does_not_name_is_refused() -> None:
     [
         ("file,surface\na,b\n", "got the columns file, surface; allowed: file, surface, stiffness_n_m, speed_m_s"),
         ("", r"got the columns \(none\)"),
+        ("file,surface,stiffness_n_m,speed_m_s\n", "got no row below the heading; allowed: a row for each recording"),
+        ("file,surface,stiffness_n_m,speed_m_s\na,b,4500,1,1\n", "got a row with more cells than the heading"),
         ("file,surface,stiffness_n_m,speed_m_s\na,b,4500 N/m,0.2\n", "line 2: got '4500 N/m' N/m"),
         ("file,surface,stiffness_n_m,speed_m_s\na,b,4500,-1\n", "finite numbers above zero"),
     ],
