@@ -88,7 +88,7 @@ def default_folder(protocol: "Protocol", *, practice: bool) -> Path:
 
 def at_once(words: str) -> None:
     """Tell whoever sits at a terminal what is being done, before it loads for seconds."""
-    if sys.stderr.isatty():
+    if sys.stderr is not None and sys.stderr.isatty():
         typer.echo(words, err=True)
 
 

@@ -155,13 +155,12 @@ class LinkedConsole:
         with self._changed:
             self._screens = screens
             self._screen = self._screen or screens > 0
-            if max(consoles, self._consoles) > 1 and consoles != self._consoles:
-                open_now = f"{consoles} consoles are open" if consoles > 1 else "One console is open"
-                counts = "; a key that is pressed first at any of them counts" if consoles > 1 else ""
+            if 1 <= self._consoles < consoles:
                 self.show(
-                    f"{'Another' if consoles > self._consoles else 'A'} console was "
-                    f"{'opened' if consoles > self._consoles else 'closed'}. {open_now} now{counts}."
+                    f"Another console was opened; {consoles} are open. The first key pressed at any of them counts."
                 )
+            elif 1 <= consoles < self._consoles:
+                self.show("Another console was closed.")
             self._consoles = consoles
             self._changed.notify_all()
 

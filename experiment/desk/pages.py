@@ -131,11 +131,11 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
         case "rest":
             return words.rest
         case "ready":
-            return _after(prompt.text, words.again if prompt.again else words.ready)
+            return f"{prompt.text}\n\n{words.again if prompt.again else words.ready}".strip()
         case "answer":
             return "\n".join((words.answer, *prompt.answers))
         case "compare":
-            return _after(prompt.text, "\n".join((words.compare, *prompt.answers)))
+            return "\n".join((prompt.text, "", words.compare, *prompt.answers)).strip()
         case "break":
             return words.pause
         case "finished":
@@ -144,10 +144,6 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
             return words.thanks
         case "wait":
             return words.wait
-
-
-def _after(told: str, words: str) -> str:
-    return f"{told}\n\n{words}" if told else words
 
 
 def _keys(prompt: Prompt, settings: ScreenRig) -> Iterator[tuple[str, str]]:

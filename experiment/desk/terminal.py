@@ -69,14 +69,10 @@ def typed_ahead(source: TextIO) -> str:
     return dropped_bytes.decode("utf-8", "replace")
 
 
-def _no_typing() -> str:
-    return ""
-
-
 class _Lines:
     """A text stream to show lines on, and what is typed at its prompts."""
 
-    def __init__(self, *, write: TextIO, ask: Callable[[str], str], early: Callable[[], str] = _no_typing) -> None:
+    def __init__(self, *, write: TextIO, ask: Callable[[str], str], early: Callable[[], str] = str) -> None:
         """Write lines to `write`; `ask` shows a prompt and returns the line typed.
 
         `early` returns what was typed before now, and drops it.
@@ -121,7 +117,7 @@ class TerminalConsole(_Lines):
     """
 
     def __init__(
-        self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = _no_typing
+        self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = str
     ) -> None:
         """Show each trial's lines after `heading`."""
         super().__init__(write=write, ask=ask, early=early)

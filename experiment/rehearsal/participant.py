@@ -77,14 +77,7 @@ class SimulatedPerson:
     def instruct(self, *, instruction: str) -> None:
         """Read nothing: a simulated participant knows what to do."""
 
-    def level(
-        self,
-        *,
-        level_db_a: float,
-        limit_db_a: float,
-        criterion: str,
-        keys: dict[str, str],
-    ) -> str:
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
         if PROBE_KEY in keys and not self._probed:
             self._probed = True

@@ -59,14 +59,9 @@ class Masking:
         while not self._silenced:
             level_db_a, limit_db_a = self._masker.level_db_a, self._masker.limit_db_a
             level_db_a = level_db_a if level_db_a is not None else FIRST_DB_A
-            key = self._console.level(
-                level_db_a=level_db_a,
-                limit_db_a=limit_db_a,
-                criterion=criterion,
-                keys=KEYS
-                | ({} if probe is None else {PROBE_KEY: "play the probe"})
-                | ({HEARD_KEY: "still heard at the limit"} if level_db_a >= limit_db_a else {}),
-            )
+            keys = KEYS | ({} if probe is None else {PROBE_KEY: "play the probe"})
+            keys |= {HEARD_KEY: "still heard at the limit"} if level_db_a >= limit_db_a else {}
+            key = self._console.level(level_db_a=level_db_a, limit_db_a=limit_db_a, criterion=criterion, keys=keys)
             if key == PROBE_KEY and probe is not None:
                 probe()
             elif key == HEARD_KEY:

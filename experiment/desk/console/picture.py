@@ -159,7 +159,7 @@ def keycap(key: str) -> str:
 
 
 def notice(words: str) -> Text:
-    """Return what became of the last press."""
+    """Return what became of the last press, or how much time is left, as it is said."""
     return Text(words)
 
 
@@ -215,7 +215,7 @@ def asked(question: Question | None, now: Phase, lay_out: str, heard: str) -> Te
     if lay_out and (question is None or question.kind != "place"):
         told.append(f"Laid out: {lay_out}\n", style=DIM)
     if question is None:
-        return told.append(now.says, style=DIM)
+        return told.append(now.says, style=YELLOW if now.word == AGAIN.word else DIM)
     big = question.kind in ("place", "confirm", "answer")
     told.append("Confirm: " if question.kind == "confirm" else "", style=DIM)
     told.append(question.text, style=f"bold {PLAIN}" if big else PLAIN)
@@ -295,11 +295,6 @@ def recent(told: tuple[Told, ...]) -> Text:
         text.append(one.words, style=PLAIN)
         text.append(", corrected" if one.corrected else "", style=YELLOW)
     return text
-
-
-def left(words: str) -> Text:
-    """Return how much of a session's time is left."""
-    return Text(words)
 
 
 def time_left(left_s: float) -> str:

@@ -213,8 +213,8 @@ def test_every_console_is_told_of_another_that_is_opened_or_closed(bench: Bench)
     bench.linked.came(2, 1)
     bench.linked.came(1, 1)
     assert shown(bench.linked).lines == (
-        "Another console was opened. 2 consoles are open now; a key that is pressed first at any of them counts.",
-        "A console was closed. One console is open now.",
+        "Another console was opened; 2 are open. The first key pressed at any of them counts.",
+        "Another console was closed.",
     )
 
 
