@@ -49,6 +49,7 @@ def analyse(
     are the unit. What the protocol plans stands beside what was run, and every table says whether it was planned,
     published, ours or exploratory. A published study is compared with its paper, value by value.
     """
+    _believe(*datasets)
     tell_analysis(
         datasets, out, as_json=as_json, figures=figures, titles=titles, full=full, dissimilarities=dissimilarities
     )
@@ -499,7 +500,6 @@ def tell_analysis(
     from analysis import analyse as analyses
     from analysis.documents.tables import WIDTH
 
-    _believe(*datasets)
     drawn = {"figures": figures, "pictures": pictures, "titles": titles}
     with options.working("Reading the dataset") as say:
         result = analyses.analyse(datasets, out, **drawn, dissimilarities=dissimilarities, say=say)
