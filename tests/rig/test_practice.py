@@ -34,7 +34,7 @@ main()
 
 QUESTION = re.compile(
     r"familiar with the materials: |Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>Key: )"
-    r"|type (?P<again>\S) again[^\n]*again: |to end the session: |or nothing; press Enter: "
+    r"|type (?P<again>\S) again[^\n]*again: |to end the session: |(?:or nothing;|then) press Enter: "
 )
 KEYS = {"felt": "f", "cork": "k", "kraft paper": "p", "foil": "o", "film": "i"}
 TRIALS = 4
