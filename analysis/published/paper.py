@@ -79,7 +79,7 @@ def read(path: Path, stated: Stated) -> Paper:
     confusions = 0
     for grid in grids:
         try:
-            confusions += _add(document, grid, stated, confusions)
+            confusions += _add(document, grid, stated, confusions, passed)
         except _Unknown as reason:
             passed.append(f"{grid.name} was passed over: {reason}.")
     passed += _tied(document, stated.chance)
@@ -115,6 +115,13 @@ HEADINGS = {
 LARGEST_RATIO_SUM = 10.0
 """A row of ratios adds up to about 1, one of percent to about 100, and a wrong cell or two change neither of most."""
 
+NOTHING = ("", "-", "--", "\u2014")
+"""Cells in which a paper prints nothing."""
+
+WHOLE = re.compile(r"[1-9][0-9]{0,6}")
+TOLD = 12
+"""The most cells of a table that are told as not read; the others are counted."""
+
 RESIDUAL = ("error", "residual", "residuals", "within", "within groups")
 
 
@@ -130,13 +137,13 @@ def _clean(text: str, most: int = 40) -> str:
     return re.sub(r"^[^\w]+|^_+", "", line)[:most].strip()
 
 
-def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int) -> int:
-    """Add a table to the document; return 1 for a confusion table, and else 0.
+def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int, passed: list[str]) -> int:
+    """Add a table to the document, and to `passed` the cells that cannot be read; return 1 for a confusion table, or 0.
 
     Raises `_Unknown` for a table of no known kind, or without what has to be known beside it.
     """
     for at in range(min(MOST_HEADINGS, len(grid.rows) - 1)):
-        found = _below(document, grid.name, grid.rows[at], grid.rows[at + 1 :], stated, confusions)
+        found = _below(document, grid.name, grid.rows[at], grid.rows[at + 1 :], stated, confusions, passed)
         if found is not None:
             return found
     first = next((_clean(", ".join(filter(None, row)), 80) for row in grid.rows if any(row)), "")
@@ -145,16 +152,20 @@ def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int) 
 
 def _below(
     document: dict[str, Any], where: str, heading: Sequence[str], rows: Sequence[tuple[str, ...]], stated: Stated,
-    confusions: int,
+    confusions: int, passed: list[str],
 ) -> int | None:  # fmt: skip
     """Add what stands below a row of headings; return as `_add` does, or None where the headings are not known."""
     header = [re.sub(r"[*†‡]", "", plain(cell)).strip() for cell in heading]
     known = {key: i for i, cell in enumerate(header) for key, names in HEADINGS.items() if cell.lower() in names}
     named = [(_clean(plain(row[0])), row) for row in rows]
     if "df" in known and ("ss" in known or "ms" in known):
+        known.pop("t", None)
+        passed += _told(where, _unread(named, known))
         document["anova"] = (*document.get("anova", ()), {"where": where, "lines": _sources(named, known)})
         return 0
     if "t" in known and "df" in known:
+        known = {key: known[key] for key in ("t", "df", "p") if key in known}
+        passed += _told(where, _unread(named, known))
         tests = tuple(_tests(named, known))
         if not tests:
             raise _Unknown("no line has both t and df")
@@ -166,29 +177,34 @@ def _below(
     answers = [_clean(cell) for cell in header]
     materials = [name for name, _ in named if name]
     if len(set(materials) & set(answers[1:])) >= 2:
-        _add_confusion(document, where, named, answers, stated, confusions)
+        _add_confusion(document, where, named, answers, stated, confusions, passed)
         return 1
     return None
 
 
 def _add_confusion(
     document: dict[str, Any], where: str, named: Sequence[tuple[str, tuple[str, ...]]], answers: Sequence[str],
-    stated: Stated, number: int,
+    stated: Stated, number: int, passed: list[str],
 ) -> None:  # fmt: skip
     if not stated.participants:
         raise _Unknown("it is a confusion table, and how many took part is not known; give --participants")
     if number >= len(stated.participants) > 1:
         raise _Unknown("--participants gives no number for it")
     people = stated.participants[min(number, len(stated.participants) - 1)]
-    cells = []
+    cells, unread = [], list[tuple[str, str]]()
     materials = [name for name, _ in named if name in answers[1:]]
     for name, row in named:
         if name not in materials:
+            unread += [(f"the row '{name}', which no column has", next(filter(None, row[1:]), ""))]
             continue
         for answered, text in zip(answers[1:], row[1:], strict=True):
-            if match := MEAN_SD.match(plain(text)) if answered in materials else None:
+            match = MEAN_SD.match(plain(text)) if answered in materials else None
+            if match is None and plain(text) not in NOTHING:
+                unread.append((f"{name} -> {answered or 'a column without a name'}", text))
+            elif match:
                 sd = match[5] or match[9]
                 cells.append({"presented": name, "answered": answered, "mean": match[1], **({"sd": sd} if sd else {})})
+    passed += _told(where, unread)
     if not cells:
         raise _Unknown("no cell holds a mean, or a mean and an SD")
     if _is_percent(cells):
@@ -225,15 +241,23 @@ def _with_percent(cells: Sequence[dict[str, str]], *, all_of_them: bool) -> list
 def _tied(document: dict[str, Any], chance: str | None) -> list[str]:
     """Hold each t-test of a material against the confusion table with its participants; return why others are not.
 
-    Of several such tables the one in the place of the t-tests' is taken, where there are as many of them.
+    Of several such tables the one in the place of the t-tests' is taken, where there are as many of them. A test whose
+    df no table has is held against the one that the others of its table are held against: its df is then wrong.
     """
     tables = [(table["task"], {cell["presented"] for cell in table["cells"]}) for table in document.get("table", ())]
     people = {task["id"]: task["participants"] for task in document.get("task", ())}
+    people_of_tables = {people[id_] for id_, _ in tables}
     blocks, passed = document.get("t", ()), []
     for number, block in enumerate(blocks):
-        for test in block["tests"]:
+        for test in sorted(block["tests"], key=lambda test: test["df"] + 1 not in people_of_tables):
             fitting = [id_ for id_, names in tables if people[id_] == test["df"] + 1 and test["of"] in names]
             fitting = fitting[number : number + 1] if len(fitting) == len(blocks) else fitting
+            beside = {one["task"] for one in block["tests"]} & {id_ for id_, names in tables if test["of"] in names}
+            if not fitting and len(beside) == 1:
+                fitting = list(beside)
+            elif not fitting and any(test["of"] in names for _, names in tables):
+                df = f"{block['where']}, {test['of']}: t has {test['df']} df"
+                passed.append(f"{df}, and no confusion table with it has {test['df'] + 1} participants.")
             if len(fitting) == 1 and chance:
                 test["task"] = fitting[0]
                 del test["null"]
@@ -248,6 +272,22 @@ def _tied(document: dict[str, Any], chance: str | None) -> list[str]:
     return passed
 
 
+def _unread(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int]) -> Iterator[tuple[str, str]]:
+    """Yield each cell of a table of tests that holds no number that can stand there."""
+    for name, row in named:
+        held = _numbers(row, known)
+        for key, i in known.items():
+            if key not in held or (key == "df" and not WHOLE.fullmatch(held[key])):
+                yield f"{name or 'a line without a name'}, {key}", row[i]
+
+
+def _told(where: str, unread: Iterable[tuple[str, str]]) -> list[str]:
+    """Return a sentence on cells that hold something and could not be read, or nothing."""
+    found = [f"{name} ('{_clean(text) or text.strip()[:40]}')" for name, text in unread if plain(text) not in NOTHING]
+    more = f" and {len(found) - TOLD} more" if len(found) > TOLD else ""
+    return [f"{where}: no number was read in these cells: {', '.join(found[:TOLD])}{more}."] if found else []
+
+
 def _numbers(row: Sequence[str], known: dict[str, int]) -> dict[str, str]:
     found = {key: plain(row[i]).replace(" ", "") for key, i in known.items()}
     return {key: text for key, text in found.items() if re.match(rf"^(-|< ?)?{POSITIVE}$", text)}
@@ -257,8 +297,8 @@ def _sources(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int]
     """Return the lines of an ANOVA table, its residual last and the totals left out."""
     lines: list[dict[str, Any]] = []
     for name, row in named:
-        found = _numbers(row, {key: i for key, i in known.items() if key != "t"})
-        if re.fullmatch(r"[1-9][0-9]{0,6}", found.get("df", "")) and not re.match(r"(corrected )?total", name.lower()):
+        found = _numbers(row, known)
+        if WHOLE.fullmatch(found.get("df", "")) and not re.match(r"(corrected )?total", name.lower()):
             unsigned = {key: text for key, text in found.items() if not text.startswith("-")}
             lines.append({"name": name or f"line {len(lines) + 1}", **unsigned, "df": int(found["df"])})
     residual = [line for line in lines if line["name"].lower() in RESIDUAL]
@@ -269,8 +309,8 @@ def _sources(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int]
 
 def _tests(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int]) -> Iterator[dict[str, Any]]:
     for number, (name, row) in enumerate(named, 1):
-        found = _numbers(row, {key: known[key] for key in ("t", "df", "p") if key in known})
-        if "t" in found and re.fullmatch(r"[1-9][0-9]{0,6}", found.get("df", "")):
+        found = _numbers(row, known)
+        if "t" in found and WHOLE.fullmatch(found.get("df", "")):
             p = {"p": found["p"]} if "p" in found else {}
             # Nothing but the test is known, so that what it was against decides nothing.
             df = int(found["df"])

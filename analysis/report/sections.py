@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from string import Template
@@ -353,15 +353,32 @@ def _confusion_table(task: TaskResult) -> Table:
         f"{'an unadjusted P' if task.correction is None else 'a P adjusted by Holm'} below 0.05, 0.01 and 0.001."
         + bracketed([task])
     ]
-    notes += [
-        f"{material} was presented to {matrix.n(i)} of {plural(people, 'participant')}."
-        for i, material in enumerate(matrix.materials)
-        if matrix.n(i) != people
-    ]
+    notes += _never(task)
     spread = "mean ± SD among" if people > 1 else "of"
     title = f"{task.task.title}: answer ratios, {spread} {plural(people, 'participant')}"
     marked = frozenset((i, i + 1) for i in range(len(matrix.materials)))
     return Table(title, header, tuple(rows), marked=marked, notes=tuple(notes), matrix=True)
+
+
+def _never(task: TaskResult) -> Iterator[str]:
+    """Yield to whom a material was not presented, who answered in no trial with it, and who never gave it as answer."""
+    matrix = task.confusion
+    for i, material in enumerate(matrix.materials):
+        shown = matrix.trials[:, i] > 0
+        silent = shown & (matrix.counts[:, i, -1] == matrix.trials[:, i])
+        unnamed = shown & ~silent & (matrix.counts[:, :, i].sum(axis=1) == 0)
+        to = f"{material} was presented to {shown.sum()} of {plural(len(shown), 'participant')}"
+        if not shown.any():
+            yield f"{to}."
+            continue
+        for which, said in (
+            (~shown, f"{to}, and not to"),
+            (silent, f"In no trial with {material} an answer was given by"),
+            (unnamed, f"The answer {material} was never given by"),
+        ):
+            if who := [f"sub-{label}" for label, one in zip(matrix.participants, which, strict=True) if one]:
+                more = f" and {len(who) - FEW} more" * (len(who) > FEW)
+                yield f"{said} {', '.join(who[:FEW])}{more}."
 
 
 Line = tuple[Effect, EffectSize | None]

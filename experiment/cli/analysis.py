@@ -516,7 +516,8 @@ def _believe(*datasets: Path) -> None:
 
     for dataset in datasets:
         if beliefs.has_journals(dataset):
-            build.check_tables(dataset)
+            for path in sorted(build.check_tables(dataset).under_way):
+                tell(f"palpate: {path}: {beliefs.OPEN}")
         elif (dataset / "dataset_description.json").exists() and beliefs.origin_of(dataset) not in (
             "RECONSTRUCTION",
             "IMPORTED",

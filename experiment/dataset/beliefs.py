@@ -38,6 +38,10 @@ FARTHEST_EAST = timedelta(hours=14)
 """The day of a session's beginning is at most this much ahead of UTC, wherever it was run."""
 
 
+OPEN = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
+"""What is said of a journal whose session is open."""
+
+
 @dataclass(frozen=True)
 class Believed:
     """A dataset whose journals were all held against what stands beside them.

@@ -138,11 +138,16 @@ def check_tables(root: Path) -> Believed:
     """Return what `believed` returns, if the journals give the tables on disk and name the raw frames of the foot.
 
     Raises what `believed` raises, and `DatasetError` for the first table or trace that differs: it was edited, or is
-    older than the journals.
+    older than the journals, of which those of open sessions may be newer; or no session has ended or has a table.
     """
     dataset = believed(root)
-    for doubt in edited(root, dataset):
+    for doubt in edited(root, dataset, dataset.under_way):
         raise doubt
+    if dataset.under_way and not any(_has_table(root, header) for _, header in dataset.sessions):
+        raise DatasetError(
+            f"{root}: no session has ended yet, and no table is made; end one, or have tables made of what was "
+            f"answered so far (palpate build {root})"
+        )
     return dataset
 
 
@@ -166,7 +171,9 @@ def edited(
     found = unlike(_study_files(root, dataset)) if whole else []
     if found and under_way:
         told = [(path, of) for path, of in dataset.sessions if path not in under_way or _has_table(root, of)]
-        found = unlike(_study_files(root, replace(dataset, sessions=tuple(told))))
+        files = _study_files(root, replace(dataset, sessions=tuple(told)))
+        # Before the first session ends nothing is made that could be missed.
+        found = unlike({path: content for path, content in files.items() if told or path.exists()})
     doubts += found
     for session in _sessions(dataset):
         made = partial(_events, root, dataset.protocol, dataset.purpose)

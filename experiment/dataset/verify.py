@@ -162,8 +162,7 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
         text = f"is missing: {why if ended else 'no session has ended yet'}; each that ends adds an anchor to it"
         yield Finding("note", LOG.as_posix(), text)
     for path in sorted(held.under_way):
-        text = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
-        yield Finding("note", path.relative_to(root).as_posix(), text)
+        yield Finding("note", path.relative_to(root).as_posix(), beliefs.OPEN)
     others = "but for those refused, " * bool(tables)
     given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
     text = f"{others}are what the journals {given} traces of the foot's height were not compared"
@@ -243,7 +242,10 @@ def _session(path: Path, headers: list[Header]) -> str:
     unnamed = (
         f"; {count(more, 'byte')} of frames that no line names follow, as of a step that was cut off" if more else ""
     )
-    return f"{told}; its rig{frames} that it names{unnamed}"
+    held = progress(contents.entries)
+    paused = held.footer is not None and held.footer.reason == "paused" and not held.complete
+    still = f"; its session is open: it was paused with {count(len(held.remaining), 'trial')} to go" if paused else ""
+    return f"{told}; its rig{frames} that it names{unnamed}{still}"
 
 
 def _roster(path: Path, rosters: list[Roster]) -> str:

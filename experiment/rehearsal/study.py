@@ -183,7 +183,6 @@ def practise(
             console.show(said)
         practice = _Practice(job, console)
         footer = walk(console=console, tasks=tasks, run=practice.session, noting=practice.noting)
-    build.build(job.dataset)
     others = [task for task in job.tasks if left[task] and task not in tasks]
     if footer.reason == "paused":
         onward = ""
@@ -205,7 +204,9 @@ class _Practice:
 
     def session(self, task_id: str) -> Footer:
         self.console.at(step=task_id, steps=visit_steps(self.job.tasks))
-        return run_task(self.job, task_id, lambda: None, None, self.console)
+        footer = run_task(self.job, task_id, lambda: None, None, self.console)
+        build.build(self.job.dataset)
+        return footer
 
     def noting(self) -> Attended | None:
         return paused(self.job.dataset, self.job.participant, self.job.tasks, MonotonicClock())

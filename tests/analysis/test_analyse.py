@@ -277,7 +277,7 @@ def test_unequal_numbers_missing_answers_and_missing_materials(tmp_path: Path) -
     sessions["5"] = {"virtual": trials([("sand", "sand"), ("sand", "(none)"), ("snow", "snow")])}
     found = analyse([write_dataset(tmp_path, sessions)], pictures=False)
     shown = _no_nan(found)
-    assert "glass was presented to 4 of 5 participants." in shown
+    assert "glass was presented to 4 of 5 participants, and not to sub-5." in shown
     assert "(none)" in shown
     assert [r.icc.raters for r in found.results.reliabilities if r.icc] == [4, 4, 4, 4, 4]
 

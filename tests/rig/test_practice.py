@@ -34,7 +34,7 @@ main()
 
 QUESTION = re.compile(
     r"familiar with the materials: |Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>Key: )"
-    r"|type (?P<again>\S) again[^\n]*again: |to end the session: |or nothing; press Enter: "
+    r"|type (?P<again>\S) again[^\n]*again: |to end the session: |(?:or nothing;|then) press Enter: "
 )
 KEYS = {"felt": "f", "cork": "k", "kraft paper": "p", "foil": "o", "film": "i"}
 TRIALS = 4
@@ -51,8 +51,11 @@ def study(tmp_path: Path) -> Path:
     return file
 
 
-def practise(folder: Path, *arguments: str, stop_after: int = TRIALS) -> tuple[int, str]:
-    """Give the command at a terminal, and key what the participant says; press Ctrl-C once so many are answered."""
+def practise(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int = 2) -> tuple[int, str]:
+    """Give the command at a terminal, and key what the participant says; `stop` it once so many are answered.
+
+    By default it is stopped as by Ctrl-C.
+    """
     ours, theirs = pty.openpty()
     command = [sys.executable, "-c", COMMAND, "run", *arguments, "--practice", "--lines"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
@@ -76,7 +79,7 @@ def practise(folder: Path, *arguments: str, stop_after: int = TRIALS) -> tuple[i
             elif asked["said"] is not None:
                 said = asked["said"]
             elif asked["key"] is not None and answered == stop_after:
-                process.send_signal(2)
+                process.send_signal(stop)
             elif asked["key"] is not None:
                 answered += 1
                 os.write(ours, f"{KEYS[said]}\n".encode())
@@ -117,6 +120,17 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     made = [path for path in (root / "derivatives").rglob("*") if path.is_file()]
     assert made
     assert [path for path in made if "PRACTICE" not in path.read_text("utf-8")] == []
+
+
+def test_a_task_that_was_practised_has_its_tables_whatever_ends_the_next(
+    tmp_path: Path, study: Path, palpate: Palpate
+) -> None:
+    code, screen = practise(tmp_path, "small.toml", stop_after=TRIALS + 1, stop=9)
+    assert code == -9, screen
+    root = tmp_path / "participants" / "practice-small"
+    assert verify(root).refused == 0
+    code, out, err = palpate("analyse", root, "--no-figures", "--out", tmp_path / "tables")
+    assert (code, "no footer ends it" in err, "PRACTICE" in out) == (0, True, True), err
 
 
 def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(

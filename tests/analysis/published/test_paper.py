@@ -96,6 +96,43 @@ def test_t_of_a_material_is_held_against_its_mean(tmp_path: Path, t: str, verdic
     )
 
 
+def test_cells_that_cannot_be_read_are_told(tmp_path: Path) -> None:
+    """An O for a 0 and an l for a 1, as a scanned page has them; an empty cell and a dash print nothing."""
+    file = tmp_path / "p.csv"
+    file.write_text(
+        "Table 1\n,a,b,other\na,0.7O (0.10),0.30 (0.10),0.00\nb,\u2013,0.9l,\nsum,1,1,1\n\n"
+        "name,t,df,p\na,4.2l,14,0.001\nb,3.0,13.6,n.s.\nc,2.0,14,\n\n"
+        "source,SS,df,MS,F,P\ngroup,24,2,12,6.0,0.0l\nError,2.x,12,2.0,,\nTotal,26,14,,,\n",
+        "utf-8",
+    )
+    found = paper.read(file, Stated((15,)))
+    assert found.passed_over == (
+        "Table 1: no number was read in these cells: a -> a ('0.7O (0.10)'), a -> other ('0.00'), b -> b ('0.9l'), the "
+        "row 'sum', which no column has ('1').",
+        "table 2: no number was read in these cells: a, t ('4.2l'), b, df ('13.6'), b, p ('n.s.').",
+        "table 3: no number was read in these cells: group, p ('0.0l'), Error, ss ('2.x').",
+    )
+    many = "\n".join(f"x{k},n.s.,14" for k in range(14))
+    file.write_text(f"name,t,df\n{many}\ny,2.0,14\n", "utf-8")
+    (said,) = paper.read(file, Stated()).passed_over
+    assert said.endswith("x11, t ('n.s.') and 2 more.")
+
+
+def test_a_df_that_no_table_has_is_named_as_wrong(tmp_path: Path) -> None:
+    """15 participants have 14 df; t of a is 7.746 and of b 30.98 (by hand)."""
+    rows = ["Table 1", ",a,b", "a,0.700 (0.100),0.300 (0.100)", "b,0.100 (0.050),0.900 (0.050)", ""]
+    file = tmp_path / "p.csv"
+    file.write_text("\n".join([*rows, "name,t,df", "a,7.75,15", "b,30.98,14", ""]), encoding="utf-8")
+    stated = Stated((15,), None, "1/2")
+    lines = audit(str(file), stated=stated).comparison.lines
+    assert [(one.subject, one.verdict) for one in lines if one.quantity == "df"] == [("a", "differs"), ("b", "agrees")]
+    assert "it is the number of participants" in audit(str(file), stated=stated).text()
+    file.write_text("\n".join([*rows, "name,t,df", "a,7.75,15", ""]), encoding="utf-8")
+    assert paper.read(file, stated).passed_over == (
+        "table 2, a: t has 15 df, and no confusion table with it has 16 participants.",
+    )
+
+
 def test_one_reason_for_many_cells_is_told_once(tmp_path: Path) -> None:
     path = tmp_path / "paper.csv"
     path.write_text("presented,cork,felt\ncork,0.71 ± 0.20,0.29 ± 0.20\nfelt,0.45 ± 0.22,0.64 ± 0.22\n")

@@ -12,6 +12,7 @@ from analysis.report import sections
 from analysis.report.figures import sheets
 from analysis.report.identification_sections import confusions_section
 from analysis.report.plan import Standing
+from experiment.records.events import NO_ANSWER
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 NONE = Standing(frozenset(), frozenset(), {})
@@ -42,6 +43,26 @@ def test_corrections_beyond_what_can_be_transmitted(tmp_path: Path) -> None:
     above, below = found.notes[1:]
     assert above.startswith("virtual: a corrected value is above the bits presented, although no more can be transmit")
     assert below.startswith("real: a corrected value is below 0, although no less can be transmitted")
+
+
+def test_who_never_answered_a_material_is_named_beside_the_answers(tmp_path: Path) -> None:
+    usual = [(material, material) for material in MATERIALS]
+    silent = [("glass", NO_ANSWER), ("sand", "sand"), ("snow", "glass"), ("snow", "snow")]
+    unnamed = [("glass", "glass"), ("sand", "sand"), ("snow", "sand")]
+    missing = [("glass", "glass"), ("sand", "sand")]
+    made = [usual, silent, unnamed, missing, *[unnamed] * 12]
+    sessions = {f"{k:02d}": {"real": trials(one)} for k, one in enumerate(made, start=1)}
+    results = compute(read(write_dataset(tmp_path, sessions, tasks=("real",))), {})
+    (section,) = (sections.confusion_section(results),)
+    assert (section.brief, section.tables[0].notes[1:]) == (
+        (),
+        (
+            "In no trial with glass an answer was given by sub-02.",
+            "snow was presented to 15 of 16 participants, and not to sub-04.",
+            "The answer snow was never given by sub-03, sub-05, sub-06, sub-07, sub-08, sub-09, sub-10, sub-11, "
+            "sub-12, sub-13 and 3 more.",
+        ),
+    )
 
 
 def test_the_interval_of_the_information(tmp_path: Path) -> None:

@@ -309,6 +309,34 @@ def test_in_the_first_session_of_a_participant_no_table_is_missed(study: MadeStu
     assert "is missing" in " ".join(map(str, build.edited(study.root, beliefs.believed(study.root))))
 
 
+def test_an_open_session_is_told_as_open_and_not_accused(study: MadeStudy, visited: Path, palpate: Palpate) -> None:
+    code, out, err = palpate("analyse", study.root, "--no-figures", "--out", study.root.parent / "tables")
+    assert (code, f"palpate: {visited}: no footer ends it: its session is running or was cut off" in err) == (0, True)
+    assert "Planned and done" in out
+    one = study.tasks[1]
+    study.run(study.header(one.participant, one.tasks[1]), "cq")
+    told = {finding.item: finding.text for finding in verify(study.root).findings}
+    assert told[inside(study, study.journal(1, 1))].endswith("; its session is open: it was paused with 3 trials to go")
+    assert "open" not in told[inside(study, study.journal(1, 0))]
+
+
+def test_before_the_first_session_has_ended_there_is_no_table_that_is_missed(tmp_path: Path, palpate: Palpate) -> None:
+    study = make_study(tmp_path / "new", sessions=0)
+    one = study.tasks[0]
+    study.run(study.header(one.participant, one.tasks[0]))
+    path = study.journal()
+    rechained(path, path.read_bytes().splitlines(keepends=True)[:-1])
+    assert verify(study.root).refused == 0
+    code, _, err = palpate("analyse", study.root, "--no-figures")
+    assert (code, "no session has ended yet, and no table is made; end one, or have" in err, err.count("\n")) == (
+        2,
+        True,
+        1,
+    )
+    build.build(study.root)
+    assert palpate("analyse", study.root, "--no-figures")[0] == 0
+
+
 @pytest.mark.parametrize("began", [True, False], ids=["first sitting", "second sitting"])
 def test_tables_that_were_made_in_mid_visit_are_those_of_that_moment(
     study: MadeStudy, visited: Path, *, began: bool
