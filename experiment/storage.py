@@ -108,6 +108,8 @@ TOO_DEEP = f"tables or arrays in one another more than {DEEPEST} times"
 
 def extreme(document: object) -> tuple[Place, str] | None:
     """Return where a document of TOML or JSON holds what no file needs, and what: the nesting, or a whole number."""
+    if _is_plain(document):
+        return None
     level: list[tuple[Place, object]] = [((), document)]
     for _ in range(DEEPEST + 1):
         inner: list[tuple[Place, object]] = []
@@ -122,6 +124,22 @@ def extreme(document: object) -> tuple[Place, str] | None:
             inner += [((*place, key), one) for key, one in items]
         level = inner
     return (level[0][0], TOO_DEEP) if level else None
+
+
+def _is_plain(document: object) -> bool:
+    """Return whether `extreme` finds nothing, sooner than by keeping the place of everything."""
+    level = [document]
+    for _ in range(DEEPEST + 1):
+        inner: list[object] = []
+        for held in level:
+            if isinstance(held, dict):
+                inner += held.values()
+            elif isinstance(held, list):
+                inner += held
+            elif isinstance(held, int) and not -(2**63) <= held < 2**63:
+                return False
+        level = inner
+    return not level
 
 
 def write(path: Path, content: bytes) -> None:

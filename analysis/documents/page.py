@@ -11,7 +11,7 @@ import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from html import escape
 from importlib import metadata
@@ -200,7 +200,7 @@ def drawings(sheets: Iterable[Sheet], folder: str = "", *, pictures: bool = True
         return {f"{folder}{one.name}.{kind}": draw(one.figure) for one in some for kind, draw in kinds.items()}
 
     every = list(sheets)
-    with _forked(partial(drawn, every[1::2])) as other:
+    with _forked(partial(drawn, every[1::2])) if every[1:] else nullcontext(dict) as other:
         found = drawn(every[::2])
         found |= other()
     return {f"{folder}{one.name}.{kind}": found[f"{folder}{one.name}.{kind}"] for one in every for kind in kinds}

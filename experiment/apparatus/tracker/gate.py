@@ -133,12 +133,7 @@ class Scrutiny:
         agree are believed, and one alone is dropped.
         """
         believed, held, dropped = state
-        if (
-            held is None
-            and believed is not None
-            and samples.device_us.size >= MANY
-            and self._all_near(believed, samples)
-        ):
+        if held is None and samples.device_us.size >= MANY and self._all_near(believed, samples):
             return Sifted((int(samples.device_us[-1]), float(samples.height_mm[-1])), None, dropped), samples
         passed: list[tuple[int, float]] = []
         for read in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
@@ -212,10 +207,11 @@ class Scrutiny:
     def _near(self, one: tuple[int, float], other: tuple[int, float]) -> bool:
         return abs(other[1] - one[1]) <= (other[0] - one[0]) * FASTEST_MM_S / 1e6 + self._apart_mm
 
-    def _all_near(self, believed: tuple[int, float], samples: Samples) -> bool:
-        """Return whether `_near` holds from each reading to the next, the one that was believed last before them."""
-        apart_us = np.diff(samples.device_us, prepend=believed[0])
-        apart_mm = np.abs(np.diff(samples.height_mm, prepend=believed[1]))
+    def _all_near(self, believed: tuple[int, float] | None, samples: Samples) -> bool:
+        """Return whether `_near` holds from each reading to the next, and to the first from what was believed last."""
+        before_us, before_mm = believed or (samples.device_us[0], samples.height_mm[0])
+        apart_us = np.diff(samples.device_us, prepend=before_us)
+        apart_mm = np.abs(np.diff(samples.height_mm, prepend=before_mm))
         return bool((apart_mm <= apart_us * FASTEST_MM_S / 1e6 + self._apart_mm).all())
 
     def _jumps_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
@@ -278,12 +274,18 @@ class GateDetector:
             return ""
         return f"the tracker's heights stay at {mm:.2f} mm inside the gate, as no foot's do; see to the sensor"
 
+    def passes_over(self, state: GateState, samples: Samples) -> bool:
+        """Return whether nothing can happen in the next samples: many at once, all of them above the gate."""
+        many = samples.height_mm.size >= MANY and state.landing is None
+        return many and bool(samples.height_mm.min() > self._levels_mm[0])
+
     def step(self, state: GateState, samples: Samples) -> tuple[GateState, tuple[Gate | Contact, ...]]:
         """Return the state after the next samples, and what happened, in order, however samples are cut."""
         us, mm = state.us + tuple(samples.device_us.tolist()), state.mm + tuple(samples.height_mm.tolist())
         events: list[Gate | Contact] = []
         # A read while a foot falls holds few samples: Python's loop over them is faster than numpy's calls.
-        for i in range(max(len(state.us), 1), len(us)):
+        begin = len(us) if self.passes_over(state, samples) else max(len(state.us), 1)
+        for i in range(begin, len(us)):
             above_mm, below_mm = mm[i - 1], mm[i]
             if state.landing is not None:
                 if below_mm - self._step.contact_mm <= 2 * (self._levels_mm[3] - self._step.contact_mm):

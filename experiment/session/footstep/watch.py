@@ -283,10 +283,15 @@ class _Step:
                 return reason
             if reason := detector.stuck(*self._since(samples)):
                 return reason
+            over = self._gate is None and detector.passes_over(state, samples)
             state, events = detector.step(state, samples)
             upcoming = deque(events)
             aim_at: Landing | None = None
-            for us, mm in zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True):
+            if over:
+                # What a loop over them would leave behind.
+                self._falling = falling = predictor.init()
+            followed = () if over else zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True)
+            for us, mm in followed:
                 if state.landing is not None and us == state.landing.given_us:
                     # The next sample tells whether this is contact.
                     break

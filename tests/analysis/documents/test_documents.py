@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import signal
+
 import pytest
 from matplotlib.figure import Figure
 
@@ -35,6 +38,54 @@ def test_files_of_a_figure() -> None:
     assert list(files) == ["figures/map.svg", "figures/map.png"]
     assert files["figures/map.png"].startswith(b"\x89PNG\r\n\x1a\n")
     assert files["figures/map.svg"].startswith(b"<?xml")
+
+
+class Refused(Exception):
+    """What a figure that cannot be drawn raises."""
+
+
+class Undrawn(Figure):
+    def savefig(self, *_: object, **__: object) -> None:
+        raise Refused
+
+
+def _numbered() -> list[Sheet]:
+    """Three figures, no two of which are alike."""
+    return [Sheet(f"figure{n}", "confusions", "", Figure(figsize=(n, 1))) for n in (1, 2, 3)]
+
+
+def test_figures_are_the_same_whichever_process_draws_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    alone = [page.drawings([one]) for one in _numbered()]
+    expected = alone[0] | alone[1] | alone[2]
+    assert len(set(expected.values())) == 6
+    assert list(page.drawings(_numbered()).items()) == list(expected.items())
+
+    def refused() -> int:
+        raise BlockingIOError
+
+    monkeypatch.setattr("os.fork", refused)
+    assert page.drawings(_numbered()) == expected
+
+
+def test_figures_of_a_process_that_is_killed_are_drawn_by_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    expected = page.drawings(_numbered())
+    fork = os.fork
+
+    def killed() -> int:
+        if pid := fork():
+            os.kill(pid, signal.SIGKILL)
+        return pid
+
+    monkeypatch.setattr("os.fork", killed)
+    assert page.drawings(_numbered()) == expected
+
+
+@pytest.mark.parametrize("place", [0, 1])
+def test_what_a_figure_raises_is_raised_here(place: int) -> None:
+    figures = _numbered()
+    figures[place] = Sheet("undrawn", "confusions", "", Undrawn())
+    with pytest.raises(Refused):
+        page.drawings(figures)
 
 
 def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_at_the_end() -> None:
