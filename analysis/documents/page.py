@@ -38,7 +38,7 @@ a { color: #0550ae; }
   radial-gradient(farthest-side at 100% 50%, #0004, #0000) right / 14px 100% no-repeat scroll; }
 .scroll:focus-visible { outline: 3px solid #0550ae; outline-offset: 2px; }
 table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
-.caption { font-weight: 600; margin: 1.5rem 0 -.75rem; max-width: 46rem; }
+.caption { font-weight: 600; margin: 1.5rem 0 -.75rem; max-width: 46rem; } .caption + .note { margin-top: 1rem; }
 th, td { padding: .3rem .7rem; border-bottom: 1px solid var(--line); text-align: right; vertical-align: top; }
 th, td { white-space: nowrap; }
 thead th { border-bottom: 2px solid var(--ink); vertical-align: bottom; }
@@ -59,6 +59,7 @@ figure { margin: 1.25rem 0; min-width: 0; }
   .first > * { grid-column: 1 / -1; }
   .first > .said { grid-column: 1; }
   .first > .figures { grid-column: 2; grid-template-columns: 1fr; }
+  .first > .figures:has(> .wide) { grid-column: 1 / -1; }
   .first > .said > p:first-child, .first > .figures > figure { margin-top: .5rem; }
 }
 figure .scroll { margin-top: 0; }
