@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from html import escape
-from importlib import metadata
+from importlib import metadata, resources
 from itertools import groupby
 from typing import TYPE_CHECKING, Any
 
@@ -18,64 +18,7 @@ if TYPE_CHECKING:
 COLUMN_POINTS = 300.0
 """A figure wider than this takes the whole width of the page."""
 
-STYLE = """
-:root { color-scheme: light; --line: #c9ced6; --ink: #1b1f24; --quiet: #57606a; --band: #7a1f00; --mark: #e6eefb; }
-* { box-sizing: border-box; }
-body { margin: 0; color: var(--ink); background: #fff; font: 16px/1.5 system-ui, "Segoe UI", sans-serif; }
-main { max-width: 68rem; margin: 0 auto; padding: 0 1rem 3rem; }
-.band { background: var(--band); color: #fff; font-weight: 700; text-align: center; padding: .6rem 1rem; }
-h1 { font-size: 1.6rem; line-height: 1.25; margin: 1.5rem 0 .5rem; }
-h2 { font-size: 1.25rem; margin: 2.5rem 0 .5rem; border-bottom: 2px solid var(--line); padding-bottom: .25rem; }
-h2.part { font-size: 1.4rem; margin-top: 3.5rem; border-bottom-color: var(--ink); }
-h3 { font-size: 1.1rem; margin: 2rem 0 .5rem; }
-p { max-width: 46rem; overflow-wrap: break-word; }
-nav { margin-top: 2rem; border-top: 2px solid var(--line); padding-top: .75rem; }
-nav ul { list-style: none; padding: 0; margin: 0; }
-nav li { margin: .25rem 0; }
-a { color: #0550ae; }
-.scroll { overflow-x: auto; margin: 1.25rem 0 .25rem; background: linear-gradient(90deg, #fff 30%, #fff0) local,
-  linear-gradient(270deg, #fff 30%, #fff0) right / 40% 100% no-repeat local,
-  radial-gradient(farthest-side at 100% 50%, #0004, #0000) right / 14px 100% no-repeat scroll; }
-.scroll:focus-visible { outline: 3px solid #0550ae; outline-offset: 2px; }
-table { border-collapse: collapse; font-size: .9rem; font-variant-numeric: tabular-nums; }
-.caption { font-weight: 600; margin: 1.5rem 0 -.75rem; max-width: 46rem; } .caption + .note { margin-top: 1rem; }
-th, td { padding: .3rem .7rem; border-bottom: 1px solid var(--line); text-align: right; vertical-align: top; }
-th, td { white-space: nowrap; }
-thead th { border-bottom: 2px solid var(--ink); vertical-align: bottom; }
-tbody th { font-weight: 400; }
-.left { text-align: left; }
-.wrap { white-space: normal; min-width: 20rem; max-width: 32rem; }
-.marked { background: var(--mark); }
-.marked:not(.left) { font-weight: 600; }
-.standing { font-weight: 400; font-size: .8rem; white-space: nowrap; border: 1px solid var(--line);
-  border-radius: .7rem; padding: 0 .5rem; color: var(--quiet); background: #fff; }
-summary { cursor: pointer; color: #0550ae; margin: 1rem 0 0; }
-.note { color: var(--quiet); font-size: .875rem; margin: .25rem 0; }
-.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 0 2rem; }
-figure { margin: 1.25rem 0; min-width: 0; }
-.wide { grid-column: 1 / -1; }
-@media (min-width: 62rem) {
-  .first { display: grid; grid-template-columns: minmax(0, 1fr) 25rem; column-gap: 2.5rem; align-items: start; }
-  .first > * { grid-column: 1 / -1; }
-  .first > .said { grid-column: 1; }
-  .first > .figures { grid-column: 2; grid-template-columns: 1fr; }
-  .first > .figures:has(> .wide) { grid-column: 1 / -1; }
-  .first > .said > p:first-child, .first > .figures > figure { margin-top: .5rem; }
-}
-figure .scroll { margin-top: 0; }
-figure svg { display: block; height: auto; }
-figcaption { color: var(--quiet); font-size: .875rem; max-width: 46rem; }
-dt { font-weight: 600; margin-top: .75rem; }
-dd { margin: 0; max-width: 46rem; overflow-wrap: anywhere; }
-footer { color: var(--quiet); font-size: .875rem; border-top: 2px solid var(--line); margin-top: 3rem; }
-@media (max-width: 40rem) {
-  h1 { font-size: 1.3rem; }
-  table { font-size: .8rem; }
-  th, td { padding: .3rem .4rem; }
-  tbody th.left { white-space: normal; min-width: 6.5rem; }
-}
-@media print { .scroll { overflow: visible; } nav { display: none; } }
-"""
+STYLE = "\n" + resources.files("analysis.documents").joinpath("page.css").read_text("utf-8")
 
 REPORT = "report.html"
 
