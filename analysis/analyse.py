@@ -22,7 +22,7 @@ from analysis.published.numbers import Published
 from analysis.reading.dataset import read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
 from analysis.reading.study import Study, nothing_left
-from analysis.report.sections import METHODS, sections
+from analysis.report.sections import methods, sections
 from analysis.statistics.anova import Anova
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
@@ -160,7 +160,7 @@ def _comparisons(
         drawn = _named(study, comparison_figures.sheets(found, study.label, titles=titles))
     title, numbers = study.name.removeprefix(f"{study.label}: "), _compared(study, found)
     content = page.folder(
-        title, study.label, parts, drawn, comparison_sections.METHODS, numbers, pictures=pictures
+        title, study.label, parts, drawn, comparison_sections.methods(), numbers, pictures=pictures
     ) | _bids(study)
     return Analysis(study, found, None, parts, place, publish(place, content, study.label, "analyse"))
 
@@ -192,7 +192,7 @@ def _content(
         drawn = _named(study, sheets(results, study.label, titles=titles))
     numbers, counts = _numbers(study, results, comparison), _counts(results)
     return page.folder(
-        title, study.label, parts, drawn, METHODS, numbers, further=(counts,), pictures=pictures
+        title, study.label, parts, drawn, methods(), numbers, further=(counts,), pictures=pictures
     ) | _bids(study)
 
 

@@ -41,9 +41,11 @@ def main() -> None:
         from experiment.cli.app import main as command
 
         command()
-    except KeyboardInterrupt:
-        from experiment.cli import tell
+    except (Exception, KeyboardInterrupt) as error:
+        from experiment.cli import tell, was_interrupted
 
+        if not was_interrupted(error):
+            raise
         tell("palpate: interrupted; run the same command to continue or to begin again")
         # An interrupt that passed through code made from text, as of data classes, is forgotten by the next such code:
         # otherwise Python ends with the signal and not with the exit code.

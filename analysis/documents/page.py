@@ -3,12 +3,21 @@
 from __future__ import annotations
 
 import json
+import os
+import pickle
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from html import escape
-from importlib import metadata, resources
+from importlib import metadata
 from itertools import groupby
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from analysis.documents.tables import Section, Table, comma_separated, latex, markdown
 
@@ -17,8 +26,6 @@ if TYPE_CHECKING:
 
 COLUMN_POINTS = 300.0
 """A figure wider than this takes the whole width of the page."""
-
-STYLE = "\n" + resources.files("analysis.documents").joinpath("page.css").read_text("utf-8")
 
 REPORT = "report.html"
 
@@ -56,10 +63,11 @@ def folder(
         for before, section, shown in zip(sections, sections[1:], rest, strict=False)
     )
     formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
+    style = Path(__file__).with_suffix(".css").read_text("utf-8")
     page = (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(headed)}</title><style>{STYLE}</style></head>\n<body>{band}<main>"
+        f"<title>{escape(headed)}</title><style>\n{style}</style></head>\n<body>{band}<main>"
         f"<h1>{escape(title)}</h1>{first}"
         f'<nav aria-label="Contents"><ul>{_contents(sections)}<li><a href="#methods">Formulas</a></li></ul></nav>'
         f'{body}<section id="methods"><h2>Formulas</h2><dl>{formulas}</dl></section>'
@@ -179,8 +187,64 @@ def tables(parts: Iterable[Section], label: str, folder: str = "") -> dict[str, 
 
 
 def drawings(sheets: Iterable[Sheet], folder: str = "", *, pictures: bool = True) -> dict[str, bytes]:
-    """Return every figure as SVG, and where there are `pictures` as PNG too, by name."""
+    """Return every figure as SVG, and where there are `pictures` as PNG too, by name.
+
+    A fork of this process draws half of them. SVG and PNG of one figure are drawn by the same process, because drawing
+    is what lays a figure out.
+    """
     from analysis.documents import drawing
 
     kinds = {"svg": drawing.svg, **({"png": drawing.png} if pictures else {})}
-    return {f"{folder}{one.name}.{kind}": draw(one.figure) for one in sheets for kind, draw in kinds.items()}
+
+    def drawn(some: Iterable[Sheet]) -> dict[str, bytes]:
+        return {f"{folder}{one.name}.{kind}": draw(one.figure) for one in some for kind, draw in kinds.items()}
+
+    every = list(sheets)
+    with _forked(partial(drawn, every[1::2])) as other:
+        found = drawn(every[::2])
+        found |= other()
+    return {f"{folder}{one.name}.{kind}": found[f"{folder}{one.name}.{kind}"] for one in every for kind in kinds}
+
+
+@contextmanager
+def _forked(draw: Callable[[], dict[str, bytes]]) -> Iterator[Callable[[], dict[str, bytes]]]:
+    """Call `draw` in a fork of this process, and give what waits for its result.
+
+    It is called here where no process can be forked, from a thread that is not the main one, and if the fork ended
+    before it was done; so that what it raises is raised here.
+    """
+    if sys.platform != "linux" or threading.current_thread() is not threading.main_thread():
+        yield draw
+        return
+    reading, writing = os.pipe()
+    with warnings.catch_warnings():
+        # Another thread turns the sign that something is computed, and holds no lock that drawing takes.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        try:
+            pid = os.fork()
+        except OSError:
+            pid = None
+    if pid == 0:
+        _draw(draw, writing)
+    os.close(writing)
+    if pid is None:
+        os.close(reading)
+        yield draw
+        return
+    try:
+        with open(reading, "rb") as results:  # noqa: PTH123
+            yield lambda: pickle.loads(told) if (told := results.read()) else draw()  # noqa: S301
+    finally:
+        os.waitpid(pid, 0)
+
+
+def _draw(draw: Callable[[], dict[str, bytes]], writing: int) -> NoReturn:
+    """Write what `draw` returns and end; nothing if it raises, or if nobody waits any longer."""
+    try:
+        # The keyboard interrupts whoever waits, and that thread writes to a terminal for both.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
+        with open(writing, "wb") as results:
+            results.write(pickle.dumps(draw()))
+    finally:
+        os._exit(0)

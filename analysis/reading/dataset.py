@@ -25,7 +25,7 @@ from analysis.documents.tables import plural
 from analysis.reading.study import Part, Study, Task, check_chances, exclude
 from experiment import storage
 from experiment.errors import DatasetError
-from experiment.records.events import COMPARISON_COLUMNS, EVENT_COLUMNS, NO_ANSWER
+from experiment.records.events import NO_ANSWER, columns_of
 from experiment.records.tapping import FIRST, SECOND, TIE
 from experiment.settings.characters import JOINERS, hidden, quoted
 
@@ -265,7 +265,7 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
 
 def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> list[dict[str, object]]:
     columns, lines = _table(path)
-    own = EVENT_COLUMNS if levels.answers is None else COMPARISON_COLUMNS
+    own = columns_of("footstep" if levels.answers is None else "comparison")
     if missing := [column for column in own if column not in columns]:
         raise DatasetError(f"{path}: missing columns: {', '.join(missing)}; make the dataset again")
     if len(lines) != count:

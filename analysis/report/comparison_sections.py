@@ -238,26 +238,6 @@ def _record(value: Estimate) -> dict[str, object]:
     return {"value": value.value, "se": value.se, "low": value.low, "high": value.high}
 
 
-METHODS = formulas("""
-Right choice
-    The material that stands later among the study's was named, whichever was presented first. Share = right / trials;
-    trials without an answer count in neither, ties in the trials alone.
-Interval of a share
-    Clopper and Pearson (1934), from beta quantiles, at 95 %. All trials of all participants count as independent.
-Bradley-Terry
-    P(first) = 1 / (1 + exp(-(s_first - s_second + order))), fitted by maximum likelihood (Bradley and Terry 1952).
-    Pairs of a material with itself tell of the order alone.
-Thurstone's case V
-    P(first) = Φ(s_first - s_second + order) (Thurstone 1927).
-Davidson
-    With d = s_first - s_second + order, the odds of first : tie : second are exp(d / 2) : ν : exp(-d / 2) (Davidson
-    1970; Davidson and Beaver 1977).
-Intervals of a scale
-    Covariance = A⁻¹ B A⁻¹, A the information and B the sum over participants of the outer products of their scores,
-    times n / (n - 1) for n participants; limits by Student's t with n - 1 degrees of freedom.
-Goodness of fit
-    Deviance = 2 Σ n ln(n / fitted) over the ordered pairs and answers; P is the upper tail of chi-square with so many
-    degrees of freedom as there are ordered pairs (twice as many with ties), less the fitted terms.
-Correlation with the paper
-    Pearson's r over the cells of one printed table.
-""")
+def methods() -> tuple[tuple[str, str], ...]:
+    """Return the name and formula of everything that these sections hold."""
+    return formulas("comparison_methods.md")

@@ -185,20 +185,3 @@ def _contrasts(title: str, within: str, of: Sequence[Contrast], note: str) -> Ta
 
 def _share(log_odds: float) -> float:
     return 1 / (1 + math.exp(-log_odds))
-
-
-MARGINAL = """
-Marginal means and contrasts (ours)
-    logit P(right) = mean of the cell + u_participant + u_participant,material + u_participant,task +
-    u_participant,cell, with normal u, is fitted by maximum likelihood with Laplace's approximation; a cell is a
-    material in a task. Contrasts are differences of two cells, with t on (levels - 1)(n - 1) df; P is adjusted by Holm.
-Equivalence (ours)
-    t = (|mean| - margin) / (SD / √n) of participants' differences, and P = P(T < t) on n - 1 df: the larger of the two
-    one-sided P (Schuirmann 1987). For a pair a, b the value is (r(a|a) - r(a|b) + r(b|b) - r(b|a)) / 2, where r(a|b) is
-    the ratio of answers a to b. BF01 = 1 / BF10 of the mean against 0.
-Biases and lapses (ours)
-    p(j | i) = (1 - lapse_i) [j = i] + lapse_i b_j with Σ b = 1 (Townsend 1971, all-or-none). Wrong answers are then a
-    table of independent rows and columns without its diagonal (Goodman 1968), fitted by iterative proportional fitting;
-    G² has M² - 3M + 1 df. A participant's known share k maximises the likelihood of right answers, k + (1 - k) b_i, and
-    is shown to be above 0 where twice its logarithm is 2.71 above that of k = 0.
-"""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from pathlib import Path
+from string import Template
 
 from analysis.audit.audit import Comparison, comparison_section
 from analysis.documents.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, plural, probability
@@ -23,7 +25,7 @@ from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WIND
 from analysis.published.numbers import Published
 from analysis.reading.study import Study
 from analysis.report.beside_tables import beside_section
-from analysis.report.contrast_tables import MARGINAL, contrasts_section, equivalence_section, lapses_section
+from analysis.report.contrast_tables import contrasts_section, equivalence_section, lapses_section
 from analysis.report.found import found_section
 from analysis.report.identification_sections import (
     ARBITRARY,
@@ -405,119 +407,23 @@ def _record(line: Line) -> dict[str, object]:
     }  # fmt: skip
 
 
-def formulas(text: str) -> tuple[tuple[str, str], ...]:
-    """Return the name and formula of each block: a line with the name, then the formula, indented."""
-    blocks = (block.partition("\n") for block in re.split(r"\n(?=\S)", text.strip()))
+def formulas(file: str, **known: object) -> tuple[tuple[str, str], ...]:
+    """Return the name and formula of each heading of a file beside this module; `known` stands for its `$` names."""
+    text = Template(Path(__file__).with_name(file).read_text("utf-8")).substitute(known)
+    blocks = (block.partition("\n") for block in re.split(r"^## ", text, flags=re.MULTILINE)[1:])
     return tuple((name, " ".join(formula.split())) for name, _, formula in blocks)
 
 
-METHODS = formulas(f"""
-Answer ratio
-    r = count of an answer / trials in which the material was presented, for one participant; trials without an answer
-    count among the trials.
-Mean and standard deviation
-    mean = Σ r / n; SD = √( Σ (r - mean)² / (n - 1) ), over the n participants to whom the material was presented.
-t against chance
-    t = (mean - chance) / (SD / √n), with n - 1 degrees of freedom and a two-tailed P (Student).
-Cohen's d
-    d = (mean - chance) / SD.
-Stars
-    *, ** and *** mark a mean above chance with P < 0.05, 0.01 and 0.001; P is not adjusted, unless the protocol names a
-    correction.
-Holm's correction
-    The i-th smallest of m values of P is multiplied by m - i + 1; no result is below that of a smaller P. The family is
-    the materials of one task, unless the protocol names those of all tasks.
-Sign flips (ours)
-    P is the share of the 2^n ways to give each participant's r - chance a sign, in which the sum is at least as far
-    from 0 as it is (Fisher 1935, section 21). It takes participants' distances from chance as symmetric.
-Repeated measures (ours)
-    F = n (n - 1) Σ mean(c)² / Σ Σ (c - mean(c))², for each participant's values c on orthonormal contrasts of the
-    effect. P is that of F with both df multiplied by ε = (Σ λ)² / (df Σ λ²), where λ are the eigenvalues of the
-    covariance of c (Greenhouse and Geisser 1959).
-Paired comparison of tasks (ours)
-    Each participant's mean correct ratio in one task less that in the other: t against 0, and sign flips.
-Logit with participants by material and task (ours)
-    logit P(right) = intercept + task + material + u_participant + u_participant,material + u_participant,task, with
-    normal u, is fitted by maximum likelihood with Laplace's approximation (Bates et al. 2015). Wald's statistic / q is
-    taken as F on q and q (n - 1) df.
-{MARGINAL.strip()}
-Interval of d
-    The limits are the noncentralities at which the observed t stands at the tails of noncentral t, divided by √n
-    (Steiger and Fouladi 1997).
-Bayes factor
-    The JZS Bayes factor has a Cauchy prior of scale √2 / 2 on the effect size (Rouder et al. 2009, equation (1)); BF10
-    above 1 favours a mean that differs from chance.
-Intervals of a ratio
-    Wilson's score interval has no continuity correction; Clopper and Pearson's comes from beta quantiles; the BCa
-    bootstrap (Efron 1987) draws participants, and its acceleration comes from leaving out one participant at a time.
-Information
-    I = H(presented) + H(answered) - H(both), in bits. Miller and Madow subtract ( Σ (R_s - 1) - (R - 1) ) / (2 N ln 2),
-    where R_s answers occurred to material s and R answers occurred at all. Panzeri and Treves (1996) estimate R_s by
-    Bayes's rule. The jackknife (Tukey 1958) is n I - (n - 1) mean(I without one participant), with Student's t on n - 1
-    df.
-d'
-    p = ∫ φ(z - d') Φ(z)^(m - 1) dz, solved for d' (Green and Swets 1966; Hacker and Ratcliff 1979).
-Similarity-choice model
-    p(j | i) = s_ij b_j / Σ s_ik b_k, with s_ij = s_ji and s_ii = 1 (Luce 1963), is fitted by maximum likelihood with
-    iterative proportional fitting; G² = 2 Σ n ln(n / fitted) has (M - 1)(M - 2) / 2 degrees of freedom.
-Map and Mantel's test
-    The map is the classical scaling (Torgerson 1952) of 1 - (p_ij + p_ji) / (p_ii + p_jj). Mantel's test (1967) takes
-    Pearson's r over the pairs; P is the share of orders of the materials with r at least as extreme: of all orders up
-    to 8 materials, of random ones beyond.
-One-way ANOVA
-    F = ( Σ nᵢ (meanᵢ - mean)² / (g - 1) ) / ( Σ Σ (r - meanᵢ)² / (N - g) ). The g = 4 groups are the ratios of two
-    materials a and b: a answered to a, b to b, b to a, and a to b.
-Two-way ANOVA
-    The effects are fixed, with interaction, on the correct ratios; R( ) is a reduction in the sum of squares. Type I:
-    R(task), R(material | task). Type II: R(task | material), R(material | task). Type III: each effect given all
-    others, with sum-to-zero contrasts. The interaction is the same in all types. Sums are formed in rational numbers.
-Partial eta squared
-    df1 F / (df1 F + df2). Its interval of 90 % inverts noncentral F, with a noncentrality L giving L / (L + df1 + df2 +
-    1) (Steiger 2004), and excludes 0 exactly when P < 0.05.
-ICC, one-way random
-    ICC(1,1) = ICC(1) = (MSR - MSW) / (MSR + (k - 1) MSW); ICC(1,k) = ICC(k) = (MSR - MSW) / MSR.
-ICC, two-way, absolute agreement
-    ICC(2,1) = ICC(A,1) = (MSR - MSE) / (MSR + (k - 1) MSE + k (MSC - MSE) / n); ICC(2,k) = ICC(A,k) = (MSR - MSE) /
-    (MSR + (MSC - MSE) / n).
-ICC, two-way, consistency
-    ICC(3,1) = ICC(C,1) = (MSR - MSE) / (MSR + (k - 1) MSE); ICC(3,k) = ICC(C,k) = (MSR - MSE) / MSR.
-ICC, names and intervals
-    MSR, MSC, MSE and MSW are the mean squares of the n targets, of the k raters (participants), of their interaction,
-    and within targets. The names are Shrout and Fleiss's (1979) = McGraw and Wong's (1996). F = MSR / MSW or MSR / MSE;
-    the intervals come from F, for ICC(2,.) with Satterthwaite's degrees of freedom.
-Variance-component ICC
-    S / (S + residual / k), where S is the sum of the components of task, material and their interaction. Henderson's
-    method III sets reductions in the sum of squares equal to their expectations, with all factors random. Negative
-    components count as zero.
-Single trials
-    logit P(right) = intercept + task + material + covariates. The GEE is exchangeable within a participant, with the
-    covariance of Kauermann and Carroll (2001) and Hotelling's F. The mixed logit has a normal intercept for each
-    participant and is fitted by maximum likelihood with adaptive Gauss-Hermite quadrature (Pinheiro and Bates 1995).
-    Tests are Wald's. The response time is no covariate, because it follows the stimulus. Covariates are used if
-    at least half of the trials of every task and of every material have them.
-Learning curve
-    Right answers / trials of all participants together, in every run of {WINDOW} trial numbers, with a BCa interval
-    over participants.
-Speed curve
-    Right answers / trials in bins of the foot's speed, with Wilson's interval. The bins are the narrowest of
-    {", ".join(map(str, BIN_WIDTHS_MM_S))} mm/s of which no more than {MOST_BINS} are needed.
-Onset error
-    The measured onset of the stimulus at the panel minus the contact of the foot, in the trials analysed.
-What was played
-    error = √( Σ (reached - asked)² / Σ asked² ) over the bins k ≥ 1 of equations (1) to (5); left out is the same sum
-    over the bins that the rig does not carry, or holds back by its gain limit or highest level. Reached is what the
-    samples handed to the actuator do, by the rig's measured response where they are voltages. Dissimilarity is equation
-    (6) between reached and asked, from 0 to 500 Hz.
-Timing
-    Every attempt of the participants analysed counts, including those that were repeated. Percentiles are of the
-    magnitude, interpolated linearly, and given from 100 (p99) and 1,000 (p99.9) attempts on. The dead time runs from a
-    confirmed answer until the next trial is armed, without the time to lay out an object. Simulated time has no
-    durations.
-Random draws
-    Resamples draw whole participants with numpy's default_rng, seeded with [{SEED}, place of the task from 0], and a
-    further 1 for the learning curve: {RESAMPLES} resamples for the intervals of ratios, of d' and of the learning
-    curve, {CHOICE_RESAMPLES} for similarities and biases, and {ORDERS} orders for Mantel's test of more than {MOST}
-    materials. Nothing else is drawn: the same dataset gives the same numbers.
-Correlation with the paper
-    Pearson's r over the cells of one printed table.
-""")
+def methods() -> tuple[tuple[str, str], ...]:
+    """Return the name and formula of everything that these sections hold."""
+    return formulas(
+        "methods.md",
+        window=WINDOW,
+        widths=", ".join(map(str, BIN_WIDTHS_MM_S)),
+        most_bins=MOST_BINS,
+        seed=SEED,
+        resamples=RESAMPLES,
+        choice_resamples=CHOICE_RESAMPLES,
+        orders=ORDERS,
+        most_materials=MOST,
+    )

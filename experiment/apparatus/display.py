@@ -59,10 +59,13 @@ class ScreenWords(Confined):
         louder: what the key does.
         softer: what the key does.
         probe: what the key does.
+        tread: added to both, where no probe is played.
         inaudible: that the level is right.
         loudest: that it is at its limit.
+        audible: that it does not hide everything even there; the key that makes it louder says it then.
         rest: while the tracker is zeroed.
         ready: a trial is armed.
+        again: the same, after a step that did not count.
         answer: the answer is waited for.
         compare: the same, while two samples are there to be tried.
         pause: during a break, above the time that is left.
@@ -81,10 +84,13 @@ class ScreenWords(Confined):
     louder: Line = "louder"
     softer: Line = "softer"
     probe: Line = "let the panel vibrate"
+    tread: Line = "Nothing vibrates by itself: touch the panel as you will in the trials, and listen."
     inaudible: Line = "I no longer hear it"
     loudest: Line = "It is as loud as it may be."
+    audible: Line = "I still hear it"
     rest: Line = "Rest your foot still on the panel."
     ready: Line = "You may step."
+    again: Line = "That step did not count. Lift your foot, then step once more."
     answer: Line = "Say aloud what you felt."
     compare: Line = "Feel both, as often as you wish. Then say your answer aloud."
     pause: Line = "Time for a break."

@@ -148,6 +148,10 @@ class Servo(Protocol):
         """Open it anew, with the same block. Raises `ServoError`."""
         ...
 
+    def stop(self) -> None:
+        """Have `read` wait for nothing any more, under whoever waits there; `close` still has to follow."""
+        ...
+
     def close(self) -> None: ...
 
 

@@ -67,6 +67,16 @@ def tell(line: str) -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
 
 
+def was_interrupted(error: BaseException) -> bool:
+    """Return whether an error is Ctrl-C, or what a loading library, pydantic or a class being made turned it into."""
+    cause: BaseException | None = error
+    while cause is not None:
+        if isinstance(cause, KeyboardInterrupt):
+            return True
+        cause = cause.__cause__
+    return type(error).__name__ == "SchemaError" and "KeyboardInterrupt" in str(error)
+
+
 def overview() -> str:
     """Return what `palpate --help` prints."""
     lines = [

@@ -49,6 +49,7 @@ def analyse(
     are the unit. What the protocol plans stands beside what was run, and every table says whether it was planned,
     published, ours or exploratory. A published study is compared with its paper, value by value.
     """
+    _believe(*datasets)
     tell_analysis(
         datasets, out, as_json=as_json, figures=figures, titles=titles, full=full, dissimilarities=dissimilarities
     )
@@ -454,14 +455,21 @@ def status(
 
 
 def status_of(study: Path) -> "Status":
-    """Return how far a study is, with who is excluded by its rules where its tables can tell."""
+    """Return how far a study is, with who is excluded by its rules where its tables can tell.
+
+    A protocol file of which there is no study yet stands for what was practised of it, if anything was.
+    """
     from dataclasses import replace
 
     from analysis.reading import dataset as reading
     from experiment.clock import day, wall_ns
     from experiment.dataset import build
     from experiment.dataset import status as statuses
+    from experiment.protocol import files
 
+    if study.is_file():
+        own, practised = (options.default_folder(files.load(study), practice=one) for one in (False, True))
+        study = practised if practised.exists() and not own.exists() else study
     found = statuses.status(study, day(wall_ns()))
     done = {one.participant for one in found.those("done")}
     if found.doubts:
@@ -492,7 +500,6 @@ def tell_analysis(
     from analysis import analyse as analyses
     from analysis.documents.tables import WIDTH
 
-    _believe(*datasets)
     drawn = {"figures": figures, "pictures": pictures, "titles": titles}
     with options.working("Reading the dataset") as say:
         result = analyses.analyse(datasets, out, **drawn, dissimilarities=dissimilarities, say=say)

@@ -12,7 +12,7 @@ import typer
 import typer.main
 
 from experiment import __version__
-from experiment.cli import COMMANDS, overview, tell
+from experiment.cli import COMMANDS, overview, tell, was_interrupted
 from experiment.errors import Interrupted, PalpateError, ProtocolError
 from experiment.settings.characters import plain
 
@@ -121,7 +121,7 @@ def _run() -> None:
         tell("palpate: what was given is nested too deeply to be read; mend that, then run the command again")
         raise SystemExit(2) from None
     except Exception as error:
-        if _was_interrupted(error):
+        if was_interrupted(error):
             raise KeyboardInterrupt from None
         if isinstance(error, RuntimeError) and "Symlink loop" in str(error):
             # So Python tells of a link that leads to itself before 3.13.
@@ -129,16 +129,6 @@ def _run() -> None:
             raise SystemExit(2) from None
         tell(f"palpate: {_reported(error)}")
         raise SystemExit(70) from None
-
-
-def _was_interrupted(error: Exception) -> bool:
-    """Return whether a library that was loading, or pydantic making a model, turned Ctrl-C into an error of its own."""
-    cause: BaseException | None = error
-    while cause is not None:
-        if isinstance(cause, KeyboardInterrupt):
-            return True
-        cause = cause.__cause__
-    return type(error).__name__ == "SchemaError" and "KeyboardInterrupt" in str(error)
 
 
 def _reported(error: Exception) -> str:

@@ -44,7 +44,8 @@ def desk(
         if rig is None or not study.is_file()
         else ""
     )
-    status_of(place)
+    if status_of(place).purpose == "PRACTICE":
+        refuses = "This is PRACTICE, and no study yet. palpate run PROTOCOL --practice goes on with it."
     while (label := StudyPage(lambda: status_of(place), refuses=refuses).run()) is not None:
         run = ["run", str(study), "--participant", label, "--rig", str(rig), "--by", by]
         ended = subprocess.run(  # noqa: S603

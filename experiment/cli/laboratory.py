@@ -1,7 +1,10 @@
 """The commands of a study: its participants, its sessions, and what is proven of its dataset."""
 
+import os
+import signal
 import sys
 from datetime import date
+from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -227,6 +230,30 @@ def schedule(
             typer.echo(f"{planned.trial:4d}  {' and '.join(planned.presented)}")
 
 
+ANALYSIS = ("numpy", "scipy.stats", "pandas", "matplotlib.figure", "analysis.analyse", "analysis.report.figures")
+"""What the analysis of a rehearsal imports, in parts that take some tenths of a second each."""
+
+
+def _begin_workers() -> None:
+    """Have the process of which those of a rehearsal are forked import what they need, while this one still begins.
+
+    Ctrl-C, which reaches every process of a terminal, does not reach it; nor do modules in the working folder.
+    """
+    if sys.platform != "linux":
+        return
+    # It lets Ctrl-C through again when it begins.
+    resource_tracker.ensure_running()
+    before, safe = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]), os.environ.get("PYTHONSAFEPATH")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        forkserver.set_forkserver_preload(["experiment.rehearsal.session"])
+        forkserver.ensure_running()
+    finally:
+        if safe is None:
+            del os.environ["PYTHONSAFEPATH"]
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
 @commands.command(
     epilog="Example: palpate rehearse protocols/okamoto2012.toml --participants 3 --seed 7 --out trial-run"
 )
@@ -263,13 +290,18 @@ def rehearse(
     and the tables are made from the dataset on disk, with figures for the report; `palpate analyse` draws them as PNG
     too. To continue a rehearsal that was interrupted, run the same command again.
     """
-    from experiment.cli.analysis import tell_analysis
-    from experiment.desk.terminal import TerminalConsole
+    if not as_json:
+        options.at_once("REHEARSAL: the simulated laboratory is being set up ...")
     from experiment.protocol import files
-    from experiment.rehearsal import study
 
     file = protocol_file or files.shipped("okamoto2012.toml")
     protocol = files.load(file)
+    if jobs != 1:
+        _begin_workers()
+    from experiment.cli.analysis import tell_analysis
+    from experiment.desk.terminal import TerminalConsole
+    from experiment.rehearsal import study
+
     generic = study.generic(protocol)
     if generic and not as_json:
         typer.echo(generic, err=True)
@@ -287,7 +319,9 @@ def rehearse(
             total=total,
             tick=tick,
             screen=screen,
+            meanwhile=ANALYSIS,
         )
+    # Its tables were made of its journals just now, so that nothing is left to be verified.
     tell_analysis([dataset], None, as_json=as_json, figures=True, pictures=False)
 
 

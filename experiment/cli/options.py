@@ -4,6 +4,7 @@ Modules of commands have no `from __future__ import annotations`, so that Typer 
 """
 
 import re
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from datetime import date
@@ -85,6 +86,12 @@ def default_folder(protocol: "Protocol", *, practice: bool) -> Path:
     return practice_folder(protocol) if practice else enrolment.default_root(protocol)
 
 
+def at_once(words: str) -> None:
+    """Tell whoever sits at a terminal what is being done, before it loads for seconds."""
+    if sys.stderr is not None and sys.stderr.isatty():
+        typer.echo(words, err=True)
+
+
 def confirm(asked: str, wanted: str, nothing: str) -> None:
     """Return once `wanted` was typed after what is `asked`. Raises `PalpateError`, with `nothing` in words."""
     try:
@@ -122,8 +129,6 @@ def columns(most: int) -> int:
 @contextmanager
 def working(what: str) -> Iterator[Callable[[str], None]]:
     """Say at a terminal what is being computed, until it is; yield what says something else then."""
-    import sys
-
     from rich.console import Console
 
     console = Console(file=sys.__stderr__)
@@ -140,8 +145,6 @@ def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None]
 
     It moves about on the terminal with control characters, so it writes to the stream of the process itself.
     """
-    import sys
-
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 

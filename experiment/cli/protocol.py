@@ -61,6 +61,9 @@ def new(
     file as TO BE FILLED IN; the study can be practised and rehearsed at once. With --like another protocol is copied
     under an id of its own, without its approval. No file is overwritten.
     """
+    ask = not yes
+    if ask:
+        options.at_once("A new protocol. Enter takes what stands in brackets; after Ctrl-C nothing is written.")
     from experiment import storage
     from experiment.protocol import new as writing
 
@@ -69,7 +72,7 @@ def new(
             "got --participants, --material, --tasks or --repetitions with --like; allowed: --id and --title; change "
             "anything else in the copy"
         )
-    ask, file = not yes, protocol_file and writing.free(protocol_file)
+    file = protocol_file and writing.free(protocol_file)
     rig = rig and _free_for_a_rig(rig)
 
     def named(typed: str) -> str:

@@ -88,9 +88,8 @@ def run(
     enrolled for that, and no file of a PRACTICE counts in a study.
     """
     at_console = not lines and session_at is None and sys.stdin.isatty() and sys.stdout.isatty()
-    if at_console and not served and serve is None:
-        # What follows loads for seconds.
-        typer.echo("Opening the session ...")
+    if session_at is None and not served and serve is None:
+        options.at_once(f"Opening the session{' of PRACTICE, with a simulated laboratory' if practice else ''} ...")
     from experiment.protocol import files
     from experiment.session.visit import told
 

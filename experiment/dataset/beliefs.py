@@ -336,15 +336,27 @@ def _refuse_erased(root: Path, roster: Roster) -> None:
 
 
 def unfinished(root: Path, roster: Roster) -> dict[str, str]:
-    """Return what finishes each withdrawal that was cut short, by participant: files are left, or tables are older."""
+    """Return what finishes each withdrawal that was cut short, by participant.
+
+    Their journals do not say so, files are left, or the table of participants is older.
+    """
     table = root / "participants.tsv"
     told = {row.get("participant_id"): row.get("withdrawn") for row in _rows(table)} if table.is_file() else {}
     return {
         participant: _finish(root, roster, participant)
         for participant in roster.withdrawn
         if told.get(f"sub-{participant}", "1") != "1"
+        or not _is_marked(root, participant)
         or (participant in roster.erased and (f"sub-{participant}" in told or storage.left_of(root, participant)))
     }
+
+
+def _is_marked(root: Path, participant: str) -> bool:
+    """Return whether a participant's withdrawal stands outside of the roster: in all their journals, or by itself."""
+    own = [path for path in storage.journals(root) if path.parent == storage.participant_folder(root, participant)]
+    begun = [content for content in map(storage.read_bytes, own) if content]
+    told = begun and all(b'"kind":"withdrawal"' in content for content in begun)
+    return bool(told) or storage.withdrawal_path(root, participant).exists()
 
 
 def _finish(root: Path, roster: Roster, participant: str) -> str:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from experiment import storage
 from experiment.errors import DatasetError
-from experiment.records.events import COMPARISON_COLUMNS, EVENT_COLUMNS, FURTHER_COLUMNS, IMPORTED_COLUMNS, NO_ANSWER
+from experiment.records.events import NO_ANSWER, Columns, columns_of
 
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"
@@ -39,17 +39,6 @@ LABELS: dict[Origin, str] = {
 
 Files = dict[Path, bytes]
 """What is to be written where."""
-
-PARTICIPANT_COLUMNS: dict[str, dict[str, object]] = {
-    "participant_id": {"Description": "Label of the participant, as in the folder's name."},
-    "first_task": {"Description": "Task done first. n/a where the order of tasks is not known."},
-    "withdrawn": {
-        "Description": "Whether the participant withdrew from the study. n/a where that is not known.",
-        "Levels": {"0": "took part to the end", "1": "withdrew: no data of theirs is analysed"},
-    },
-    "origin": EVENT_COLUMNS["origin"],
-}
-"""Columns of `participants.tsv` in their order."""
 
 
 @dataclass(frozen=True)
@@ -171,13 +160,14 @@ def description(root: Path, text: DatasetText) -> Files:
 
 
 def participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Origin) -> Files:
-    """Return `participants.tsv` and its sidecar; columns as in `PARTICIPANT_COLUMNS`, `origin` the same in all rows."""
+    """Return `participants.tsv` and its sidecar; columns as in events.json, `origin` the same in all rows."""
     rows = ({**row, "origin": origin} for row in rows)
-    columns = _described(PARTICIPANT_COLUMNS, origin)
-    columns["participant_id"]["Description"] = _labelled(str(columns["participant_id"]["Description"]), origin)
+    described = _described(columns_of("participants"), origin)
+    label = described["participant_id"]
+    label["Description"] = _labelled(str(label["Description"]), origin)
     return {
-        root / "participants.tsv": table(tuple(PARTICIPANT_COLUMNS), rows),
-        root / "participants.json": storage.json_bytes(columns),
+        root / "participants.tsv": table(tuple(described), rows),
+        root / "participants.json": storage.json_bytes(described),
     }
 
 
@@ -195,21 +185,20 @@ def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
 def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> Files:
     """Return the events of one session, and the sidecar that describes every column.
 
-    `participant` is a label without `sub-`; a row is one attempt. Its keys are the columns of `EVENT_COLUMNS`, or of
-    `COMPARISON_COLUMNS` where the task has `answers`, and those of `FURTHER_COLUMNS`, which stand in the table where
-    some row has them.
+    `participant` is a label without `sub-`; a row is one attempt. Its keys are the columns of a footstep, or
+    of a comparison where the task has `answers`, and further ones, which stand in the table where some row has them.
     """
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
     known = {name for row in attempts for name in row}
-    own = EVENT_COLUMNS if task.answers is None else COMPARISON_COLUMNS
-    texts = {**own, **{name: text for name, text in FURTHER_COLUMNS.items() if name in known}}
-    columns = _described(texts, task.origin)
+    own = columns_of("footstep" if task.answers is None else "comparison")
+    texts = {**own, **{name: text for name, text in columns_of("further").items() if name in known}}
+    described = _described(texts, task.origin)
     for name in ("presented", "first", "second"):
-        if name in columns:
-            columns[name]["Levels"] = dict(task.materials)
+        if name in described:
+            described[name]["Levels"] = dict(task.materials)
     answers = task.materials if task.answers is None else task.answers
-    columns["answered"]["Levels"] = {**answers, NO_ANSWER: "no material was named"}
+    described["answered"]["Levels"] = {**answers, NO_ANSWER: "no material was named"}
     sidecar: dict[str, object] = {
         "TaskName": task.id,
         "TaskTitle": task.title,
@@ -221,13 +210,13 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
         "Rows": len(attempts),
         **({"SessionId": task.session_id} if task.session_id else {}),
         **task.notes,
-        **columns,
+        **described,
     }
     return {path: table(tuple(texts), attempts), path.with_suffix(".json"): storage.json_bytes(sidecar)}
 
 
-def _described(texts: Mapping[str, Mapping[str, object]], origin: Origin) -> dict[str, dict[str, object]]:
-    own = IMPORTED_COLUMNS if origin == "IMPORTED" else {}
+def _described(texts: Columns, origin: Origin) -> dict[str, dict[str, object]]:
+    own = columns_of("imported") if origin == "IMPORTED" else {}
     return {name: {**text, **own.get(name, {})} for name, text in texts.items()}
 
 

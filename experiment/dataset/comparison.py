@@ -13,7 +13,7 @@ ANSWERS = {FIRST: "the material presented first", SECOND: "the one presented sec
 
 
 def rows(contents: Contents, origin: Origin) -> list[dict[str, object]]:
-    """Return a row for each attempt, by the columns of `COMPARISON_COLUMNS` and some of `FURTHER_COLUMNS`."""
+    """Return a row for each attempt, by the columns of a comparison and some of the further ones."""
     entries, begun_ns = contents.entries, contents.lines[0].t_ns
     answers = {(one.trial, one.attempt): one for one in entries if isinstance(one, Answer)}
     corrections = {(one.trial, one.attempt): one for one in entries if isinstance(one, Correction)}

@@ -39,6 +39,7 @@ from experiment.desk.messages import (
 from experiment.desk.port import (
     BY_EXPERIMENTER,
     DEBRIEFING,
+    NO_ANSWER,
     RESTS,
     WITHOUT,
     Attended,
@@ -107,6 +108,7 @@ class LinkedConsole:
         self._screen = screen
         self._screens = 0
         self._prompts = [Prompt()]
+        self._armed: int | None = None
         self._waits_ns: int | None = None
         self._pausing: Pause | Stop | None = None
         self._failed = ""
@@ -153,6 +155,12 @@ class LinkedConsole:
         with self._changed:
             self._screens = screens
             self._screen = self._screen or screens > 0
+            if 1 <= self._consoles < consoles:
+                self.show(
+                    f"Another console was opened; {consoles} are open. The first key pressed at any of them counts."
+                )
+            elif 1 <= consoles < self._consoles:
+                self.show("Another console was closed.")
             self._consoles = consoles
             self._changed.notify_all()
 
@@ -219,11 +227,21 @@ class LinkedConsole:
             return False, NO_SESSION
         match deed:
             case TakeNote():
-                return session.remark(Noted(characters.one_line(deed.text), deed.trial))
+                text = characters.one_line(deed.text)
+                about = "" if deed.trial is None else f" on trial {deed.trial}"
+                return self._logged(session.remark(Noted(text, deed.trial)), f"Note{about}: {text}")
             case Correct():
-                return session.remark(Corrected(deed.trial, deed.key, characters.one_line(deed.reason)))
+                why = characters.one_line(deed.reason)
+                return self._logged(session.remark(Corrected(deed.trial, deed.key, why)), f"Reason: {why}")
             case Repeat():
-                return self._repeat(Repeated(deed.trial, characters.one_line(deed.reason)), session)
+                why = characters.one_line(deed.reason)
+                return self._logged(self._repeat(Repeated(deed.trial, why), session), f"Reason: {why}")
+
+    def _logged(self, done: tuple[bool, str], what: str) -> tuple[bool, str]:
+        """Show among the lines what was put on record; return what became of it."""
+        if done[0]:
+            self.show(f"{done[1]} {what}")
+        return done
 
     def _do_for_participant(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
         """Take a key for a question that is the participant's to answer, and what is shown; refuse everything else."""
@@ -308,7 +326,8 @@ class LinkedConsole:
             if session is None and self._session is not None:
                 # What was reached stays on the screen of a pause.
                 self._now(state="preparing", **_standing(self._session))
-            self._session, self._repeated = session, None
+            self._session, self._repeated, self._armed = session, None, None
+            self._now(instruction="", again="")
             why = self._failed or (BY_EXPERIMENTER if self._pausing is not None else "")
         if session is not None and why:
             # While the devices were opened.
@@ -350,7 +369,11 @@ class LinkedConsole:
         least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
         text = f"Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}"
         self._put("familiarise", text, (Choice(key=ENTER, words="the participant is familiar with the materials"),))
-        self._now(state="preparing")
+        self._now(state="preparing", instruction="")
+
+    def instruct(self, *, instruction: str) -> None:
+        self.show(f"The participant is told: {instruction}")
+        self._now(instruction=instruction)
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         text = f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}"
@@ -373,20 +396,28 @@ class LinkedConsole:
         self._put("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:  # noqa: ARG002
-        waited = self._watched()
         # Of a pair nothing is waited for: the next is its question.
-        self._now(state="preparing" if self._view.pairs else "armed", trial=trial, attempt=attempt, heard="")
+        state = "preparing" if self._view.pairs else "armed"
+        again = "The lines below say why" if self._armed == trial else ""
+        waited = self._watched()
+        self._armed = trial
+        self._now(state=state, trial=trial, attempt=attempt, heard="", again=again)
         return waited
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         self.show(f"Trial {trial}, attempt {attempt}: {reason}; nothing was played. It is armed again.")
-        return self.arm(trial=trial, attempt=attempt, trials=0)
+        waited = self.arm(trial=trial, attempt=attempt, trials=0)
+        self._now(again=f"{reason[:1].upper()}{reason[1:]}")
+        return waited
 
     def waiting(self) -> None:
+        self._armed = None
         self._now(state="waiting", lay_out="")
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
-        self._now(state="answering", trial=trial, answers=_choices(answers, answer=True))
+        self._armed = None
+        without = {key: words for key, words in others.items() if words == NO_ANSWER}
+        self._now(state="answering", trial=trial, answers=_choices(answers | without, answer=True))
         if (wanted := self._take_repeated()) is not None:
             return wanted
         choices = (*_choices(answers, answer=True), *_choices(others))
@@ -405,11 +436,16 @@ class LinkedConsole:
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         self.show(f"Trial {trial}: the answer is on disk: {answer or 'no answer'}.")
-        self._now(state="preparing", lay_out="", heard="")
+        self._now(state="preparing", lay_out="", heard="", instruction="")
 
     def debrief(self) -> None:
-        self._now(trial=None, step=DEBRIEFING)
-        self._put("debrief", "All trials are answered. Note what is left to note.", (Choice(key=ENTER, words="end"),))
+        at, steps = self._view.step, self._view.steps
+        after = steps[steps.index(at) + 1] if at in steps[:-1] else DEBRIEFING
+        said, does = "All trials are answered. Note what is left to note.", "end"
+        if after != DEBRIEFING:
+            said, does = f"Task {at} is done. {said} Task {after} comes next.", f"end task {at}"
+        self._now(trial=None, step=after if after == DEBRIEFING else at)
+        self._put("debrief", said, (Choice(key=ENTER, words=does),))
 
     def ignored(self) -> str:
         with self._changed:

@@ -156,8 +156,10 @@ class View(Message):
     compared, and nothing is armed.
 
     `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out
-    in tasks with real objects. `instruction` is what the participant is told while the materials are handled. `heard`
-    is what the microphone proposes as the answer. `answers` are those that a trial of this task may have, once one was
+    in tasks with real objects. `instruction` is what the participant is told: in the familiarisation, and then, until a
+    first trial is answered, of the task. `heard`
+    is what the microphone proposes as the answer. `again` says, of a trial that is armed again, why the step before did
+    not count. `answers` are those that a trial of this task may have, once one was
     asked for. `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
     """
 
@@ -175,6 +177,7 @@ class View(Message):
     instruction: str = ""
     answers: tuple[Choice, ...] = ()
     heard: str = ""
+    again: str = ""
     standing: Standing = Standing()
     question: Question | None = None
     pause_until_ns: int | None = None
@@ -193,10 +196,11 @@ Show = Literal["wait", "instructions", "masker", "rest", "ready", "answer", "com
 class Prompt(Message):
     """What the participant's screen shows. Nothing in it depends on what is presented.
 
-    `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction, and `answers` what
-    may be said in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of
-    the last step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. `hand_mm` is where the hand
-    is shown above the block, None for no picture of them. A break lasts until `until_ns`, in nanoseconds of the
+    `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction, `again` tells that
+    the step before did not count, `unplayed` that nothing plays what a masker hides, and `answers` are what may be said
+    in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of the last
+    step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. `hand_mm` is where the hand is shown
+    above the block, None for no picture of them. A break lasts until `until_ns`, in nanoseconds of the
     system's clock. `label` is PRACTICE or PILOT, and empty in a study.
     """
 
@@ -204,6 +208,8 @@ class Prompt(Message):
     number: int = 0
     show: Show = "wait"
     text: str = ""
+    again: bool = False
+    unplayed: bool = False
     answers: tuple[str, ...] = ()
     question: int | None = None
     keys: tuple[str, ...] = ()

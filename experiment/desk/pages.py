@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 from experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
 from experiment.desk.messages import ENTER, Prompt
 from experiment.errors import DisplayError
-from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY, SOFTER_KEY
+from experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 from experiment.settings import characters
 
 if TYPE_CHECKING:
@@ -116,7 +116,8 @@ def hand_px(hand_mm: float, size_px: tuple[int, int]) -> tuple[float, float]:
 def chosen(prompt: Prompt | None, key: str, settings: ScreenRig) -> str | None:
     """Return what a key of the participant chooses of a prompt that is shown; None where it chooses nothing."""
     keys = settings.keys or ScreenKeys()
-    means = {keys.louder: LOUDER_KEY, keys.softer: SOFTER_KEY, keys.probe: PROBE_KEY, keys.done: ENTER}.get(key)
+    louder = HEARD_KEY if prompt is not None and HEARD_KEY in prompt.keys else LOUDER_KEY
+    means = {keys.louder: louder, keys.softer: SOFTER_KEY, keys.probe: PROBE_KEY, keys.done: ENTER}.get(key)
     return means if prompt is not None and prompt.question is not None and means in prompt.keys else None
 
 
@@ -125,15 +126,16 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
         case "instructions":
             return prompt.text
         case "masker":
-            return words.masker if prompt.question is not None else words.set_for_you
+            said = words.masker if prompt.question is not None else words.set_for_you
+            return f"{said}\n\n{words.tread}" if prompt.unplayed else said
         case "rest":
             return words.rest
         case "ready":
-            return words.ready
+            return f"{prompt.text}\n\n{words.again if prompt.again else words.ready}".strip()
         case "answer":
             return "\n".join((words.answer, *prompt.answers))
         case "compare":
-            return "\n".join((words.compare, *prompt.answers))
+            return "\n".join((prompt.text, "", words.compare, *prompt.answers)).strip()
         case "break":
             return words.pause
         case "finished":
@@ -148,8 +150,9 @@ def _keys(prompt: Prompt, settings: ScreenRig) -> Iterator[tuple[str, str]]:
     keys, words = settings.keys or ScreenKeys(), settings.words or ScreenWords()
     if LOUDER_KEY in prompt.keys:
         yield _cap(keys.louder), words.louder
-    elif SOFTER_KEY in prompt.keys:
+    elif HEARD_KEY in prompt.keys:
         yield "", words.loudest
+        yield _cap(keys.louder), words.audible
     if SOFTER_KEY in prompt.keys:
         yield _cap(keys.softer), words.softer
     if PROBE_KEY in prompt.keys:

@@ -110,6 +110,10 @@ class Console(Rester, Protocol):
         """Return when the experimenter ends the participant's free handling of the real materials."""
         ...
 
+    def instruct(self, *, instruction: str) -> None:
+        """Show what the participant is told to do, until they have answered a first trial."""
+        ...
+
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         """Return one of `keys`, to change the masker's level, or "" to keep it because `criterion` holds."""
         ...
@@ -176,6 +180,9 @@ def laid_out(presented: tuple[str, ...]) -> str:
 
 BY_EXPERIMENTER = "by the experimenter"
 """Why a session pauses that was asked to."""
+
+NO_ANSWER = "no answer"
+"""What the key stands for that says that the participant said nothing."""
 
 INTERRUPTED = "interrupted at the keyboard"
 """Why a session pauses whose process was sent a signal, by Ctrl-C as a rule."""

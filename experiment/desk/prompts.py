@@ -1,8 +1,9 @@
 """What the participant's screen shows, from what the console does: nothing that is presented or laid out passes.
 
 Of a view only its state, whether samples are compared, whether its step is the debriefing, the kind of its question,
-the protocol's own instruction, the pace of the last step, whether a hand is too fast and how high it is, the masker's
-place under its limit, the end of a break, whether a fault ended the session, and the label of a practice are looked at.
+the keys of that, the protocol's own instruction, the pace of the last step and whether it counted, whether a hand is
+too fast and how high it is, the end of a break, whether a fault ended the session, and the label of a practice are
+looked at.
 """
 
 from __future__ import annotations
@@ -10,12 +11,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import get_args
 
-from experiment.desk.messages import ENTER, Gauges, Label, Prompt, Show, View
+from experiment.desk.messages import ENTER, Label, Prompt, Show, View
 from experiment.desk.port import DEBRIEFING
 from experiment.protocol.models import Protocol
-from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY, SOFTER_KEY
+from experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 
-KEYS = (LOUDER_KEY, SOFTER_KEY, PROBE_KEY, ENTER)
+KEYS = (LOUDER_KEY, HEARD_KEY, SOFTER_KEY, PROBE_KEY, ENTER)
 """The participant has these keys and no others."""
 
 AT_QUESTION: dict[str, Show] = {
@@ -28,7 +29,7 @@ AT_QUESTION: dict[str, Show] = {
     "place": "wait",
     "answer": "answer",
     "confirm": "answer",
-    "debrief": "wait",
+    "debrief": "finished",
     "break": "break",
     "continue": "break",
 }
@@ -70,12 +71,6 @@ def theirs(protocol: Protocol) -> Theirs:
     return Theirs(level, answers if protocol.answers.on_screen else ())
 
 
-def _loudest(gauges: Gauges | None) -> bool:
-    if gauges is None or gauges.masker_db_a is None or gauges.masker_limit_db_a is None:
-        return False
-    return gauges.masker_db_a >= gauges.masker_limit_db_a
-
-
 def prompt(view: View, theirs: Theirs) -> Prompt:
     """Return what the participant's screen shows, with the number 0."""
     asked = view.question
@@ -87,14 +82,18 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         show = "compare"
     if show == "wait" and view.step == DEBRIEFING:
         show = "finished"
+    if show == "wait" and view.instruction:
+        show = "instructions"
     gauges = view.gauges
     own = asked if asked is not None and asked.kind in theirs.answerable else None
     offered = {choice.key for choice in own.choices} if own is not None else set()
-    if _loudest(gauges):
+    if HEARD_KEY in offered:
         offered.discard(LOUDER_KEY)
     return Prompt(
         show=show,
-        text=view.instruction if show == "instructions" else "",
+        text=view.instruction if show in ("instructions", "ready", "compare") else "",
+        again=bool(view.again) and show == "ready",
+        unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},
         answers=theirs.answers if show in ("answer", "compare") else (),
         question=own.number if own is not None else None,
         keys=tuple(key for key in KEYS if key in offered),

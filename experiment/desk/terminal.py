@@ -69,14 +69,10 @@ def typed_ahead(source: TextIO) -> str:
     return dropped_bytes.decode("utf-8", "replace")
 
 
-def _no_typing() -> str:
-    return ""
-
-
 class _Lines:
     """A text stream to show lines on, and what is typed at its prompts."""
 
-    def __init__(self, *, write: TextIO, ask: Callable[[str], str], early: Callable[[], str] = _no_typing) -> None:
+    def __init__(self, *, write: TextIO, ask: Callable[[str], str], early: Callable[[], str] = str) -> None:
         """Write lines to `write`; `ask` shows a prompt and returns the line typed.
 
         `early` returns what was typed before now, and drops it.
@@ -121,7 +117,7 @@ class TerminalConsole(_Lines):
     """
 
     def __init__(
-        self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = _no_typing
+        self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = str
     ) -> None:
         """Show each trial's lines after `heading`."""
         super().__init__(write=write, ask=ask, early=early)
@@ -158,6 +154,9 @@ class TerminalConsole(_Lines):
         least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
         self.show(f"{self._heading}  Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}")
         self._ask("Press Enter when the participant is familiar with the materials: ")
+
+    def instruct(self, *, instruction: str) -> None:
+        self.show(f"{self._heading}  Tell the participant: {instruction}")
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         self.show(f"{self._heading}  Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")

@@ -11,40 +11,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 from datetime import date
 from html import escape
+from pathlib import Path
 
 from experiment.protocol import approval, page
 from experiment.protocol.approval import Seal
 from experiment.protocol.models import Protocol
 from experiment.settings.characters import plain
-
-STYLE = """
-@page { size: A4; margin: 18mm 18mm 16mm; @bottom-right { content: "page " counter(page) " of " counter(pages);
-  font: 8pt sans-serif; color: #444; } }
-* { box-sizing: border-box; }
-body { margin: 0; background: #fff; color: #111; font: 10.5pt/1.45 "DejaVu Sans", "Segoe UI", Arial, sans-serif; }
-.sheet { width: 100%; max-width: 174mm; margin: 0 auto; border-collapse: collapse; table-layout: fixed; }
-.sheet > * > tr > td { padding: 0; }
-h1 { font-size: 17pt; line-height: 1.2; margin: 6mm 0 4mm; }
-h2 { font-size: 12.5pt; margin: 7mm 0 2mm; padding-bottom: 1mm; border-bottom: 1.2pt solid #111; }
-p, blockquote { margin: 0 0 2mm; overflow-wrap: anywhere; orphans: 2; widows: 2; }
-.item { margin-left: 6mm; }
-p.item::before { content: "\\2013"; position: absolute; margin-left: -4mm; }
-blockquote { margin-left: 10mm; padding-left: 3mm; border-left: 2.2pt solid #111; }
-td > blockquote { margin: 0; }
-.state { border: 1.2pt solid #111; padding: 3mm 4mm 1mm; margin: 0 0 5mm; break-inside: avoid; }
-.name { white-space: nowrap; }
-.facts, .rows { border-collapse: collapse; margin: 0 0 3mm; }
-.facts { width: 100%; table-layout: fixed; }
-.facts th { width: 40mm; font-weight: 600; }
-.facts th, .facts td, .rows th, .rows td { text-align: left; vertical-align: top; padding: .8mm 3mm .8mm 0; }
-.facts td { overflow-wrap: anywhere; }
-.rows th { border-bottom: .6pt solid #111; }
-.hash { font-family: "DejaVu Sans Mono", Consolas, monospace; font-size: 7.5pt; overflow-wrap: anywhere; }
-tfoot td { border-top: .6pt solid #444; color: #333; font-size: 7.5pt; }
-tfoot p { margin: 1mm 0 0; }
-@media screen { body { padding: 0 5mm 10mm; } tfoot td { position: relative; top: 8mm; } }
-@media print { h2 { break-after: avoid; } p, .facts tr, .rows tr { break-inside: avoid; } }
-"""
 
 NOTHING_RUNS = "default-src 'none'; style-src 'unsafe-inline'"
 """What a browser is told of the file, should an escape ever fail: nothing is fetched, and no script runs."""
@@ -65,12 +37,13 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
         for place, (name, blocks) in enumerate(page.sections(protocol), start=1)
     ]
     foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
+    style = Path(__file__).with_name("page.css").read_text("utf-8")
     return (
         '<!DOCTYPE html>\n<html lang="en" dir="ltr"><head><meta charset="utf-8">'
         '<meta name="generator" content="palpate">'
         f'<meta http-equiv="Content-Security-Policy" content="{NOTHING_RUNS}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{_own(page.heading(protocol))}</title><style>{STYLE}</style></head>\n"
+        f"<title>{_own(page.heading(protocol))}</title><style>\n{style}</style></head>\n"
         '<body><table class="sheet" role="presentation">'
         f'<tfoot><tr><td><p>{_own(foot)} <span class="hash">{approval.sha256(protocol)}</span></p></td></tr></tfoot>\n'
         f"<tbody><tr><td><main>{''.join(parts)}</main></td></tr></tbody></table></body></html>\n"

@@ -7,9 +7,10 @@ checked as the file that it would become, so that what refuses an answer is what
 
 from __future__ import annotations
 
+import re
 import string
 import tomllib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -129,6 +130,9 @@ def text(study: NewStudy) -> str:
         "id": toml(study.id),
         "title": toml(study.title),
         "participants": f"{study.participants:<23}",
+        "repetitions": f"{study.repetitions:<24}",
+        "familiar_min_s": str(FAMILIARISATION_S[0]),
+        "familiar_max_s": str(FAMILIARISATION_S[1]),
         "unfilled": UNFILLED,
         "no_answer": toml(NO_ANSWER),
         "redo": toml(REDO),
@@ -142,10 +146,29 @@ def text(study: NewStudy) -> str:
         "tasks": ", ".join(map(toml, tasks)),
         "chance": f"{1 / max(count, 2)!r:29}",
         "count": str(count),
+        "first": toml(study.materials[0].name) if study.materials else '""',
     }
-    head, order, rules, both = (string.Template(one).substitute(known) for one in (_STUDY, _ORDER, _RULES, _BOTH))
-    blocks = [head, *map(_material, study.materials), order, *(_task(study, task, names) for task in tasks), rules]
-    return "\n".join([*blocks, both] if len(tasks) > 1 else blocks)
+    template = Path(__file__).with_name("new_study.template").read_text("utf-8")
+    _, *named = re.split(r"^## (.*)\n", template, flags=re.MULTILINE)
+    part = {name: string.Template(lines) for name, lines in zip(named[::2], named[1::2], strict=True)}
+    answers = (
+        {"id": toml(one.name), "key": toml(one.key), "spoken": ", ".join(map(toml, one.spoken))}
+        for one in study.materials
+    )
+    told = (
+        {"id": toml(task), "number": str(number), "title": _TITLES[task]}
+        | {"instruction": toml(f"{_INSTRUCTIONS[task]}{names}.")}
+        for number, task in enumerate(tasks, start=1)
+    )
+    return "\n".join(
+        (
+            part["study"].substitute(known),
+            *(part["material"].substitute(known | one) for one in answers),
+            part["order"].substitute(known),
+            *(part["task"].substitute(known | one) for one in told),
+            *(part[name].substitute(known) for name in ("rules", "both")[: len(tasks)]),
+        )
+    )
 
 
 def copied(source: Path, study_id: str, title: str | None = None) -> str:
@@ -202,223 +225,9 @@ def _up_to(step: int, value: float) -> int:
     return -int(-value // step) * step
 
 
-def _material(one: NewMaterial) -> str:
-    spoken = ", ".join(map(toml, one.spoken))
-    return "\n".join(
-        (
-            "[[materials]]",
-            f"id = {toml(one.name)}",
-            f"key = {toml(one.key)}",
-            f"spoken = [{spoken}]",
-            f'description = "{UNFILLED}: what this object is: make, size, weight."',
-            "",
-        )
-    )
-
-
 _INSTRUCTIONS = {
     "virtual": "Step on the panel, at any speed you like. After each step say aloud which of the materials you felt: ",
     "real": "An object lies under the panel. Step on the panel, at any speed you like. After each step say aloud which "
     "of the materials it was: ",
 }
 _TITLES = {"virtual": "virtual stimuli", "real": "real stimuli"}
-
-
-def _task(study: NewStudy, task: str, names: str) -> str:
-    return "\n".join(_lines(study, task, TASKS[study.tasks].index(task) + 1, names))
-
-
-def _lines(study: NewStudy, task: str, number: int, names: str) -> Iterator[str]:
-    yield "[[tasks]]"
-    yield f"id = {toml(task)}"
-    yield f'title = "Task {number}: {_TITLES[task]}"'
-    yield 'kind = "footstep"                      # the kind of trial'
-    yield f"stimulus = {toml(task)}"
-    yield "# What the participant is told."
-    yield f"instruction = {toml(_INSTRUCTIONS[task] + names + '.')}"
-    yield f"{f'participants = {study.participants}':38} # how many do this task: those who enrol first"
-    yield f"{f'repetitions = {study.repetitions}':38} # how often each material is presented"
-    yield "# full-random: all trials shuffled; blocked-random: each repetition shuffled by itself; max-run: no material"
-    yield "# more often in a row than max_run says."
-    yield 'order = { kind = "full-random" }'
-    yield ""
-    yield "[tasks.familiarisation]                # free handling of the real materials before the task"
-    yield f"min_s = {FAMILIARISATION_S[0]}"
-    yield f"max_s = {FAMILIARISATION_S[1]}"
-    yield 'instruction = "Crinkle the real objects on the panel, as often as you like, until you know them well."'
-    yield ""
-
-
-_STUDY = """\
-# The protocol of a study, as `palpate new` wrote it. `palpate check` prints it as the page that an ethics board reads,
-# or says what is wrong and on which line. protocols/README.md has a table of every key.
-# What says $unfilled is for you to write before a board reads the page; `palpate seal` refuses it until then.
-# Every other value is a suggestion: go through them with whoever answers for the study.
-
-format = 2                             # the form of this file
-
-[study]
-# The id names the study, its files and the folder of its dataset.
-id = $id
-title = $title
-source = "$unfilled: the publication or the plan that the study follows."
-participants = $participants # how many people take part; `palpate power` says how many it takes
-
-[ethics]
-board = "$unfilled: the board that approves the study."
-statement = "$unfilled: what the board approves, in words."
-# Left empty until the board has approved the study: the number on its letter, and whom participants may turn to.
-approval_number = ""
-contact = ""
-# approved_on = 2000-01-01             # the first day on which the study may run; a date has this form
-# expires_on = 2001-01-01              # the last day
-
-[eligibility]
-# Who may take part: one sentence for each condition.
-criteria = [
-    "Grown up.",
-    "Able to step on a panel with one foot while seated on a chair.",
-    "No wound, implant or loss of feeling in the foot that steps.",
-    "Hears and speaks well enough to answer aloud with headphones on.",
-]
-
-[consent]
-required = true                        # no session begins before the participant's consent is on record
-# What participants are told and agree to.
-statement = \"""
-Taking part is voluntary. You may stop at any moment, without giving a reason. You step with one foot, in a sock, on \\
-a panel that vibrates or on an object that lies under it, while headphones play noise whose volume you set yourself. \\
-We keep the movement of the foot, what was presented and what you answered, under a number and without your name.\"""
-voice_recordings = false               # true keeps the sound of spoken answers, of participants who agree to that
-kept_months = 120                      # how long data are kept after a participant's last session, then deleted by hand
-
-[duration]
-# How long a visit takes, all tasks and breaks included, as participants are told before: an estimate from 25 to 50 s a
-# trial. Time a session with a colleague, and correct it.
-shortest_min = $shortest_min
-longest_min = $longest_min
-
-[exposure]
-# Limits that protect the participant, which palpate holds whatever a stimulus asks for.
-vibration_peak_m_s2 = 30.0             # the largest acceleration of the panel
-masker_level_db_a = 80.0               # the loudest noise; where Directive 2003/10/EC first asks for action, in 8 hours
-session_min = $session_min # the longest session: one task of one participant
-
-[masker]
-# The noise on the headphones that hides the sound of the panel.
-noise = "pink"                         # or white
-level_set_by = "participant"           # or experimenter
-criterion = "The participant does not hear the panel."    # what must hold at the level that is chosen
-
-[answers]
-mode = "oral"                          # the participant says the answer, and the experimenter types its key
-on_screen = false                      # true: the participant's screen shows what may be answered
-no_answer_key = $no_answer                    # the participant said nothing
-redo_key = $redo                         # do the trial again, at the end of its block
-pause_key = $pause                        # pause the session
-microphone = false                     # true: a microphone hears when the voice begins, and proposes the answer
-
-[footstep.synthesis]
-# Of which recordings of the real materials the vibration is made (`palpate record`).
-rate_hz = 5000                         # samples a second
-samples = 2500                         # samples of a recording: 0.5 s
-takes = 3                              # recordings of each material at each speed
-speeds_mm_s = [50, 100, 200, 300]      # speeds of the foot at which they are made
-average = "magnitude"                  # what of the takes is averaged; or signed
-left_out_max = 0.2                     # no rig that cannot carry more than this share of a vibration (rms) is used
-
-[footstep.tactile]
-# Frequencies that are felt; the others may be left out where all of them together stay below the floor (rms).
-low_hz = 0
-high_hz = 500
-floor_m_s2 = 0.3
-source = "Okamoto et al., Spectrum-based synthesis of vibrotactile stimuli, section 2."
-
-[footstep.step]
-# Heights above the panel: between the first two the speed of the foot is measured, and at the last it has landed.
-gate_top_mm = 20
-gate_bottom_mm = 10
-contact_mm = 0
-
-# The materials to tell apart, which are the answers too: the name in tables, the key that the experimenter types, and
-# what participants may call it; the first of these is shown to the experimenter.
-"""
-
-_ORDER = """\
-[task_order]
-kind = $order # fixed: as in this file; counterbalanced: each order for as many participants
-break_min_s = $break_s                      # the shortest break between two tasks
-
-# Each task: virtual stimuli are vibration; for real ones the experimenter lays out the object before each trial.
-"""
-
-_RULES = """\
-# What leaves out a trial or a participant, and why. A trial that is repeated comes again at the end of its block.
-
-[[exclusion]]
-id = "lost frames"
-when = "frames-lost"                   # more frames of the tracker than `limit` are lost or damaged
-limit = 20
-action = "repeat-trial"                # or exclude-trial
-reason = "too much of the foot's movement is missing for its speed to be trusted"
-
-[[exclusion]]
-id = "too slow"
-when = "speed-below"                   # mm/s
-limit = 20
-action = "repeat-trial"
-reason = "the foot lingered above the panel, far below the slowest recorded speed of 50 mm/s"
-
-[[exclusion]]
-id = "too fast"
-when = "speed-above"                   # mm/s
-limit = 600
-action = "repeat-trial"
-reason = "the foot came at more than twice the fastest recorded speed of 300 mm/s"
-
-[[exclusion]]
-id = "undelivered"
-when = "undelivered"                   # the loopback heard the stimulus early, late, changed or not at all
-action = "repeat-trial"
-reason = "the participant did not feel the stimulus that the trial is about, or felt it apart from the step"
-
-[[exclusion]]
-id = "too few answers"
-when = "answers-below"                 # answered trials of a task: nine tenths of them
-limit = $answers
-action = "exclude-participant"
-reason = "answer ratios from fewer than nine tenths of a task's trials do not compare with the others"
-
-[[exclusion]]
-id = "withdrawn"
-when = "withdrawn"
-action = "exclude-participant"
-reason = "the participant withdrew"
-
-# The planned tests, which the report of `palpate analyse` states.
-
-[[analysis]]
-test = "t against chance"
-tasks = [$tasks]
-alpha = 0.05                           # the level of significance
-chance = $chance # the share of right answers of somebody who guesses: one of $count materials
-question = \"""
-For each material and task: does the participants' mean ratio of correct answers differ from chance? One-sample t, \\
-two-tailed, df = participants - 1; with Cohen's d, and P adjusted by Holm over the materials of a task.\"""
-"""
-
-_BOTH = """\
-[[analysis]]
-test = "two-way ANOVA"
-tasks = [$tasks]
-alpha = 0.05
-question = \"""
-Do correct answer ratios depend on the task, over materials? Factors material and task with their interaction, \\
-participants as replicates; sums of squares of types I, II and III.\"""
-
-[[analysis]]
-test = "ICC"
-tasks = [$tasks]
-form = "variance components of the two-way ANOVA, mean over all participants"
-question = "How reliable are the mean ratios of correct answers, given how much participants differ?"
-"""

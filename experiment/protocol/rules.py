@@ -19,7 +19,7 @@ from experiment.storage import Place
 MAX_COUNTERBALANCED = 6
 """Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""
 
-LOUDER_KEY, SOFTER_KEY, PROBE_KEY = "+", "-", "p"
+LOUDER_KEY, SOFTER_KEY, PROBE_KEY, HEARD_KEY = "+", "-", "p", "h"
 """Keys of the masker's level."""
 
 TESTS: Mapping[str, tuple[str, ...]] = {

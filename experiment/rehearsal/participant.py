@@ -13,7 +13,7 @@ import numpy as np
 from experiment.clock import Clock
 from experiment.desk.port import Attended, Console, Remark, laid_out
 from experiment.protocol.models import Protocol
-from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY
+from experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
 
 Tick = Callable[[], None]
 """Called after each confirmed answer."""
@@ -74,19 +74,17 @@ class SimulatedPerson:
         self.show(f"Familiarisation: {instruction}")
         self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
 
-    def level(
-        self,
-        *,
-        level_db_a: float,
-        limit_db_a: float,
-        criterion: str,
-        keys: dict[str, str],
-    ) -> str:
+    def instruct(self, *, instruction: str) -> None:
+        """Read nothing: a simulated participant knows what to do."""
+
+    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
         if PROBE_KEY in keys and not self._probed:
             self._probed = True
             return PROBE_KEY
-        return LOUDER_KEY if level_db_a < min(MASKED_DB_A, limit_db_a) else ""
+        if level_db_a >= MASKED_DB_A:
+            return ""
+        return HEARD_KEY if HEARD_KEY in keys else LOUDER_KEY
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:  # noqa: ARG002
         return False
@@ -173,10 +171,14 @@ class Practised:
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         self.desk.familiarise(instruction=instruction, min_s=min_s, max_s=max_s)
 
+    def instruct(self, *, instruction: str) -> None:
+        self.desk.instruct(instruction=instruction)
+
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
         wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
-        self._tell({LOUDER_KEY: "louder", PROBE_KEY: "let me feel it"}.get(wanted, "I no longer hear it"))
+        said = {LOUDER_KEY: "louder", PROBE_KEY: "let me feel it", HEARD_KEY: "I still hear it"}
+        self._tell(said.get(wanted, "I no longer hear it"))
         return self.desk.level(**asked, criterion=criterion, keys=keys)
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:

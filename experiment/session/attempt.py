@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from experiment.apparatus.ports import Masker, Microphone
 from experiment.clock import Clock
 from experiment.desk import interrupts
-from experiment.desk.port import INTERRUPTED, Console, Remark, Repeated
+from experiment.desk.port import INTERRUPTED, NO_ANSWER, Console, Remark, Repeated
 from experiment.errors import JournalError, SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
@@ -226,7 +226,7 @@ class Attempts:
         if reason := self._limits.skipped():
             return self._put_off(planned, attempt, reason)
         others = {
-            spoken.no_answer_key: "no answer",
+            spoken.no_answer_key: NO_ANSWER,
             spoken.redo_key: "do this trial again",
             spoken.pause_key: "pause",
             **(KEYS if self._masking is not None else {}),

@@ -21,8 +21,8 @@ from experiment.clock import Clock, day
 from experiment.desk.port import Console
 from experiment.errors import DoseUsedUp
 from experiment.protocol.models import Protocol
-from experiment.protocol.rules import LOUDER_KEY, PROBE_KEY, SOFTER_KEY
-from experiment.records.entries import MaskerSet
+from experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
+from experiment.records.entries import MaskerSet, Note
 from experiment.session import scene
 
 STEP_DB = 2.0
@@ -37,7 +37,7 @@ KEYS = {LOUDER_KEY: "masker louder", SOFTER_KEY: "masker softer"}
 class Masking:
     """Drives a masker and puts its levels on disk; a second thread may silence it for good."""
 
-    def __init__(self, masker: Masker, console: Console, write: Callable[[MaskerSet], None]) -> None:
+    def __init__(self, masker: Masker, console: Console, write: Callable[[MaskerSet | Note], None]) -> None:
         """Begin in silence; `write` puts an entry into the journal and returns when it is on disk."""
         self._masker = masker
         self._console = console
@@ -48,23 +48,37 @@ class Masking:
     def choose(self, criterion: str, begin_db_a: float | None, probe: Callable[[], None] | None = None) -> None:
         """Start the noise at `begin_db_a`, or at the first level if None, and have it set until `criterion` holds.
 
-        `probe` plays what is to be hidden, None where nothing can. A masker that is silent for good is left as it is.
+        `probe` plays what is to be hidden, None where nothing can. Where it is still heard at the limit, that goes on
+        record instead. A masker that is silent for good is left as it is.
         """
+        if probe is None:
+            criterion += " Nothing is played for that: have the participant touch the panel as in a trial, and listen."
         with self._lock:
             if not self._silenced:
                 self._go(self._masker.start, FIRST_DB_A if begin_db_a is None else begin_db_a)
         while not self._silenced:
-            level_db_a = self._masker.level_db_a
-            key = self._console.level(
-                level_db_a=level_db_a if level_db_a is not None else FIRST_DB_A,
-                limit_db_a=self._masker.limit_db_a,
-                criterion=criterion,
-                keys=KEYS if probe is None else KEYS | {PROBE_KEY: "play the probe"},
-            )
+            level_db_a, limit_db_a = self._masker.level_db_a, self._masker.limit_db_a
+            level_db_a = level_db_a if level_db_a is not None else FIRST_DB_A
+            keys = KEYS | ({} if probe is None else {PROBE_KEY: "play the probe"})
+            keys |= {HEARD_KEY: "still heard at the limit"} if level_db_a >= limit_db_a else {}
+            key = self._console.level(level_db_a=level_db_a, limit_db_a=limit_db_a, criterion=criterion, keys=keys)
             if key == PROBE_KEY and probe is not None:
                 probe()
+            elif key == HEARD_KEY:
+                if self._heard_at_limit(limit_db_a):
+                    return
             elif not self.change(key):
                 return
+
+    def _heard_at_limit(self, limit_db_a: float) -> bool:
+        """Return whether the session goes on although the masker hides too little; that goes on record."""
+        told = f"The participant still hears what the masker is to hide, at {limit_db_a:.0f} dB(A), the limit."
+        yes, no = "go on all the same; it goes on record", "no, set the level again"
+        if not self._console.agree(text=f"{told} It may not be louder. Go on, or pause and end?", yes=yes, no=no):
+            return False
+        self._write(Note(trial=None, text=told))
+        self._console.show(f"On record: {told}")
+        return True
 
     def change(self, key: str) -> bool:
         """Return whether `key` was one of the masker's; then the level has changed by a step, within the limit.

@@ -275,6 +275,8 @@ class _Session:
                 self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a, probe)
             self._attempts.remarks.note_ignored()
             self._enrol()
+            if self._log.done.remaining:
+                self._devices.console.instruct(instruction=self._task.instruction)
             pause = self._trials()
         except (ScreenGone, PauseAsked) as why:
             pause = str(why)

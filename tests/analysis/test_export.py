@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.export import COLUMNS, DICTIONARY, export, files
+from analysis.export import DICTIONARY, columns_of, export, files
 from analysis.reading.dataset import read
 from analysis.reading.study import Exclusion
 from experiment.dataset.bids import LABELS
@@ -47,7 +47,7 @@ def test_a_reason_that_a_spreadsheet_would_compute_is_quoted(repository_root: Pa
 
 
 def test_every_row_is_labelled(okamoto: dict[str, bytes]) -> None:
-    for name in (*COLUMNS, "wide.csv", DICTIONARY):
+    for name in (*columns_of("identification"), DICTIONARY):
         assert set(_frame(okamoto[name])["dataset"]) == {LABELS["RECONSTRUCTION"]}, name
 
 

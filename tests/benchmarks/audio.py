@@ -22,7 +22,8 @@ import jack
 import numpy as np
 
 from experiment.rehearsal.wires.listener import Tap
-from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API, SoundCard
+from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from tests.rig.sound import HOST_API
 
 RATE_HZ = 48_000
 BLOCK = 256

@@ -30,9 +30,10 @@ from experiment.clock import MonotonicClock
 from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.tapping import hand
-from experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess, pushed
+from experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
 from experiment.rehearsal.wires.serial_line import SerialLine
 from experiment.synthesis.contact.block import Block
+from tests.rig.pushes import pushed
 
 SECONDS = 30.0
 RATE_HZ, LIMIT_N = 2500, 3.0

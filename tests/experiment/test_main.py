@@ -115,6 +115,28 @@ __main__.main()
     assert (done.returncode, done.stderr.count("\n")) == (130, 1), done.stderr
 
 
+def test_an_interrupt_while_the_command_line_makes_a_class_is_told_as_one(repository_root: Path) -> None:
+    """What Python does with an exception while a class is made: a RuntimeError, with the interrupt as its cause."""
+    code = """
+import sys
+from experiment import __main__
+class Interrupting:
+    def __set_name__(self, owner, name):
+        raise KeyboardInterrupt
+class Finder:
+    def find_spec(self, name, *rest):
+        if name == "experiment.cli.app":
+            type("Command", (), {"one": Interrupting()})
+sys.meta_path.insert(0, Finder())
+sys.argv = ["palpate", "check"]
+__main__.main()
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=repository_root, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr.count("\n")) == (130, 1), done.stderr
+
+
 def test_an_interrupt_in_a_callback_is_not_lost(repository_root: Path) -> None:
     """Importing ends in such callbacks, from which nothing can be raised: the command went on to its end."""
     code = """

@@ -285,6 +285,9 @@ class Dawdler:
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         return False
 
+    def instruct(self, *, instruction: str) -> None:
+        pass
+
     def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         return False
 

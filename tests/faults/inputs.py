@@ -502,18 +502,27 @@ STARTED = (
 
 
 STARTS = """
-import os, sys
+import atexit, os, signal, sys
 from experiment.__main__ import main
+after_s = float(sys.argv.pop(1))
+# Python gives signals back to the system while it ends, and an alarm would end it then.
+atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)
+signal.signal(signal.SIGALRM, lambda *_: signal.raise_signal(signal.SIGINT))
 class Arguments(list):
     def __getitem__(self, place):
         # Plain from here on: processes that the command starts get a copy.
         sys.argv = list(self)
         os.write(1, b".")
+        signal.setitimer(signal.ITIMER_REAL, after_s)
         return list.__getitem__(self, place)
 sys.argv = Arguments(sys.argv)
 main()
 """
-"""The command, with a sign when Python has begun and it is palpate that answers: it looks at its arguments."""
+"""The command, interrupted so many seconds after it has begun, by its first argument (0: never).
+
+A sign tells that Python has begun and that it is palpate that answers: it looks at its arguments. The time runs in its
+own process, as some commands are done before a signal from another would arrive.
+"""
 
 
 PROGRESS = re.compile(r"\d+/\d+ \d+:\d\d:\d\d")
@@ -544,7 +553,7 @@ def started(folder: Path, name: str, command: Sequence[str], after_s: float | No
     """Run a command in a bench of its own, with SIGINT some time after its first sign, or without (None)."""
     bench = Path(shutil.copytree(folder / "bench", folder / name))
     with subprocess.Popen(
-        [sys.executable, "-c", STARTS, *command],
+        [sys.executable, "-c", STARTS, str(after_s or 0), *command],
         cwd=bench,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdin=subprocess.DEVNULL,
@@ -554,9 +563,6 @@ def started(folder: Path, name: str, command: Sequence[str], after_s: float | No
         assert begun.stdout is not None
         begun.stdout.read(1)
         since_s = time.monotonic()
-        if after_s is not None:
-            time.sleep(after_s)
-            begun.send_signal(signal.SIGINT)
         try:
             _, said = begun.communicate(timeout=BLOCKED_S)
         except subprocess.TimeoutExpired:
@@ -567,8 +573,11 @@ def started(folder: Path, name: str, command: Sequence[str], after_s: float | No
     return Ended(begun.returncode, lines, time.monotonic() - since_s)
 
 
-DRAWS = 8
+DRAWS = 16
 """So often a moment is drawn for a try, each time half as late, until the command is interrupted by it."""
+
+SOONEST_S = 1e-6
+"""The earliest moment that a timer can be set to."""
 
 
 def interrupted(folder: Path, count: int) -> list[str]:
@@ -592,7 +601,7 @@ def interrupted(folder: Path, count: int) -> list[str]:
                 return ""
             if ended.code is None or ended.code != alone.code or not ended.clean:
                 return f"{command} after {after_s:.3f} s: {ended.code}: {ended.lines[-3:]}"
-            after_s /= 2
+            after_s = max(after_s / 2, SOONEST_S)
         return f"{command} was not ended by any of {DRAWS} interrupts within {alone.lasted_s:.3f} s"
 
     with ThreadPoolExecutor(os.cpu_count()) as pool:

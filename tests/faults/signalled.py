@@ -2,7 +2,7 @@
 
 `python -m tests.faults.signalled SIGNAL ANSWERS rehearse ...`: the signal comes after the ANSWERS-th step of the
 progress bar, when the pool holds a lock, and no worker gives more than `HALT` answers. So what is on disk then lies
-between two counts, however fast the machine. Workers are spawned, and import this module as `__mp_main__`.
+between two counts, however fast the machine. Each worker imports this module as `__mp_main__`.
 """
 
 from __future__ import annotations

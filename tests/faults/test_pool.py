@@ -62,16 +62,16 @@ def test_no_worker_outlives_its_parent_and_the_same_command_goes_on(
 
 
 def workers_of(parent: int) -> bool:
-    """Whether a process of the pool has begun."""
+    """Whether the process of which those of the pool are forked has begun."""
     children = Path(f"/proc/{parent}/task/{parent}/children").read_text("ascii").split()
-    return any(b"spawn_main" in Path(f"/proc/{child}/cmdline").read_bytes() for child in children)
+    return any(b"multiprocessing.forkserver" in Path(f"/proc/{child}/cmdline").read_bytes() for child in children)
 
 
 @pytest.mark.parametrize("after_s", [0.0, 0.3, 1.0])
 def test_ctrl_c_at_a_terminal_which_every_process_hears_ends_it_in_words(
     tmp_path: Path, repository_root: Path, after_s: float
 ) -> None:
-    """From the first worker's beginning on, when it cannot ignore anything yet."""
+    """From the beginning of the first process on, when it cannot ignore anything yet."""
     out = tmp_path / "rehearsal"
     palpate = Path(sys.executable).with_name("palpate")
     with subprocess.Popen(

@@ -11,7 +11,10 @@ import pytest
 
 from experiment.apparatus.audio.stream import AudioStream, StreamSettings
 from experiment.clock import MonotonicClock
-from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API, SoundCard
+from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+
+HOST_API = "JACK Audio Connection Kit"
+"""Where PortAudio has the simulated card."""
 
 RATE_HZ = 48_000
 BLOCK = 256

@@ -18,7 +18,7 @@ from experiment.apparatus.audio.stream import AudioStream, StreamSettings, looki
 from experiment.clock import MonotonicClock
 from experiment.errors import AudioError, RigError
 from experiment.protocol.files import shipped
-from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API, SoundCard
+from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.conftest import Palpate
 from tests.rig import sound
 
@@ -96,7 +96,7 @@ def test_devices_are_listed_as_a_rig_file_names_them(palpate: Palpate) -> None:
         code, out, _ = palpate("devices")
         assert json.loads(palpate("devices", "--json")[1])["audio"][-1]["outputs"] == 6
     assert code == 0
-    assert f'host_api = "{HOST_API}"  device = "{DEVICE}"  inputs 2, outputs 6, 48000 Hz' in out
+    assert f'host_api = "{sound.HOST_API}"  device = "{DEVICE}"  inputs 2, outputs 6, 48000 Hz' in out
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_devices_are_listed_as_a_rig_file_names_them(palpate: Palpate) -> None:
     ids=["device", "host API", "outputs", "inputs", "rate"],
 )
 def test_what_the_rig_names_and_the_machine_has_not_is_said(changed: dict[str, object], said: str) -> None:
-    asked: dict[str, object] = {"host_api": HOST_API, "device": DEVICE, "rate_hz": sound.RATE_HZ, "outputs": 4}
+    asked: dict[str, object] = {"host_api": sound.HOST_API, "device": DEVICE, "rate_hz": sound.RATE_HZ, "outputs": 4}
     asked |= {"inputs": 2} | changed
     outputs = asked.pop("outputs")
     assert isinstance(outputs, int)

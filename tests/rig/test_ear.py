@@ -30,7 +30,7 @@ from experiment.desk.voice.enrolling import Enroller
 from experiment.protocol.files import shipped
 from experiment.records.entries import Spoken
 from experiment.rehearsal.wires.mouth import Mouth
-from experiment.rehearsal.wires.sound_card import DEVICE, HOST_API
+from experiment.rehearsal.wires.sound_card import DEVICE
 from tests.experiment.session.scripted import ScriptedConsole
 from tests.rig import sound, speech
 
@@ -111,7 +111,7 @@ class Laboratory:
         assert AUDIO is not None
         clock, rng = FrameClock(), np.random.default_rng(4)
         card = opened.enter_context(sound.sound_card(block=BLOCK, inputs=2, outputs=3))
-        settings = StreamSettings(HOST_API, DEVICE, RATE_HZ, BLOCK, 2, (1.0, 1.0, 0.0), sent=0)
+        settings = StreamSettings(sound.HOST_API, DEVICE, RATE_HZ, BLOCK, 2, (1.0, 1.0, 0.0), sent=0)
         self.stream = AudioStream(settings, clock)
         opened.callback(self.stream.close)
         clock.stream = self.stream

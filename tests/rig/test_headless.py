@@ -116,7 +116,7 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
             opened = super().panel()
             if pulled:
                 return opened
-            self.disconnect_loopback()
+            self.card.disconnect(2)
             feel = opened.felt
 
             def felt(timeout_s: float) -> object:

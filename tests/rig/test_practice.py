@@ -95,7 +95,8 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
 ) -> None:
     code, screen = practise(tmp_path, "small.toml", "--task", "one", stop_after=1)
     assert (code, PAUSED in screen) == (0, True), screen
-    assert screen.startswith("PRACTICE - simulated participants")
+    at_once = "Opening the session of PRACTICE, with a simulated laboratory ...\n"
+    assert screen.startswith(f"{at_once}PRACTICE - simulated participants")
     assert "The materials 'felt' and 'cork' are simulated generically: they resemble nothing.\n" in screen
     assert "Familiarisation, up to 0.9 min." in screen
     code, rest = practise(tmp_path, "small.toml", "--task", "one")

@@ -438,14 +438,14 @@ def test_a_session_opens_its_screen_and_goes_on_without_it(display: Display, rig
 
 SHOWN = {
     "familiarise": "instructions",
-    "place": "wait",
+    "place": "instructions",
     "armed": "ready",
     "answer": "answer",
     "confirm": "answer",
     "write": "finished",
     "debrief": "finished",
 }
-"""What the participant sees at each step of a practised visit."""
+"""What the participant sees at each step of a practised visit, before the first answer of a task."""
 
 
 @pytest.mark.parametrize("steps", [("familiarise", "armed", "answer", "confirm"), ("place", "write", "debrief")])

@@ -119,6 +119,16 @@ def test_a_port_that_vanishes_under_a_waiting_reader_is_noticed(line: SerialLine
         tracker.drain()
 
 
+def test_a_tracker_that_is_closed_ends_the_read_that_waits_for_it(line: SerialLine, settings: TrackerRig) -> None:
+    """In simulated time that read would wait a minute, and then say that no frame came."""
+    tracker = SerialTracker(line.url, settings, clock=ManualClock(0))
+    closer = threading.Thread(target=tracker.close)
+    closer.start()
+    with pytest.raises(TrackerStopped, match="it was closed"):
+        tracker.read()
+    closer.join()
+
+
 def test_what_is_drained_is_neither_read_nor_lost(line: SerialLine, tracker: SerialTracker) -> None:
     line.write(frames(0, 10))
     read_until(tracker, 9000)

@@ -22,12 +22,15 @@ import pytest
 
 from experiment.apparatus import host
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.servo.link import ServoProcess
 from experiment.apparatus.servo.process import Orders
+from experiment.clock import MonotonicClock
 from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep.foot import Foot, Trajectory
-from experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, ForceDeviceProcess, Push, pushed
+from experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, ForceDeviceProcess
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import pressing
+from tests.rig.pushes import Push, pushed
 
 pytestmark = pytest.mark.alone
 
@@ -55,24 +58,27 @@ def press() -> Trajectory:
     return Trajectory(time_s * 1e6, height_mm, 0.0, 0.0, 5e4, float(time_s[-1]) * 1e6, 100.0, "none", 1)
 
 
+def ordered(line: SerialLine, device: ForceDeviceProcess) -> Orders:
+    return Orders(
+        port=line.url,
+        baud=HAND.baud,
+        tracker_hz=HAND.rate_hz,
+        stall_ms=2000,
+        counts=tuple(float(point.counts) for point in HAND.calibration),
+        mm=tuple(point.mm for point in HAND.calibration),
+        address=device.address,
+        answer_ms=5000.0,
+        limit_n=3.0,
+        rate_hz=2500,
+        fastest_mm_s=175.0,
+    )
+
+
 def pressed_until(fails: Fails, record: Path) -> tuple[int, list[Push]]:
     """Have a hand press, and something fail; return when that was, ns, and what the device pushed."""
     with host.raised(), ForceDeviceProcess(record) as device, SerialLine() as line:
         foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
-        orders = Orders(
-            port=line.url,
-            baud=HAND.baud,
-            tracker_hz=HAND.rate_hz,
-            stall_ms=2000,
-            counts=tuple(float(point.counts) for point in HAND.calibration),
-            mm=tuple(point.mm for point in HAND.calibration),
-            address=device.address,
-            answer_ms=5000.0,
-            limit_n=3.0,
-            rate_hz=2500,
-            fastest_mm_s=175.0,
-        )
-        told = [sys.executable, "-m", pressing.__name__, json.dumps(asdict(orders))]
+        told = [sys.executable, "-m", pressing.__name__, json.dumps(asdict(ordered(line, device)))]
         with subprocess.Popen(told, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as session:
             assert session.stdout is not None
             servo = int(session.stdout.readline())
@@ -96,6 +102,17 @@ def kill_servo(session: int, servo: int, line: SerialLine, foot: Foot) -> None:
 
 def unplug_tracker(session: int, servo: int, line: SerialLine, foot: Foot) -> None:
     line.unplug()
+
+
+def test_a_servo_that_is_closed_ends_by_itself_and_tells_how_its_cycles_went() -> None:
+    with ForceDeviceProcess() as device, SerialLine() as line:
+        foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
+        servo = ServoProcess(ordered(line, device), MonotonicClock())
+        servo.close()
+        foot.close()
+    # Nobody had to kill it.
+    assert servo._process.returncode == 0
+    assert servo.counts["cycles"] > 0
 
 
 @pytest.mark.parametrize(

@@ -86,7 +86,8 @@ class ServoProcess:
     def render(self, block: Block | None) -> None:
         """Have the hand meet a block from now on, once it is outside of it; None for none."""
         self._block = block
-        self._line.tell(process.RENDER, process.block_json(block), monotonic_ns())
+        told = None if block is None else asdict(block)
+        self._line.tell(process.RENDER, json.dumps(told).encode(), monotonic_ns())
 
     def read(self) -> Felt | None:
         """Return what the hand did since the read before; None if nothing has come within `SLICE_S`.
@@ -141,6 +142,9 @@ class ServoProcess:
         """Start the process anew, with the same block. Raises `ServoError` if a part cannot be opened."""
         self.close()
         self._begin()
+
+    def stop(self) -> None:
+        """Do nothing: a read waits no longer than `SLICE_S`."""
 
     def close(self) -> None:
         """End the process, with the force at zero; `counts` then says how its cycles went."""
@@ -205,7 +209,11 @@ class ServoHere:
     def reconnect(self) -> None:
         """Do nothing: no device falls silent in simulated time."""
 
+    def stop(self) -> None:
+        """Close the tracker: a hand that rests would keep a read waiting for as long as simulated time allows."""
+        self._tracker.close()
+
     def close(self) -> None:
         """Take the force away."""
+        self.stop()
         self._device.close()
-        self._tracker.close()

@@ -25,7 +25,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -74,11 +74,6 @@ class Orders:
     limit_n: float
     rate_hz: int
     fastest_mm_s: float
-
-
-def block_json(block: Block | None) -> bytes:
-    """Return what a block is, for the process."""
-    return json.dumps(None if block is None else asdict(block)).encode()
 
 
 class Line:

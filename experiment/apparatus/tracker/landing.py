@@ -102,11 +102,12 @@ class Touch(NamedTuple):
 class LandingPredictor:
     """Follows a foot sample by sample; the same however reads were cut."""
 
-    def __init__(self, step: Step, *, noise_mm: float) -> None:
-        """Take a protocol's gate and contact, and the standard deviation of a sensor's noise, mm."""
+    def __init__(self, step: Step, *, noise_mm: float, wander_mm: float = WANDER_MM) -> None:
+        """Take a protocol's gate and contact, the SD of a sensor's noise, and the scale of wander, mm."""
         self._top_mm = step.gate_top_mm
         self._contact_mm = step.contact_mm
         self._variance_mm2 = max(noise_mm, QUIETEST_MM) ** 2
+        self._wander_mm = wander_mm
 
     def init(self) -> Falling | None:
         """Return the state before the first sample."""
@@ -121,9 +122,9 @@ class LandingPredictor:
             return None
         measured_mm, noise_mm2 = height_mm - self._contact_mm, self._variance_mm2
         if state is None:
-            curve_mm_s2 = FIRST_MM_S**2 / WANDER_MM
+            curve_mm_s2 = FIRST_MM_S**2 / self._wander_mm
             return Falling(us, measured_mm, -FIRST_MM_S, 0.0, noise_mm2, 0.0, 0.0, FIRST_MM_S**2, 0.0, curve_mm_s2**2)
-        mm, mm_s, mm_s2, hh, hv, ha, vv, va, aa = _moved(state, (us - state.us) / 1e6)
+        mm, mm_s, mm_s2, hh, hv, ha, vv, va, aa = _moved(state, (us - state.us) / 1e6, self._wander_mm)
         off_mm = measured_mm - mm
         gain = hh / (hh + noise_mm2), hv / (hh + noise_mm2), ha / (hh + noise_mm2)
         return Falling(
@@ -147,7 +148,7 @@ class LandingPredictor:
         root = mm_s**2 - 2 * mm_s2 * mm
         # A parabola that turns above the panel belongs to a foot that will stop; it lands no later than this.
         left_s = 2 * mm / (math.sqrt(root) - mm_s) if root > 0 else -mm / mm_s
-        _, then_mm_s, _, hh, *_ = _moved(state, left_s)
+        _, then_mm_s, _, hh, *_ = _moved(state, left_s, self._wander_mm)
         return Landing(
             state.us + left_s * 1e6, math.sqrt(max(hh, 0.0)) / max(-then_mm_s, -mm_s * FALLS_PART) * 1e6, state.us
         )
@@ -176,7 +177,7 @@ class LandingPredictor:
         """Return whether a sample lies higher than a foot can that still falls."""
         if state is None:
             return False
-        mm, _, _, hh, *_ = _moved(state, (us - state.us) / 1e6)
+        mm, _, _, hh, *_ = _moved(state, (us - state.us) / 1e6, self._wander_mm)
         return height_mm - self._contact_mm - mm > STOPPED_BY_PANEL * math.sqrt(hh + self._variance_mm2)
 
     def hesitates(self, state: Falling | None, gate: Gate) -> str:
@@ -191,12 +192,14 @@ class LandingPredictor:
         return ""
 
 
-def _moved(state: Falling, seconds: float) -> tuple[float, float, float, float, float, float, float, float, float]:
+def _moved(
+    state: Falling, seconds: float, wander_mm: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Return the state without its time, `seconds` later: x <- F x, P <- F P F' + Q of an acceleration that wanders."""
     _, mm, mm_s, mm_s2, hh, hv, ha, vv, va, aa = state
     s, s2 = seconds, seconds * seconds
     scale_mm_s = min(max(-mm_s, SLOWEST_MM_S), FASTEST_MM_S)
-    q = scale_mm_s**5 / WANDER_MM**3 * s
+    q = scale_mm_s**5 / wander_mm**3 * s
     return (
         mm + s * mm_s + s2 / 2 * mm_s2,
         mm_s + s * mm_s2,

@@ -189,6 +189,8 @@ class SerialTracker:
         self._closing = True
         self._port.wake()
         self._thread.join()
+        if self._failure is None:
+            self._fail(TrackerStopped(f"tracker at {self._name}: it was closed; open it again"))
         self._port.close()
 
     def _open(self, port: str) -> None:

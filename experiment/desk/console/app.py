@@ -57,6 +57,10 @@ WRITES = (Choice(key=ENTER, words="write down the answer, or that there is none"
 """What may be pressed at a question that is answered with a line of text."""
 
 
+AGAIN = "Press the key when it is asked for."
+"""What to do about a key that came too early; it stays right when the question has come."""
+
+
 @dataclass(frozen=True)
 class Left:
     """Why a console was left.
@@ -217,7 +221,7 @@ class Console(App[Left]):
             if self._takes_key(event):
                 return
         elif isinstance(event, events.Paste) and not event.is_forwarded and self._form is None:
-            self._ignore(event.text, "What was pasted answered nothing. Press the key of an answer.")
+            self._ignore(event.text, f"What was pasted was ignored. {AGAIN}")
             return
         await super().on_event(event)
 
@@ -280,10 +284,10 @@ class Console(App[Left]):
         if len(key) > 1 and key not in keys | TYPED.keys():
             return
         if question is None:
-            self._ignore(TYPED.get(key, key), f"Nothing is asked. {keycap(key)} was ignored.")
+            self._ignore(TYPED.get(key, key), f"{keycap(key)} came before its question and was ignored. {AGAIN}")
         elif question.number != seen:
-            words = f"{keycap(key)} was pressed before the question was on the screen, and answered nothing."
-            self._ignore(TYPED.get(key, key), f"{words} Press it again.")
+            words = f"{keycap(key)} was pressed before the question was on the screen, and was ignored. {AGAIN}"
+            self._ignore(TYPED.get(key, key), words)
         elif question.kind == "write" and key == ENTER:
             self._open(forms.answering(question))
         elif question.number >= 0:

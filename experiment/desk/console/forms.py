@@ -67,11 +67,13 @@ def opened(name: str, view: View) -> Form:
             title = "Pause for a break as soon as nothing can be felt. Its end is told, and nothing begins by itself."
             form = Form(name, title, "pauses", (Blank("Minutes", BREAK_MIN),))
         case "stop":
+            paused = view.state == "paused"
+            how = "is paused" if paused else "pauses as soon as nothing can be felt"
             title = (
-                "Stop for today? The session pauses as soon as nothing can be felt, and its process ends. "
+                f"{'End' if paused else 'Stop'} for today? The session {how}, and its process ends. "
                 "Every confirmed answer is on disk, and the same command continues another time."
             )
-            form = Form(name, title, "stops")
+            form = Form(name, title, "ends for today" if paused else "stops")
         case _:
             title = (
                 "Leave the console? The session keeps running, and the same command comes back to it. "

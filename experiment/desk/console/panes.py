@@ -277,7 +277,7 @@ class Board(Vertical):
         pane["left"].display = pane["gauges"].display = known
         pane["trace"].display = known and gauges is not None and bool(gauges.trace_unit)
         if gauges is not None:
-            pane["left"].show(picture.left, picture.time_left(gauges.left_s))
+            pane["left"].show(picture.notice, picture.time_left(gauges.left_s))
             pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
             still = gauges.model_copy(update={"trace": (), "left_s": 0.0})
             pane["gauges"].show(picture.gauges, still, roomy, side - 4)

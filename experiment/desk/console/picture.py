@@ -7,7 +7,7 @@ does.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import zip_longest
 
 from rich.style import Style
@@ -96,6 +96,8 @@ FAILED = Phase("FAILED", "", RED)
 """A session whose process ended with a fault."""
 
 STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
+AGAIN = Phase("STEP AGAIN", "ARMED", BLUE, "The step before did not count. {why}. The participant may step again.")
+DONE = Phase("TASK DONE", "", ORANGE)
 GONE = Phase("GONE", "", RED)
 
 
@@ -104,9 +106,13 @@ def phase(view: View) -> Phase:
     if view.ended is not None and view.ended.exit_code:
         return FAILED
     if view.question is not None:
+        if view.question.kind == "debrief" and view.step in view.steps[:-1]:
+            return DONE
         return ASKED[view.question.kind]
     if view.state == "armed" and view.gauges is not None and view.gauges.moving:
         return STEPPING
+    if view.state == "armed" and view.again:
+        return replace(AGAIN, says=AGAIN.says.format(why=view.again))
     return STATES[view.state]
 
 
@@ -153,7 +159,7 @@ def keycap(key: str) -> str:
 
 
 def notice(words: str) -> Text:
-    """Return what became of the last press."""
+    """Return what became of the last press, or how much time is left, as it is said."""
     return Text(words)
 
 
@@ -209,7 +215,7 @@ def asked(question: Question | None, now: Phase, lay_out: str, heard: str) -> Te
     if lay_out and (question is None or question.kind != "place"):
         told.append(f"Laid out: {lay_out}\n", style=DIM)
     if question is None:
-        return told.append(now.says, style=DIM)
+        return told.append(now.says, style=YELLOW if now.word == AGAIN.word else DIM)
     big = question.kind in ("place", "confirm", "answer")
     told.append("Confirm: " if question.kind == "confirm" else "", style=DIM)
     told.append(question.text, style=f"bold {PLAIN}" if big else PLAIN)
@@ -289,11 +295,6 @@ def recent(told: tuple[Told, ...]) -> Text:
         text.append(one.words, style=PLAIN)
         text.append(", corrected" if one.corrected else "", style=YELLOW)
     return text
-
-
-def left(words: str) -> Text:
-    """Return how much of a session's time is left."""
-    return Text(words)
 
 
 def time_left(left_s: float) -> str:

@@ -17,24 +17,14 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import BinaryIO, NamedTuple, Self
+from typing import BinaryIO, Self
 
 from experiment.apparatus import host
 from experiment.apparatus.servo.device import ANSWER, DROPPED, DROPS_AFTER_S, MESSAGE_BYTES, decode
 
 PUSHED, SILENT, HUNG_UP = range(3)
 
-_PUSH = struct.Struct("<qffII")
-
-
-class Push(NamedTuple):
-    """The force from a time of the machine's monotonic clock on, ns: N out of the block and along it."""
-
-    at_ns: int
-    out_n: float
-    along_n: float
-    why: int
-    fast: bool
+PUSH = struct.Struct("<qffII")
 
 
 class ForceDeviceProcess:
@@ -61,13 +51,6 @@ class ForceDeviceProcess:
         self.close()
 
 
-def pushed(record: Path) -> list[Push]:
-    """Return what a device kept, in order."""
-    return [
-        Push(at, out, along, why, bool(fast)) for at, out, along, why, fast in _PUSH.iter_unpack(record.read_bytes())
-    ]
-
-
 def serve(server: socket.socket, record: BinaryIO | None) -> None:
     """Serve until standard input ends."""
     while True:
@@ -83,7 +66,7 @@ def serve(server: socket.socket, record: BinaryIO | None) -> None:
 def _hold(line: socket.socket, record: BinaryIO | None) -> None:
     def keep(force: tuple[float, float], why: int, fast: bool) -> None:
         if record is not None:
-            record.write(_PUSH.pack(time.monotonic_ns(), *force, why, fast))
+            record.write(PUSH.pack(time.monotonic_ns(), *force, why, fast))
 
     heard = b""
     pushes = dropped = False

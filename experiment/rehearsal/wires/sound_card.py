@@ -28,9 +28,6 @@ from experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
 from experiment.rehearsal.wires.listener import Tap
 from experiment.rehearsal.wires.mouth import Mouth, Samples, leak
 
-HOST_API = "JACK Audio Connection Kit"
-"""Where PortAudio has the simulated card; tests that open a stream without a rig file need it."""
-
 DEVICE = "system"
 """As PortAudio names the simulated card."""
 
@@ -275,11 +272,6 @@ class WiredCard:
         """Lay the loopback's cable, where the rig has one."""
         if self._channels.loopback is not None:
             self.card.connect(self._channels.actuator, self._channels.loopback)
-
-    def disconnect_loopback(self) -> None:
-        """Pull the loopback's cable: tests see what a rig does then; no rehearsal pulls it."""
-        if self._channels.loopback is not None:
-            self.card.disconnect(self._channels.loopback)
 
     def __enter__(self) -> WiredCard:
         return self

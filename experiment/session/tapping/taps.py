@@ -29,6 +29,9 @@ from experiment.synthesis.tap import Rings
 FROM_MM = 10.0
 """A touch is predicted from this height above the face on, mm. Ours."""
 
+WANDER_MM = 10.0
+"""A tap is shorter than a step: over so much travel the hand's acceleration changes by its scale, mm. Ours."""
+
 AHEAD_NS = 15_000_000
 """A vibration is made ready when the touch lies no further ahead than this and the actuator's own lead, ns. Ours."""
 
@@ -37,6 +40,10 @@ SURE_US = 2_000.0
 
 ANEW_PART = 0.02
 """A vibration is made anew where the speed to expect has changed by more than this part: a tenth of what is felt."""
+
+MAKES_NS = 3_000_000
+"""Nearer to the actuator's lead than this a vibration that is aimed is not made anew: in its place the new one would
+come late, or beside it, ns. Ours: making takes 0.5 to 1 ms, and other work on the machine may come between."""
 
 LIT_NS = 500_000_000
 """So long the lamp stays lit after a hand that was too fast, ns: a tap is too fast for some milliseconds. Ours."""
@@ -71,26 +78,22 @@ class _Sounding:
     fast: bool = False
 
 
+@dataclass(kw_only=True)
 class Taps:
-    """The taps of one session."""
+    """The taps of one session, followed from now on; nothing lies there yet. `noise_mm` is the tracker's, mm rms."""
 
-    def __init__(
-        self,
-        *,
-        servo: Servo,
-        actuator: Actuator,
-        block: Block,
-        noise_mm: float,
-        clock: Clock,
-        console: Console,
-        log: Log,
-        limits: Limits,
-    ) -> None:
-        """Follow the hand from now on; nothing lies there yet. `noise_mm` is that of the tracker, mm rms."""
-        self._servo, self._actuator, self._block = servo, actuator, block
-        self._clock, self._console, self._log, self._limits = clock, console, log, limits
+    servo: Servo
+    actuator: Actuator
+    block: Block
+    noise_mm: float
+    clock: Clock
+    console: Console
+    log: Log
+    limits: Limits
+
+    def __post_init__(self) -> None:
         step = Step(gate_top_mm=FROM_MM, gate_bottom_mm=AGAIN_MM, contact_mm=0.0)
-        self._predictor = LandingPredictor(step, noise_mm=noise_mm)
+        self._predictor = LandingPredictor(step, noise_mm=self.noise_mm, wander_mm=WANDER_MM)
         self._state: Falling | None = None
         self._armed = True
         self._lying: Lying | None = None
@@ -111,7 +114,7 @@ class Taps:
     @property
     def too_fast(self) -> bool:
         """Whether the lamp is lit that says so: the hand is faster than the protocol has it, or was so just now."""
-        return self._clock.now_ns() < self._dark_ns
+        return self.clock.now_ns() < self._dark_ns
 
     def lay(self, lying: Lying | None) -> None:
         """Have the hand meet a surface from now on, or none. What vibrates goes on record first."""
@@ -119,47 +122,48 @@ class Taps:
             self._settle(wait=True)
             self._withdraw()
             if (lying is None) != (self._lying is None):
-                self._servo.render(None if lying is None else self._block)
+                self.servo.render(None if lying is None else self.block)
             self._lying = lying
 
     def reconnect(self) -> None:
         """Open what failed anew. Raises `ServoError`."""
-        self._servo.reconnect()
+        self.servo.reconnect()
         self._state = self.failed = self.felt = None
         self._begin()
 
     def close(self) -> None:
         """Follow no longer."""
         self._closing = True
+        self.servo.stop()
         self._thread.join()
 
     def _run(self, join: Callable[[], None]) -> None:
         join()
         while not self._closing:
             try:
-                felt = self._servo.read()
+                felt = self.servo.read()
                 with self._lock:
                     self._settle(wait=False)
                     if felt is not None:
                         self.felt = felt
                         if felt.fast:
-                            self._dark_ns = self._clock.now_ns() + LIT_NS
+                            self._dark_ns = self.clock.now_ns() + LIT_NS
                         self._follow(felt)
             except PalpateError as error:
                 self._fail(error)
                 return
 
     def _fail(self, error: PalpateError) -> None:
-        self._actuator.withdraw()
+        self.actuator.withdraw()
         self._sounding, self.failed = None, error
-        self._console.show(f"Nothing is rendered any more: {error}. This trial is done again, whatever its answer.")
+        self.console.show(f"Nothing is rendered any more: {error}. This trial is done again, whatever its answer.")
 
     def _follow(self, felt: Felt) -> None:
-        if self._lying is not None and (over := self._limits.over()):
-            self._servo.render(None)
+        if self._lying is not None and (over := self.limits.over()):
+            self.servo.render(None)
             self._lying = None
             self._withdraw()
-            self._console.show(f"{over}. Nothing more will be felt.")
+            self.console.show(f"{over}. Nothing more will be felt.")
         touches = list(felt.touches)
         for us, mm in zip(felt.device_us, felt.height_mm, strict=True):
             while touches and touches[0].device_us <= us:
@@ -168,7 +172,7 @@ class Taps:
             self._state = self._predictor.step(self._state, us, mm) if self._armed else None
         for touch in touches:
             self._touched(touch, felt)
-        if self._state is not None and self._lying is not None and self._actuator.lead_ns:
+        if self._state is not None and self._lying is not None and self.actuator.lead_ns:
             self._expect(self._state, self._lying, felt.clock)
 
     def _expect(self, state: Falling, lying: Lying, clock: ClockMap) -> None:
@@ -179,10 +183,15 @@ class Taps:
                 self._withdraw()
             return
         contact_ns = clock.session_ns(landing.us)
-        if contact_ns - self._clock.now_ns() > self._actuator.lead_ns + AHEAD_NS:
+        left_ns, was = contact_ns - self.clock.now_ns() - self.actuator.lead_ns, self._sounding
+        if left_ns > AHEAD_NS:
             return
-        sounding = self._ready(lying, max(_speed_mm_s(state, landing.us), 0.0))
-        if sounding.touch is None and self._actuator.aim(contact_ns):
+        held = was is not None and was.touch is None and was.scheduled_ns is not None
+        if was is not None and held and (left_ns < MAKES_NS or not self.actuator.aim(contact_ns)):
+            sounding = was
+        else:
+            sounding = self._ready(lying, max(_speed_mm_s(state, landing.us), 0.0))
+        if sounding.touch is None and self.actuator.aim(contact_ns):
             sounding.aimed, sounding.scheduled_ns = landing, contact_ns
 
     def _touched(self, touch: Touch, felt: Felt) -> None:
@@ -197,15 +206,15 @@ class Taps:
             sounding = self._ready(lying, speed_mm_s)
         sounding.touch, sounding.touch_mm_s, sounding.fast = touch, speed_mm_s, felt.fast
         sounding.contact_ns = felt.clock.session_ns(touch.device_us)
-        self._actuator.landed(sounding.contact_ns)
-        self._settle(wait=self._clock.simulated or not self._actuator.lead_ns)
+        self.actuator.landed(sounding.contact_ns)
+        self._settle(wait=self.clock.simulated or not self.actuator.lead_ns)
 
     def _ready(self, lying: Lying, speed_mm_s: float) -> _Sounding:
         """Return the vibration of a speed, made ready unless one as good is."""
         self._settle(wait=True)
         was = self._sounding
         if was is None or was.lying is not lying or abs(was.speed_mm_s - speed_mm_s) > ANEW_PART * speed_mm_s:
-            played = self._actuator.prepare(lying.rings.at(speed_mm_s * 1e-3))
+            played = self.actuator.prepare(lying.rings.at(speed_mm_s * 1e-3))
             self._sounding = was = _Sounding(lying, speed_mm_s, played.on_record())
         return was
 
@@ -215,7 +224,7 @@ class Taps:
         if one is None or one.touch is None:
             return
         lasts_ns = one.stimulus.samples * 10**9 // one.stimulus.rate_hz
-        if not wait and self._clock.now_ns() < one.contact_ns + lasts_ns + self._actuator.lead_ns + ENDS_NS:
+        if not wait and self.clock.now_ns() < one.contact_ns + lasts_ns + self.actuator.lead_ns + ENDS_NS:
             return
         aimed, touch = one.aimed, one.touch
         onset = Onset(
@@ -226,10 +235,10 @@ class Taps:
             contact_ns=one.contact_ns,
             scheduled_ns=one.scheduled_ns,
             gate_to_scheduled_ms=None,
-            delivered=self._actuator.delivered(one.contact_ns),
+            delivered=self.actuator.delivered(one.contact_ns),
         )
         self._sounding = None
-        self._log.write(
+        self.log.write(
             Tapped(
                 trial=one.lying.trial,
                 attempt=one.lying.attempt,
@@ -245,7 +254,7 @@ class Taps:
 
     def _withdraw(self) -> None:
         if self._sounding is not None:
-            self._actuator.withdraw()
+            self.actuator.withdraw()
             self._sounding = None
 
 

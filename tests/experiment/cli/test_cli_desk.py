@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from experiment import storage
 from experiment.cli import desk, session
+from experiment.cli.analysis import status_of
+from experiment.errors import DatasetError
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
+from tests.conftest import Palpate
+from tests.experiment.protocol.small import SMALL
 
 
 class Process:
@@ -97,3 +102,69 @@ def test_a_pilot_is_told_from_a_study_before_its_first_session(
         seed.write_text(f'{{"seed": 1, "purpose": "{purpose}"}}', "utf-8")
     view = session._first_view(protocol, "03", tmp_path, practice=practice)
     assert (view.label, view.study, view.participant) == (label, protocol.study.id, "03")
+
+
+def test_what_was_practised_stands_for_a_study_that_nobody_is_enrolled_in(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Path] = []
+
+    def status(given: Path, today: object) -> None:
+        asked.append(given)
+        raise DatasetError("read no further")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("experiment.dataset.status.status", status)
+    file = Path("small.toml")
+    file.write_text(SMALL, "utf-8")
+    practised = Path("participants/practice-small")
+    for folder in (None, practised, Path("participants/small")):
+        if folder is not None:
+            folder.mkdir(parents=True)
+        with pytest.raises(DatasetError, match="read no further"):
+            status_of(file)
+    assert asked == [file, practised, file]
+
+
+def test_no_session_of_a_study_is_begun_from_a_desk_that_shows_practice(monkeypatch: pytest.MonkeyPatch) -> None:
+    shown: list[str] = []
+
+    class Page:
+        def __init__(self, _: object, *, refuses: str) -> None:
+            shown.append(refuses)
+
+        def run(self) -> None:
+            return None
+
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("experiment.desk.console.study.StudyPage", Page)
+    for purpose in ("STUDY", "PRACTICE"):
+        monkeypatch.setattr("experiment.cli.analysis.status_of", lambda _, p=purpose: SimpleNamespace(purpose=p))
+        desk.desk(shipped("okamoto2012.toml"), rig=Path("rig.toml"))
+    assert shown[0] == ""
+    assert shown[1].startswith("This is PRACTICE, and no study yet.")
+
+
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (("new", "none.txt"), "A new protocol."),
+        (("rehearse", "--participants", "16"), "REHEARSAL: the simulated laboratory is being set up ..."),
+        (("run", "okamoto2012", "--lines", "--practice", "--task", "x"), "Opening the session of PRACTICE, with a "),
+    ],
+)
+@pytest.mark.parametrize("terminal", [True, False])
+def test_a_terminal_is_told_at_once_what_is_done(
+    palpate: Palpate,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: tuple[str, ...],
+    told: str,
+    *,
+    terminal: bool,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: terminal, raising=False)
+    _, _, err = palpate(*command)
+    assert err.startswith(told) is terminal

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from experiment.dataset.bids import PhysioColumn, beh_path, new_dataset, table, write_physio
 from experiment.errors import DatasetError
-from experiment.records.events import EVENT_COLUMNS, FURTHER_COLUMNS
+from experiment.records.events import columns_of
 from experiment.storage import write_bytes
 from tests.analysis.datasets import trial, write_dataset
 
@@ -76,10 +76,10 @@ def test_a_further_column_stands_in_the_table_and_its_dictionary_where_some_row_
     )
     path = beh_path(root, "1", "real", "events.tsv")
     header, *rows = [line.split("\t") for line in path.read_text().splitlines()]
-    assert header == [*EVENT_COLUMNS, "dead_time"]
+    assert header == [*columns_of("footstep"), "dead_time"]
     assert [row[-1] for row in rows] == ["n/a", "0.01"]
     described = json.loads(path.with_suffix(".json").read_text())
-    assert described["dead_time"] == FURTHER_COLUMNS["dead_time"]
+    assert described["dead_time"] == columns_of("further")["dead_time"]
     assert not {"masker_level", "gate_to_scheduled"} & set(described)
 
 

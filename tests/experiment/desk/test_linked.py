@@ -203,6 +203,78 @@ def test_notes_and_corrections_are_taken_at_any_moment_and_their_words_stand_in_
     assert [command for _, command, _, _ in bench.attending.record] == ["note 3", "correct 2 p", "repeat 1"]
     assert bench.do(TakeNote(text="a\x1bb"))[0] is False
     assert len(bench.attending.remarks) == 3
+    told = shown(bench.linked).lines
+    assert told == ("done Note on trial 3: Coughs.", "done Reason: misheard", "done Reason: a door slammed")
+
+
+def test_every_console_is_told_of_another_that_is_opened_or_closed(bench: Bench) -> None:
+    bench.linked.came(1, 1)
+    assert shown(bench.linked).lines == (), "a participant's screen is no console"
+    bench.linked.came(2, 1)
+    bench.linked.came(1, 1)
+    assert shown(bench.linked).lines == (
+        "Another console was opened; 2 are open. The first key pressed at any of them counts.",
+        "Another console was closed.",
+    )
+
+
+def test_a_correction_may_be_that_nothing_was_said(bench: Bench) -> None:
+    said = bench.asks(lambda: bench.linked.ask(trial=1, answers=ANSWERS, others=OTHERS))
+    bench.press("answer", "c")
+    said.result(10)
+    assert [(one.key, one.words) for one in shown(bench.linked).answers][-1] == ("n", "no answer")
+
+
+def test_the_instruction_stands_until_a_first_answer_or_a_pause(bench: Bench) -> None:
+    bench.linked.instruct(instruction="Step, and say what.")
+    assert shown(bench.linked).lines == ("The participant is told: Step, and say what.",)
+    bench.linked.arm(trial=1, attempt=1, trials=4)
+    assert shown(bench.linked).instruction == "Step, and say what."
+    bench.linked.confirmed(trial=1, answer="copy paper")
+    assert shown(bench.linked).instruction == ""
+    bench.linked.instruct(instruction="Step, and say what.")
+    bench.linked.attend(None)
+    assert shown(bench.linked).instruction == ""
+
+
+def test_a_trial_that_is_armed_again_says_why_until_it_is_asked_or_another_is_armed(bench: Bench) -> None:
+    def again() -> str:
+        return shown(bench.linked).again
+
+    bench.linked.arm(trial=1, attempt=1, trials=4)
+    assert again() == ""
+    bench.linked.rearm(trial=1, attempt=2, reason="the foot stopped")
+    assert again() == "The foot stopped"
+    bench.linked.arm(trial=1, attempt=3, trials=4)
+    assert again() == "The lines below say why", "of a step that was felt, and does not count"
+    bench.linked.waiting()
+    bench.linked.arm(trial=1, attempt=4, trials=4)
+    assert again() == "", "the device was silent"
+    said = bench.asks(lambda: bench.linked.ask(trial=1, answers=ANSWERS, others=OTHERS))
+    bench.press("answer", "r")
+    said.result(10)
+    bench.linked.arm(trial=1, attempt=5, trials=4)
+    assert again() == "", "the experimenter had it done again"
+
+
+@pytest.mark.parametrize(
+    ("at", "text", "does", "step"),
+    [
+        (
+            "real",
+            "Task real is done. All trials are answered. Note what is left to note. Task virtual comes next.",
+            "end task real",
+            "real",
+        ),
+        ("virtual", "All trials are answered. Note what is left to note.", "end", "debriefing"),
+    ],
+)
+def test_only_the_last_task_ends_with_the_debriefing(bench: Bench, at: str, text: str, does: str, step: str) -> None:
+    bench.linked.at(step=at, steps=("real", "virtual", "debriefing"))
+    ended = bench.asks(bench.linked.debrief)
+    asked = bench.press("debrief", "enter")
+    ended.result(10)
+    assert (asked.text, asked.choices[0].words, shown(bench.linked).step) == (text, does, step)
 
 
 def test_without_a_session_nothing_is_noted(bench: Bench) -> None:

@@ -17,6 +17,7 @@ from experiment.desk import pages
 from experiment.desk.messages import ENTER, Prompt, Show
 from experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, TEXT, Colour, Page
 from experiment.errors import DisplayError
+from experiment.protocol.rules import HEARD_KEY
 
 FONT = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 RIG = ScreenRig()
@@ -41,6 +42,19 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
     "instructions": (Prompt(show="instructions", text="Crinkle the foil."), "Crinkle the foil."),
     "rest": (Prompt(show="rest"), "Rest your foot still on the panel."),
     "ready": (Prompt(show="ready"), "You may step."),
+    "ready for the first trial": (
+        Prompt(show="ready", text="Step, and say what."),
+        "Step, and say what.\n\nYou may step.",
+    ),
+    "ready once more": (
+        Prompt(show="ready", again=True),
+        "That step did not count. Lift your foot, then step once more.",
+    ),
+    "masker without a probe": (
+        Prompt(show="masker", unplayed=True),
+        "The noise hides the sound of the panel. Say when you no longer hear the panel.\n\n"
+        "Nothing vibrates by itself: touch the panel as you will in the trials, and listen.",
+    ),
     "answer": (Prompt(show="answer"), "Say aloud what you felt."),
     "compare": (
         Prompt(show="compare", answers=("first", "second")),
@@ -70,8 +84,10 @@ def test_the_masker_has_three_keys_with_what_they_do() -> None:
     asked = Prompt(show="masker", question=3, keys=("+", "-", ENTER))
     keys = (("↑", "louder"), ("↓", "softer"), ("Enter", "I no longer hear it"))
     assert pages.page(asked, RIG, 0).keys == keys
-    at_limit = pages.page(asked.model_copy(update={"keys": ("-", ENTER)}), RIG, 0).keys
-    assert at_limit == (("", "It is as loud as it may be."), *keys[1:])
+    at_limit = asked.model_copy(update={"keys": (HEARD_KEY, "-", ENTER)})
+    loudest = (("", "It is as loud as it may be."), ("↑", "I still hear it"), *keys[1:])
+    assert pages.page(at_limit, RIG, 0).keys == loudest
+    assert [pages.chosen(one, "up", RIG) for one in (asked, at_limit)] == ["+", HEARD_KEY]
     assert pages.page(Prompt(show="masker"), RIG, 0).keys == ()
 
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from experiment.desk.messages import ENTER, Choice, Ended, Gauges, Prompt, Question, View, line
 from experiment.desk.prompts import AT_QUESTION, Theirs, prompt, theirs
 from experiment.protocol.models import Protocol
-from experiment.protocol.rules import PROBE_KEY
+from experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 from tests.experiment.desk.views import KINDS, MARK, views
 from tests.experiment.protocol.small import changed, document
 from tests.experiment.protocol.tapping import comparing
@@ -48,10 +48,11 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
         asked = tuple(choice.model_copy(update={"words": words, "answer": False}) for choice in question.choices)
         question = question.model_copy(update={"text": words, "choices": asked})
     if gauges is not None and other.gauges is not None:
-        kept = {name: getattr(gauges, name) for name in ("pace", "too_fast", "masker_db_a", "masker_limit_db_a")}
+        kept = {name: getattr(gauges, name) for name in ("pace", "too_fast")}
         gauges = other.gauges.model_copy(update=kept)
     matters = {
-        name: getattr(view, name) for name in ("state", "step", "pairs", "instruction", "pause_until_ns", "label")
+        name: getattr(view, name)
+        for name in ("state", "step", "pairs", "instruction", "again", "pause_until_ns", "label")
     }
     ended = view.ended
     if ended is not None and other.ended is not None:
@@ -61,11 +62,11 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
 
 
 @given(view=views, kinds=st.frozensets(st.sampled_from(KINDS)))
-def test_the_participant_has_four_keys_and_those_only_for_their_own_questions(
+def test_the_participant_has_four_keys_five_meanings_and_those_only_for_their_own_questions(
     view: View, kinds: frozenset[str]
 ) -> None:
     shown = prompt(view, Theirs(kinds))
-    assert set(shown.keys) <= {"+", "-", ENTER, PROBE_KEY}
+    assert set(shown.keys) <= {"+", HEARD_KEY, "-", ENTER, PROBE_KEY}
     if view.question is None or view.question.kind not in kinds:
         assert (shown.question, shown.keys) == (None, ())
     else:
@@ -126,19 +127,37 @@ def test_real_objects_are_laid_out_behind_a_page_that_is_always_the_same() -> No
 
 
 @pytest.mark.parametrize(
-    ("level_db_a", "limit_db_a", "keys"),
-    [(60.0, 80.0, ("+", "-", ENTER)), (80.0, 80.0, ("-", ENTER)), (None, 80.0, ("+", "-", ENTER))],
+    ("choices", "keys"),
+    [(LEVEL, ("+", "-", ENTER)), ((*LEVEL, Choice(key=HEARD_KEY, words="still heard")), (HEARD_KEY, "-", ENTER))],
 )
-def test_a_masker_at_its_limit_offers_no_more(
-    level_db_a: float | None, limit_db_a: float, keys: tuple[str, ...]
+def test_a_masker_at_its_limit_can_be_said_to_be_heard_and_is_no_louder(
+    choices: tuple[Choice, ...], keys: tuple[str, ...]
 ) -> None:
-    gauges = Gauges(left_s=60, masker_db_a=level_db_a, masker_limit_db_a=limit_db_a)
-    asked = Question(number=3, kind="level", text="", choices=LEVEL)
-    shown = prompt(View(question=asked, gauges=gauges), THEIRS)
-    assert (shown.show, shown.question, shown.keys) == ("masker", 3, keys)
-    probed = asked.model_copy(update={"choices": (*LEVEL, Choice(key=PROBE_KEY, words="feel it"))})
-    shown = prompt(View(question=probed, gauges=gauges), THEIRS)
-    assert shown.keys == (*keys[:-1], PROBE_KEY, ENTER)
+    asked = Question(number=3, kind="level", text="", choices=choices)
+    shown = prompt(View(question=asked), THEIRS)
+    assert (shown.show, shown.question, shown.keys, shown.unplayed) == ("masker", 3, keys, True)
+    probed = asked.model_copy(update={"choices": (*choices, Choice(key=PROBE_KEY, words="feel it"))})
+    shown = prompt(View(question=probed), THEIRS)
+    assert (shown.keys, shown.unplayed) == ((*keys[:-1], PROBE_KEY, ENTER), False)
+
+
+@pytest.mark.parametrize(
+    ("view", "show"),
+    [
+        (View(), "instructions"),
+        (View(question=Question(number=3, kind="place", text="", choices=())), "instructions"),
+        (View(state="armed"), "ready"),
+        (View(pairs=True, question=Question(number=3, kind="answer", text="", choices=())), "compare"),
+    ],
+)
+def test_the_tasks_instruction_is_shown_until_the_first_answer(view: View, show: str) -> None:
+    told = prompt(view.model_copy(update={"instruction": "Step, and say what you felt."}), THEIRS)
+    assert (told.show, told.text) == (show, "Step, and say what you felt.")
+
+
+def test_a_step_that_did_not_count_is_told_without_its_reason() -> None:
+    told = prompt(View(state="armed", again="The foot stopped"), THEIRS)
+    assert told == Prompt(show="ready", again=True)
 
 
 @pytest.mark.parametrize(("by", "kinds"), [("participant", {"level"}), ("experimenter", set())])

@@ -15,7 +15,7 @@ from experiment.desk.messages import (
     Told,
     View,
 )
-from experiment.protocol.rules import PROBE_KEY
+from experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 
 MARK = "aluminum foil"
 """Stands for what is presented."""
@@ -39,7 +39,12 @@ STATES = ("preparing", "familiarising", "armed", "answering", "waiting", "paused
 marked = st.sampled_from([MARK, f"Lay out {MARK}.", f"trial 3: {MARK}"])
 numbers = st.floats(0, 1000)
 choices = st.lists(
-    st.builds(Choice, key=st.sampled_from(["+", "-", ENTER, PROBE_KEY, "a", MARK]), words=marked, answer=st.booleans()),
+    st.builds(
+        Choice,
+        key=st.sampled_from(["+", "-", ENTER, PROBE_KEY, HEARD_KEY, "a", MARK]),
+        words=marked,
+        answer=st.booleans(),
+    ),
     max_size=6,
 )
 questions = st.builds(
@@ -88,6 +93,7 @@ views = st.builds(
     attempt=st.integers(1, 9),
     lay_out=marked,
     heard=marked,
+    again=st.sampled_from(["", MARK]),
     answers=choices.map(tuple),
     instruction=st.sampled_from(["", "Crinkle all four."]),
     standing=standings,

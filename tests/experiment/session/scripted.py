@@ -164,6 +164,7 @@ class ScriptedConsole:
         self.early: deque[str] = deque()
         """What was typed before each question; before those that follow, nothing."""
         self.familiarised = 0
+        self.instructed: list[str] = []
         self.attended: list[Attended | None] = []
         self.said: list[tuple[str, int, str]] = []
         """What the participant was asked to say, as which take, and why again."""
@@ -224,6 +225,9 @@ class ScriptedConsole:
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         self.armed.append((trial, attempt))
         return self.nobody_there.popleft() if self.nobody_there else False
+
+    def instruct(self, *, instruction: str) -> None:
+        self.instructed.append(instruction)
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         self.rearmed.append((trial, attempt, reason))

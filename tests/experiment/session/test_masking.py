@@ -14,7 +14,7 @@ from experiment.clock import ManualClock
 from experiment.errors import DoseUsedUp
 from experiment.protocol.models import Probe, Protocol
 from experiment.records import journal
-from experiment.records.entries import Footer, MaskerSet
+from experiment.records.entries import Footer, MaskerSet, Note
 from experiment.records.footstep import Probed
 from experiment.records.progress import progress
 from experiment.session.masker import FIRST_DB_A, STEP_DB, Masking
@@ -85,6 +85,25 @@ def test_no_key_goes_above_the_limit(protocol: Protocol, tmp_path: Path) -> None
     one.run(protocol, header("real"), tmp_path)
     assert [level for level in levels(tmp_path) if level is not None] == [50, 52, 54, 55, 55, 55]
     assert one.console.shown[-1] == "Masker at 55 dB(A) (the limit)."
+
+
+@pytest.mark.parametrize(("goes_on", "noted"), [(True, 1), (False, 0)])
+def test_what_is_still_heard_at_the_limit_goes_on_record(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, goes_on: bool, noted: int
+) -> None:
+    one = masked(bench("cpt"), "++h" if goes_on else "++h.", limit_db_a=54.0)
+    monkeypatch.setattr(one.console, "agree", lambda *, text, yes, no: goes_on)
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert not one.console.levels
+    told = "The participant still hears what the masker is to hide, at 54 dB(A), the limit."
+    entries = journal.read(storage.journal_path(tmp_path, "01", "real")).entries
+    assert [(one.trial, one.text) for one in entries if isinstance(one, Note)] == [(None, told)] * noted
+
+
+def test_nothing_can_be_still_heard_below_the_limit(protocol: Protocol, tmp_path: Path) -> None:
+    one = masked(bench("cpt"), "h")
+    with pytest.raises(AssertionError, match="h is not offered"):
+        one.run(protocol, header("real"), tmp_path)
 
 
 def test_a_resumed_session_begins_at_the_level_that_was_chosen(protocol: Protocol, tmp_path: Path) -> None:
@@ -201,11 +220,11 @@ def test_no_probe_is_felt_once_the_time_is_over(
 def test_other_keys_are_not_the_maskers() -> None:
     clock = ManualClock(START_NS)
     masker = ScriptedMasker(clock)
-    written: list[MaskerSet] = []
+    written: list[MaskerSet | Note] = []
     one = Masking(masker, ScriptedConsole(clock, ""), written.append)
     assert one.change("+")
     assert (masker.level_db_a, written) == (None, []), "it stays silent"
     masker.start(50.0)
     assert not one.change("c")
     assert one.change("-")
-    assert [entry.level_db_a for entry in written] == [48.0]
+    assert [entry.level_db_a for entry in written if isinstance(entry, MaskerSet)] == [48.0]

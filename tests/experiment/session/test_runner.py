@@ -88,6 +88,7 @@ def test_familiarisation_lasts_as_long_as_the_protocol_asks(protocol: Protocol, 
     one = bench("cpt")
     one.run(protocol, header("real"), tmp_path)
     assert one.console.familiarised == 2, "100 s a time, 180 s wanted"
+    assert one.console.instructed == [protocol.task("real").instruction], "once, before the first trial"
     early = "It is too early to go on: the protocol asks for 180 s of familiarisation, and 100 s have passed."
     assert one.console.shown.count(early) == 1
 

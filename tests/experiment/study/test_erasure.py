@@ -301,3 +301,12 @@ def test_a_clock_that_is_behind_the_roster_is_told_before_a_line_is_added(study:
     roster.reveal("01", date(2096, 10, 2))
     code, _, err = palpate("enrol", study.file, "-p", "03", "--consent-on", DAY, "--dataset", study.root)
     assert (code, "the roster's last line is of 2096-10-02" in err) == (0, True)
+
+
+def test_a_withdrawal_that_only_the_roster_knows_is_told_after_a_build_too(study: MadeStudy, palpate: Palpate) -> None:
+    """The build brings the tables up to the roster; the journal, which holds against an older roster, says nothing."""
+    Roster.load(storage.roster_path(study.root)).withdraw("02", "asked to stop")
+    build.build(study.root)
+    (told,) = (one.text for one in verify(study.root).findings if one.item == "withdrawn")
+    assert palpate(*shlex.split(told.partition("palpate ")[2]))[0] == 0
+    assert not [one for one in verify(study.root).findings if one.item == "withdrawn"]

@@ -176,7 +176,9 @@ def test_what_is_typed_when_nothing_is_asked_is_told_and_shown(tmp_path: Path) -
     async def then(there: Desk) -> None:
         await there.press("c", "enter", "left", "f12")
         assert await there.deeds(2) == [Typed(keys="c"), Typed(keys="\n")]
-        assert "Nothing is asked. Enter was ignored." in there.text
+        assert "Enter came before its question and was ignored. Press the key when it is asked for." in there.said
+        await there.show(asking("place"))
+        assert "Nothing is asked" not in there.said, "what was told before the question holds beside it"
 
     at_a_desk(tmp_path, ARMED, then)
 

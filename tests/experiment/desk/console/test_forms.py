@@ -26,6 +26,12 @@ def test_the_keys_of_a_correction_are_told_even_where_nothing_is_asked() -> None
     assert forms.opened("correct", VIEW).hint == ""
 
 
+def test_who_stops_in_a_break_is_asked_about_the_day_and_no_trial() -> None:
+    paused = forms.opened("stop", View(state="paused")).title
+    assert paused.startswith("End for today? The session is paused, and its process ends. Every confirmed answer")
+    assert forms.opened("stop", VIEW).title.startswith("Stop for today? The session pauses as soon as nothing")
+
+
 @pytest.mark.parametrize("text", ["\u202e", "a\u0000b", "\u043enly"])
 def test_what_cannot_go_on_record_is_said_before_it_is_sent(text: str) -> None:
     with pytest.raises(forms.NotFilledIn, match=r"Note holds U\+.*Type it without that character"):

@@ -43,6 +43,21 @@ def test_where_samples_are_compared_nothing_is_armed_and_no_foot_is_measured() -
     assert told == "● disk: 9 GB free"
 
 
+def test_a_step_that_did_not_count_says_why_and_what_to_do() -> None:
+    told = picture.phase(View(state="armed", again="The foot stopped; nothing was played"))
+    assert (told.word, told.place) == ("STEP AGAIN", "ARMED")
+    assert told.says == (
+        "The step before did not count. The foot stopped; nothing was played. The participant may step again."
+    )
+
+
+@pytest.mark.parametrize(("step", "word"), [("real", "TASK DONE"), ("virtual", "TASK DONE"), ("debriefing", "DEBRIEF")])
+def test_the_end_of_a_task_is_no_debriefing(step: str, word: str) -> None:
+    asked = Question(number=3, kind="debrief", text="", choices=())
+    view = View(question=asked, step=step, steps=("real", "virtual", "debriefing"))
+    assert picture.phase(view).word == word
+
+
 def test_a_foot_that_moves_is_told_only_where_a_trial_is_armed() -> None:
     view = View(state="armed", gauges=Gauges(left_s=1, moving=True))
     assert picture.phase(view) is picture.STEPPING

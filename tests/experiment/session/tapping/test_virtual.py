@@ -14,15 +14,17 @@ import pytest
 
 from experiment.apparatus.servo.rendering import Felt, Touch
 from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.landing import LandingPredictor
 from experiment.clock import ManualClock
 from experiment.errors import PalpateError, ServoError
 from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import Protocol, Step
 from experiment.records import transcript
 from experiment.records.entries import Answer, PlannedTrial, Redo
 from experiment.records.tapping import Changed, Tapped
+from experiment.rehearsal.tapping import hand
 from experiment.session import attempt, runner
-from experiment.session.tapping import virtual
+from experiment.session.tapping import taps, virtual
 from experiment.session.tapping.taps import Taps
 from experiment.synthesis import tap
 from experiment.synthesis.contact.block import Block
@@ -83,6 +85,9 @@ class ScriptedServo:
     def reconnect(self) -> None:
         self.reconnected += 1
 
+    def stop(self) -> None:
+        pass
+
     def close(self) -> None:
         pass
 
@@ -108,13 +113,13 @@ class Session:
         self.actuator.lead_ns = lead_ns
         hands = deque(hand for hand, _ in script)
 
-        def taps() -> None:
+        def tapping() -> None:
             for what in hands.popleft():
                 if isinstance(what, Felt):
                     clock.sleep_ns(CLOCK.session_ns(what.device_us[-1]) - clock.now_ns())
                 self.servo.tell(what)
 
-        self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=taps)
+        self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=tapping)
         surfaces = virtual.surfaces(PROTOCOL, PROTOCOL.surfaces)
         devices = virtual.SurfaceDevices(
             servo=self.servo,
@@ -171,14 +176,14 @@ def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(tmp
 
 
 def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_does_not_come(tmp_path: Path) -> None:
-    """110 mm/s, straight, from 10 mm above the face; then the same until 3 mm above it, and back."""
+    """110 mm/s, straight, from 10 mm above the face; then the same until 1.5 mm above it, and back."""
     begin_us, speed = 200_000_000, 110.0
     touch_us = begin_us + 10.0 / speed * 1e6
     down = [(us, 10.0 - (us - begin_us) * 1e-6 * speed) for us in range(begin_us, int(touch_us) + 3000, 1000)]
     reads = [samples(down[n : n + 4]) for n in range(0, len(down), 4)]
     last = reads[-1]
     reads[-1] = Felt(last.device_us, last.height_mm, (Touch(touch_us, speed),), CLOCK, False)
-    turned = [(us + 10**6, mm) for us, mm in down if mm > 3.0]
+    turned = [(us + 10**6, mm) for us, mm in down if mm > 1.5]
     turned += [(turned[-1][0] + n * 1000, turned[-1][1] + n * 0.1) for n in range(1, 60)]
     back = [samples(turned[n : n + 4]) for n in range(0, len(turned), 4)]
     session = Session([([*reads], "s"), ([*back], "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
@@ -187,6 +192,66 @@ def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_do
     assert tapped.onset.scheduled_ns == pytest.approx(CLOCK.session_ns(touch_us), abs=100_000)
     assert len(session.actuator.played) == 1
     assert session.actuator.withdrawn >= 1
+
+
+def sped_up(before_us: int) -> list[Felt]:
+    """A hand that falls straight at 110 mm/s, and so long before its touch at 140; read every 2 ms."""
+    begin_us, turn_us = 200_000_000, 200_000_000 + 10_000_000 // 110 - before_us
+    turn_mm = before_us * 0.110e-3
+    touch_us = turn_us + turn_mm / 0.140e-3
+    down = [
+        (us, turn_mm - (us - turn_us) * (0.110e-3 if us < turn_us else 0.140e-3))
+        for us in range(begin_us, int(touch_us) + 3000, 400)
+    ]
+    reads = [samples(down[n : n + 5]) for n in range(0, len(down), 5)]
+    reads[-1] = replace(reads[-1], touches=(Touch(touch_us, 140.0),))
+    return reads
+
+
+def test_a_vibration_is_made_anew_for_another_speed_while_there_is_time(tmp_path: Path) -> None:
+    session = Session([(sped_up(20_000), "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
+    made = [onsets for onsets in session.actuator.aimed if onsets]
+    assert len(made) > 1
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.scheduled_ns == made[-1][-1]
+
+
+def test_a_vibration_that_is_aimed_is_not_made_anew_where_the_new_one_would_come_late(tmp_path: Path) -> None:
+    session = Session([(sped_up(6_000), "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
+    (onsets,) = session.actuator.aimed
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.scheduled_ns == onsets[-1]
+
+
+def test_a_vibration_that_has_begun_is_not_made_a_second_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its touch was predicted too soon, so that it sounds while the hand still falls."""
+
+    def aim(actuator: ScriptedActuator, onset_ns: int) -> bool:
+        actuator.aimed[-1].append(onset_ns)
+        return len(actuator.aimed[-1]) == 1
+
+    monkeypatch.setattr(ScriptedActuator, "aim", aim)
+    session = Session([(sped_up(20_000), "1"), ([], "2")], tmp_path, lead_ns=5_000_000)
+    (onsets,) = session.actuator.aimed
+    (tapped,) = session.entries(Tapped)
+    assert tapped.onset.scheduled_ns == onsets[0]
+
+
+@pytest.mark.parametrize("speed_mm_s", [60.0, 110.0, 150.0, 200.0])
+def test_a_tap_from_rest_is_predicted_before_it_is_too_late_to_aim(speed_mm_s: float) -> None:
+    """By a smooth reach, 9 ms before its touch, to half a millisecond: a step's slower filter was 4 ms late."""
+    path = hand.tap(np.random.default_rng(1), speed_mm_s)
+    times = np.arange(0.0, 400_000 + path.contact_us - 9_000, 400.0)
+    heights = path.at(times - 400_000) + np.random.default_rng(2).normal(0.0, 0.005, times.size)
+    step = Step(gate_top_mm=taps.FROM_MM, gate_bottom_mm=1.0, contact_mm=0.0)
+    predictor = LandingPredictor(step, noise_mm=0.005, wander_mm=taps.WANDER_MM)
+    state = predictor.init()
+    for us, mm in zip(times, heights, strict=True):
+        state = predictor.step(state, int(us), float(mm))
+    assert state is not None
+    landing = predictor.landing(state)
+    assert landing is not None
+    assert landing.us - 400_000 == pytest.approx(path.contact_us, abs=500)
 
 
 def test_a_block_is_there_for_practice_and_then_only_while_a_question_is_open(tmp_path: Path) -> None:
@@ -215,10 +280,23 @@ def test_a_servo_that_fails_puts_the_trial_off_whatever_was_answered(tmp_path: P
     assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(2, "second"), (1, "first")]
 
 
+def test_a_session_ends_while_the_hand_rests(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A read of a hand that rests may wait as long as it likes: the session's end stops it."""
+    freed = threading.Event()
+
+    def rests(servo: ScriptedServo) -> None:
+        assert freed.wait(60.0), "nobody stopped the read"
+
+    monkeypatch.setattr(ScriptedServo, "read", rests)
+    monkeypatch.setattr(ScriptedServo, "stop", lambda _servo: freed.set())
+    assert Session([([], "1"), ([], "2")], tmp_path).footer.reason == "complete"
+    assert freed.is_set()
+
+
 def test_the_lamp_stays_lit_for_half_a_second() -> None:
     clock, servo = ManualClock(START_NS), ScriptedServo()
     unused: Any = None
-    taps = Taps(
+    following = Taps(
         servo=servo,
         actuator=ScriptedActuator(),
         block=virtual.block(PROTOCOL.surfaces, tracker_hz=1000),
@@ -228,10 +306,10 @@ def test_the_lamp_stays_lit_for_half_a_second() -> None:
         log=unused,
         limits=unused,
     )
-    lit = [taps.too_fast]
+    lit = [following.too_fast]
     for fast, passes_ns in ((False, 0), (True, 0), (False, 499_000_000), (False, 1_000_000)):
         clock.sleep_ns(passes_ns)
         servo.tell(replace(samples([(0, 50.0)]), fast=fast))
-        lit.append(taps.too_fast)
-    taps.close()
+        lit.append(following.too_fast)
+    following.close()
     assert lit == [False, False, True, True, False]
