@@ -13,6 +13,7 @@ import pytest
 from analysis.analyse import analyse
 from experiment.protocol.html import html
 from experiment.protocol.models import Protocol
+from tests.analysis.datasets import balanced, write_dataset
 from tests.experiment.protocol.small import changed, document
 from tests.experiment.protocol.test_html import HOSTILE
 
@@ -22,6 +23,15 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 @pytest.fixture(scope="module")
 def report(repository_root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return analyse([repository_root / "participants" / "okamoto2012"], tmp_path_factory.mktemp("report")).report
+
+
+@pytest.fixture(scope="module")
+def of_six(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A report whose first figure, of six materials, is wider than half of a page."""
+    names = ("copy paper", "aluminum foil", "polypropylene", "typing paper", "felt", "cork")
+    sessions = {str(k): {task: balanced(k, materials=names) for task in ("virtual", "real")} for k in range(6)}
+    root = write_dataset(tmp_path_factory.mktemp("six") / "made", sessions, materials=names, origin="REHEARSAL")
+    return analyse([root], root.parent / "report").report
 
 
 @pytest.fixture
@@ -97,16 +107,20 @@ frame.onload = () => {
       if (Math.min(a.right, b.right) - Math.max(a.left, b.left) > 1 && Math.min(a.bottom, b.bottom) -
           Math.max(a.top, b.top) > 1) say("over " + other.tagName, one);
   }
+  const first = page.querySelector(".first figure .scroll");
+  if (wide > 1000 && first.scrollWidth > first.clientWidth + 1) say("the first figure is cut", first);
   document.title = wide + " wide, " + blocks.length + " blocks;" + found.join("|") + ";";
 };
 </script></body></html>"""
 
 
-@pytest.mark.parametrize("width", [1280, 400])
-def test_nothing_runs_over_or_beyond_the_window(report: Path, browse: list[str], tmp_path: Path, width: int) -> None:
+@pytest.mark.parametrize(("made", "width"), [("report", 1280), ("report", 400), ("of_six", 1280)])
+def test_nothing_runs_over_or_beyond_the_window(
+    browse: list[str], tmp_path: Path, request: pytest.FixtureRequest, made: str, width: int
+) -> None:
     """In a frame as wide as the window should be, for headless Chromium opens no window below 500 px."""
     probe = tmp_path / "probe.html"
-    probe.write_text(PROBE % (report.as_uri(), width), "utf-8")
+    probe.write_text(PROBE % (request.getfixturevalue(made).as_uri(), width), "utf-8")
     shown = ["--allow-file-access-from-files", "--window-size=1300,2000", "--dump-dom", probe.as_uri()]
     done = subprocess.run([*browse, *shown], capture_output=True, text=True, timeout=120, check=True)
     size, found = done.stdout.partition("<title>")[2].partition("</title>")[0].split(";")[:2]
