@@ -55,6 +55,9 @@ class ScriptedServo:
         self.rendered: list[Block | None] = []
         self.reconnected = 0
 
+    def is_live(self) -> bool:
+        return True
+
     def render(self, block: Block | None) -> None:
         self.rendered.append(block)
 
