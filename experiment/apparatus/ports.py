@@ -136,6 +136,10 @@ class ForceOutput(Protocol):
 class Servo(Protocol):
     """What renders a block to the hand; one thread reads, and others may have another block rendered."""
 
+    def is_live(self) -> bool:
+        """Return whether the hand is followed and the block rendered, now; this waits for nothing."""
+        ...
+
     def render(self, block: Block | None) -> None:
         """Have the hand meet a block from now on, once it is outside of it; None for none."""
         ...

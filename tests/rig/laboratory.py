@@ -11,9 +11,10 @@ import numpy as np
 
 from experiment.apparatus import rig
 from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Faults, Foot, trajectory
+from experiment.rehearsal.footstep.foot import Foot, trajectory
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
+from tests.rig.faults import Faults
 
 NOISE_MM = 0.1
 """The tracker's noise that they state, mm."""

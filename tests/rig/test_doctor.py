@@ -23,10 +23,11 @@ from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.cli.rig import simulated_far_ends
 from experiment.clock import MonotonicClock
 from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Faults, Foot
+from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
+from tests.rig.faults import Faults
 from tests.rig.laboratory import write_rig
 from tests.rig.verdicts import LOAD, red, verdicts
 

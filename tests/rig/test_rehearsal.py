@@ -20,11 +20,12 @@ from experiment.apparatus import rig as rigs
 from experiment.dataset.verify import verify
 from experiment.protocol.files import shipped
 from experiment.records import journal
-from experiment.rehearsal.footstep.foot import Faults, Foot, Trajectory
+from experiment.rehearsal.footstep.foot import Foot, Trajectory
 from experiment.rehearsal.footstep.participant import SimulatedParticipant
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2
+from tests.rig.faults import Faults
 from tests.rig.rehearsed import assert_all_say, counted, rehearse
 
 PUBLISHED = {"virtual": TABLE_1, "real": TABLE_2}

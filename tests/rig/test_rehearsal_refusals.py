@@ -17,7 +17,8 @@ from experiment.protocol.files import shipped
 from experiment.records import journal
 from experiment.rehearsal import session, study
 from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.foot import Faults, Foot, Trajectory
+from experiment.rehearsal.footstep.foot import Foot, Trajectory
+from tests.rig.faults import Faults
 from tests.rig.rehearsed import counted, rehearse
 
 

@@ -23,10 +23,10 @@ from experiment.records import journal
 from experiment.records.entries import Footer
 from experiment.records.journal import AnyEntry
 from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.foot import Faults
 from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
+from tests.rig.faults import Faults
 from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory
 
 pytestmark = pytest.mark.alone

@@ -19,8 +19,9 @@ from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Step
-from experiment.rehearsal.footstep.foot import Faults, Foot, Trajectory, trajectory
+from experiment.rehearsal.footstep.foot import Foot, Trajectory, trajectory
 from experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
+from tests.rig.faults import Faults
 
 pytestmark = pytest.mark.alone
 

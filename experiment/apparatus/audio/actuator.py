@@ -200,6 +200,8 @@ class AudioActuator:
             self._stream.wait(self._stream.next_frame + 1)
         if cue.started is None:
             return self._said(requested_ns, "the stream came too late for it")
+        if cue.cut:
+            return self._said(requested_ns, "it was cut off, for the servo had fallen silent")
         if self._audio.channels.loopback is None:
             return None
         latency, rate_hz = self._audio.latency, self._stream.rate_hz

@@ -13,6 +13,7 @@ session's thread to withdraw it, has its way, wherever the stimulus lies meanwhi
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,12 +39,12 @@ class Cue:
     """A stimulus of so many `samples`, handed to the mixer for an output channel, from 0.
 
     The callback alone writes `started`, the frame at which its first sample left, and `late`: its frame had passed, so
-    it was not played. The session's thread alone writes `frame`, at which that sample is to leave, or `AT_ONCE`, and
-    `withdrawn`: nothing of it sounds. `done`, after which the mixer holds it no longer, is written by whoever took it
-    out: the callback, or the session's thread that withdrew it while it waited.
+    it was not played; and `cut`: it was not allowed to sound any longer. The session's thread alone writes `frame`, at
+    which that sample is to leave, or `AT_ONCE`, and `withdrawn`: nothing of it sounds. `done`, after which the mixer
+    holds it no longer, is written by whoever took it out: the callback, or the thread that withdrew it as it waited.
     """
 
-    __slots__ = ("channel", "done", "frame", "late", "samples", "slot", "started", "unsettled", "withdrawn")
+    __slots__ = ("channel", "cut", "done", "frame", "late", "samples", "slot", "started", "unsettled", "withdrawn")
 
     def __init__(self, slot: int, channel: int, samples: int, frame: int) -> None:
         self.slot = slot
@@ -51,7 +52,7 @@ class Cue:
         self.samples = samples
         self.frame = frame
         self.started: int | None = None
-        self.late = False
+        self.late = self.cut = False
         self.withdrawn = False
         self.done = False
         self.unsettled: deque[None] = deque([None], maxlen=1)
@@ -128,6 +129,8 @@ class Mixer:
         self.limited = 0
         """Samples that the limiter changed."""
         self.loop: Loop | None = None
+        self.allowed: Callable[[], bool] = lambda: True
+        """Asked before each block: a stimulus that sounds where it is not allowed ends there."""
         pieces = -(-layout.block // max(UNSHARED // max(layout.outputs, layout.inputs, 1), 1))
         self._piece = -(-layout.block // pieces)
         """Frames that are made at a time."""
@@ -193,6 +196,7 @@ class Mixer:
     def fill(self, outputs: Block, inputs: Block) -> None:
         """Fill the next block, and keep what was heard meanwhile, both of shape (frames, channels)."""
         first, frames = self.frame, len(outputs)
+        self._cuts = not self.allowed()
         # The limiter sees to what a sum of infinities leaves; nothing is to be said of it here.
         with np.errstate(invalid="ignore", over="ignore"):
             for begin in range(0, frames, self._piece):
@@ -261,6 +265,8 @@ class Mixer:
     def _play(self, slot: Slot, cue: Cue, outputs: Block, first: int) -> None:
         begin = max((cue.started or 0) - first, 0)
         frames = min(cue.samples - slot.position, len(outputs) - begin)
+        if self._cuts:
+            cue.cut, frames, slot.position = True, 0, cue.samples
         outputs[begin : begin + frames, cue.channel] += slot.buffer[slot.position : slot.position + frames]
         slot.position += frames
         if slot.position == cue.samples:

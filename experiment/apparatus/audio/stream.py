@@ -434,6 +434,10 @@ class AudioStream:
         """Take a stimulus back; return True if nothing of it has sounded or will."""
         return self._mixer.withdraw(cue)
 
+    def allow(self, stimuli: Callable[[], bool]) -> None:
+        """Have stimuli sound only in blocks before which this says so; the callback asks, so it waits for nothing."""
+        self._mixer.allowed = stimuli
+
     def play_loop(self, samples: Block, channels: tuple[int, ...]) -> Loop:
         """Play samples without end on some channels, in silence until the loop's `wanted` gain is raised."""
         loop = Loop(np.ascontiguousarray(samples, np.float32), channels, 1 / (FADE_S * self.rate_hz))

@@ -7,9 +7,11 @@ own process, as fast as the tracker's line brings samples: no deadline means any
 from __future__ import annotations
 
 import json
+import os
 import socket
 import subprocess
 import sys
+import tempfile
 import threading
 from contextlib import suppress
 from dataclasses import asdict
@@ -41,6 +43,9 @@ STARTS_S = 10.0
 ENDS_S = 2.0
 """How long it may take to end, s."""
 
+IN_MEMORY = next(filter(os.path.isdir, ("/dev/shm",)), None)  # noqa: S108
+"""Where files never wait for a disk; None where the system has no such place."""
+
 _MACHINE = MonotonicClock()
 """Paces this machine's work, whatever the session's clock."""
 
@@ -65,12 +70,12 @@ class ServoProcess:
         self._speed = Rendered()
         self._waiting: Felt | None = None
         self.counts: dict[str, int] = {}
-        theirs.set_inheritable(True)
-        told = [sys.executable, "-m", process.__name__, str(theirs.fileno()), json.dumps(asdict(self._orders))]
-        with theirs, host.elsewhere(), host.held_back():
-            self._process = subprocess.Popen(  # noqa: S603
-                told, pass_fds=(theirs.fileno(),), stdin=subprocess.DEVNULL
-            )
+        with theirs, tempfile.TemporaryFile(dir=IN_MEMORY) as pulse, host.elsewhere(), host.held_back():
+            pulse.truncate(8)
+            self._pulse = process.pulse(pulse.fileno())
+            fds = theirs.fileno(), pulse.fileno()
+            told = [sys.executable, "-m", process.__name__, *map(str, fds), json.dumps(asdict(self._orders))]
+            self._process = subprocess.Popen(told, pass_fds=fds, stdin=subprocess.DEVNULL)  # noqa: S603
         for _ in range(round(STARTS_S / SLICE_S)):
             self._waiting = self.read()
             if self._waiting is not None:
@@ -82,6 +87,10 @@ class ServoProcess:
                 "powered, connected and sampling"
             )
         self.render(self._block)
+
+    def is_live(self) -> bool:
+        """Return whether a cycle has rendered within `SILENT_NS`; the device lets go of the hand as soon."""
+        return monotonic_ns() - self._pulse[0] < process.SILENT_NS
 
     def render(self, block: Block | None) -> None:
         """Have the hand meet a block from now on, once it is outside of it; None for none."""
@@ -173,6 +182,10 @@ class ServoHere:
         self._block: Block | None = None
         self._at = Rendered()
         self._pushed = (rendering.NO_FORCE, False)
+
+    def is_live(self) -> bool:
+        """Return True: in simulated time nothing is late."""
+        return True
 
     def render(self, block: Block | None) -> None:
         """Have the hand meet a block from now on, as `ServoProcess.render`."""

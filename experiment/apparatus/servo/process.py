@@ -7,8 +7,10 @@ the signal is pending in /proc. Elsewhere it sees the end of the line between th
 
 The force is zero from the cycle on in which something is wrong, and until the hand touches anew from outside: a cycle
 that began `SILENT_NS` or more late, no frame of the tracker for that long and a period, or a sample that `rendering`
-does not believe. Nothing more is pushed after a device that answers late, a tracker that has gone, or one that was
-silent for the rig's `stall_ms`: then the process says why, and ends.
+does not believe. So is the vibration: the session's audio stream asks before each block that it makes whether the servo
+has rendered within `SILENT_NS` (`pulse`), and the device plays no more than what it holds by then. Nothing more is
+pushed after a device that answers late, a tracker that has gone, or one that was silent for the rig's `stall_ms`: then
+the process says why, and ends.
 """
 
 from __future__ import annotations
@@ -26,6 +28,7 @@ from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from mmap import mmap
 from typing import Any
 
 import numpy as np
@@ -131,6 +134,14 @@ class Line:
         self._end.close()
 
 
+def pulse(file: int) -> memoryview[int]:
+    """Return memory that servo and session share by a file of eight bytes, which may be closed then: one number.
+
+    It is when the servo rendered last, by the machine's monotonic clock, ns; 0 where no block or hand is followed.
+    """
+    return memoryview(mmap(file, 8)).cast("q")
+
+
 class Session:
     """Whether the process that started this one lives."""
 
@@ -157,10 +168,9 @@ class Session:
 class Servo:
     """The cycles of one process."""
 
-    def __init__(self, orders: Orders, line: Line) -> None:
+    def __init__(self, orders: Orders, line: Line, pulse: memoryview[int]) -> None:
         """Open tracker and device. Raises `PalpateError` if one cannot be opened."""
-        self._orders = orders
-        self._line = line
+        self._orders, self._line, self._pulse = orders, line, pulse
         self._session = Session()
         self._device = ForceDevice(orders.address, limit_n=orders.limit_n)
         self._port = SerialPort(orders.port, orders.baud)
@@ -199,6 +209,7 @@ class Servo:
         self._read(now_ns)
         force_n, fast = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
         self._device.push(force_n, fast=fast, now_ns=now_ns)
+        self._pulse[0] = now_ns if self._at.state is not None else 0
         waited_ns = self._device.late_ns(now_ns)
         if waited_ns > self._orders.answer_ms * 1e6:
             raise ServoError(
@@ -242,7 +253,8 @@ class Servo:
         self._at = self._at.silent()
 
     def close(self) -> None:
-        """Take the force away, and tell how the cycles went."""
+        """Take force and vibration away, and tell how the cycles went."""
+        self._pulse[0] = 0
         self._device.close()
         self._port.close()
         self.counts["dropped"] = self._device.dropped
@@ -254,13 +266,13 @@ def _tuples(told: dict[str, Any]) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Be the process: its arguments are the number of an open socket, and its orders."""
+    """Be the process: its arguments are the numbers of an open socket and of its pulse's file, and its orders."""
     # Ctrl-C at the terminal is the session's, which then ends this process, with the force at zero.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     line = Line(socket.socket(fileno=int(sys.argv[1])))
     with _prompt():
         try:
-            servo = Servo(Orders(**_tuples(json.loads(sys.argv[2]))), line)
+            servo = Servo(Orders(**_tuples(json.loads(sys.argv[3]))), line, pulse(int(sys.argv[2])))
             try:
                 servo.run()
             finally:

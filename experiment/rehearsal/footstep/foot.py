@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import threading
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -24,7 +25,7 @@ from numpy.typing import NDArray
 from experiment.apparatus import host
 from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.tracker import frame_runs
-from experiment.apparatus.tracker.frames import FRAME_BYTES, encode
+from experiment.apparatus.tracker.frames import encode
 from experiment.clock import Clock, MonotonicClock
 from experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 
@@ -220,24 +221,9 @@ TICK_S = 0.002
 """How often frames go out in real time, s."""
 
 
-@dataclass(frozen=True)
-class Faults:
-    """What goes wrong in one step; frames are numbered from 0, the first of the step.
-
-    Frames are never sent (`drop`), have a flipped bit (`corrupt`) or are sent twice (`repeat`). From `silent_from` on
-    the device sends nothing, ever, and instead of `unplug_at` the line is unplugged.
-    """
-
-    drop: frozenset[int] = frozenset()
-    corrupt: frozenset[int] = frozenset()
-    repeat: frozenset[int] = frozenset()
-    silent_from: int | None = None
-    unplug_at: int | None = None
-
-    @property
-    def end(self) -> float:
-        """Return the first frame that is not sent; infinity if all are."""
-        return min(frame if frame is not None else math.inf for frame in (self.silent_from, self.unplug_at))
+Fails = Callable[[bytes, int], tuple[bytes, Callable[[SerialLine], object] | None]]
+"""What goes wrong in a step, in tests: of the frames from a number on, the step's first being 0, it returns what is
+sent, and what then happens to the line, after which the device sends nothing, ever; None for nothing."""
 
 
 @dataclass(frozen=True)
@@ -245,7 +231,7 @@ class _Step:
     """A step in samples of the device: its frame 0 is sample `first`."""
 
     trajectory: Trajectory
-    faults: Faults
+    fails: Fails | None
     first: int
     sensed_mm: NDArray[np.float64]
 
@@ -303,7 +289,7 @@ class Foot:
         """Return a step of this foot with the given mean speed through the gate, mm/s; see `trajectory`."""
         return trajectory(rng, speed_mm_s, rest_mm=self._rest_mm, hesitation=hesitation)
 
-    def step(self, trajectory: Trajectory, start_us: int, faults: Faults | None = None) -> None:
+    def step(self, trajectory: Trajectory, start_us: int, fails: Fails | None = None) -> None:
         """Begin a step at device time `start_us`, or as soon as the foot is free; return at once."""
         rate_hz = self._tracker.rate_hz
         wanted = -(-start_us * rate_hz // 1_000_000)
@@ -313,7 +299,7 @@ class Foot:
         with self._changed:
             self._between_mm = self._rest_mm
             first = max(wanted, self._free_sample, self._next_sample)
-            self._last = _Step(trajectory, faults or Faults(), first, sensed_mm)
+            self._last = _Step(trajectory, fails, first, sensed_mm)
             self._free_sample = self._last.end
             self._steps.append(self._last)
             self._changed.notify_all()
@@ -429,17 +415,12 @@ class Foot:
             each = enumerate(readings.tolist())
             sent = b"".join(encode(self._sequence + i, self._time_us(first + i), reading) for i, reading in each)
         self._sequence += count
-        fails = False
-        if step is not None and step.faults != Faults():
-            frames = [sent[at : at + FRAME_BYTES] for at in range(0, len(sent), FRAME_BYTES)]
-            number = first - step.first
-            fails = step.faults.end < number + len(frames)
-            frames = _spoilt(frames[: max(int(step.faults.end) - number, 0)] if fails else frames, number, step.faults)
-            sent = b"".join(frames)
+        ends = None
+        if step is not None and step.fails is not None:
+            sent, ends = step.fails(sent, first - step.first)
         self._write(sent, wait=wait)
-        if step is not None and fails:
-            if step.faults.end == step.faults.unplug_at:
-                self._line.unplug()
+        if ends is not None:
+            ends(self._line)
             self._off = True
 
     def _write(self, data: bytes, *, wait: bool) -> None:
@@ -454,21 +435,3 @@ class Foot:
             with self._changed:
                 self._full = full
                 self._changed.notify_all()
-
-
-def _spoilt(frames: list[bytes], number: int, faults: Faults) -> list[bytes]:
-    """Return the frames from `number` on, as the faults leave them."""
-    sent = []
-    for i, frame in enumerate(frames, start=number):
-        if i in faults.drop:
-            continue
-        sent.append(_flipped(frame) if i in faults.corrupt else frame)
-        if i in faults.repeat:
-            sent.append(frame)
-    return sent
-
-
-def _flipped(frame: bytes) -> bytes:
-    """Return the frame with one bit of its second byte flipped; no byte becomes 0x00, which would tear it in two."""
-    bit = 0x01 if frame[1] != 0x01 else 0x02
-    return bytes([frame[0], frame[1] ^ bit, *frame[2:]])

@@ -183,16 +183,14 @@ class Taps:
                 self._withdraw()
             return
         contact_ns = clock.session_ns(landing.us)
-        left_ns, was = contact_ns - self.clock.now_ns() - self.actuator.lead_ns, self._sounding
+        left_ns, one = contact_ns - self.clock.now_ns() - self.actuator.lead_ns, self._sounding
         if left_ns > AHEAD_NS:
             return
-        held = was is not None and was.touch is None and was.scheduled_ns is not None
-        if was is not None and held and (left_ns < MAKES_NS or not self.actuator.aim(contact_ns)):
-            sounding = was
-        else:
-            sounding = self._ready(lying, max(_speed_mm_s(state, landing.us), 0.0))
-        if sounding.touch is None and self.actuator.aim(contact_ns):
-            sounding.aimed, sounding.scheduled_ns = landing, contact_ns
+        aimed = one is not None and one.touch is None and one.scheduled_ns is not None
+        if one is None or not aimed or (left_ns >= MAKES_NS and self.actuator.aim(contact_ns)):
+            one = self._ready(lying, max(_speed_mm_s(state, landing.us), 0.0))
+        if one.touch is None and self.actuator.aim(contact_ns):
+            one.aimed, one.scheduled_ns = landing, contact_ns
 
     def _touched(self, touch: Touch, felt: Felt) -> None:
         self._armed = False

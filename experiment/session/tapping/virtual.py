@@ -115,6 +115,8 @@ def open_surfaces(
         clock_map=clock_map,
     )
     opened.callback(servo.close)
+    if stream is not None:
+        stream.allow(servo.is_live)
     noise_mm = rig.tracker.noise_mm if rig.tracker.noise_mm is not None else QUIETEST_MM
     return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=rig.tracker.rate_hz), noise_mm, opened)
 

@@ -146,6 +146,18 @@ def test_at_once_is_the_next_block_and_what_has_started_stays() -> None:
     assert not mixed.withdraw(cue)
 
 
+def test_what_sounds_where_nothing_is_allowed_to_ends_with_the_block_before() -> None:
+    allowed = [True, True, False, True]
+    mixed = mixer()
+    mixed.allowed = lambda: allowed.pop(0)
+    cut = mixed.schedule(np.full(1000, 0.5), channel=0, frame=0)
+    later = mixed.schedule(np.full(100, 0.25), channel=0, frame=300)
+    left = run(mixed, [100] * 4)[:, 0]
+    assert left.tolist() == [0.5] * 200 + [0.0] * 100 + [0.25] * 100
+    assert (cut.cut, cut.done, cut.started) == (True, True, 0)
+    assert (later.cut, later.started) == (False, 300)
+
+
 def test_a_withdrawn_stimulus_leaves_its_place_to_another() -> None:
     mixed = mixer()
     cues = [mixed.schedule(np.ones(4), channel=0, frame=1000) for _ in range(SLOTS)]

@@ -45,6 +45,19 @@ def test_a_held_block_pushes_as_equation_4_says() -> None:
     assert touch == pytest.approx((20_000.0, 100.0))
 
 
+def test_a_planar_hand_is_pushed_along_the_face_too() -> None:
+    """It comes down at 100 mm/s and slides at 50: the spring along the face begins where the hand touched."""
+    at, forces = Rendered(), []
+    heights = falling()
+    for n, mm in enumerate(heights):
+        at, _ = step(BLOCK, at, n * DT_US, (mm, 5.0 + 50.0 * n * DT_US * 1e-6))
+        forces.append(at.force_n)
+    slid_mm = [-mm / 2 for mm in heights]
+    wanted = [-K * slid * 1e-3 - C * 0.05 if slid > 1e-9 else 0.0 for slid in slid_mm]
+    assert np.allclose([along for _, along in forces], wanted, rtol=1e-9, atol=1e-12)
+    assert [out for out, _ in forces] == pytest.approx([out for out, _ in followed(heights)[0]])
+
+
 def test_nothing_is_pushed_without_a_block_or_beside_it() -> None:
     assert set(followed(falling(), block=None)[0]) == {NO_FORCE}
     assert set(followed(falling(to_mm=0.5))[0]) == {NO_FORCE}

@@ -16,8 +16,9 @@ from experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts, Sam
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from experiment.clock import ManualClock
 from experiment.protocol.models import Step
-from experiment.rehearsal.footstep.foot import Faults, Foot, Hesitation, Trajectory, trajectory
+from experiment.rehearsal.footstep.foot import Foot, Hesitation, Trajectory, trajectory
 from experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
+from tests.rig.faults import Faults
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
