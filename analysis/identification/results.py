@@ -118,6 +118,10 @@ class TaskResult:
         """Return P of sign flips, adjusted where the P that the stars follow is."""
         return test.flip_holm if self.correction else test.flip.p if test.flip else None
 
+    def above(self, test: MaterialTest, p: float | None, level: float) -> bool:
+        """Return whether `p`, one of those of a test, shows that its mean lies above chance."""
+        return p is not None and p < level and test.result.mean is not None and test.result.mean > self.chance
+
     def stars(self, test: MaterialTest) -> str:
         """Return the stars of a test, in brackets where sign flips, which hold, do not show what they mark."""
         p = self.flip(test)

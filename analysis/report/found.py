@@ -104,8 +104,8 @@ def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[
     groups: dict[tuple[bool, bool], list[MaterialTest]] = {}
     for test in task.tests:
         if test.result.p is not None:
-            by_t = _above(test, test.p_holm if task.correction else test.result.p, task, level)
-            by_flips = _above(test, task.flip(test), task, level) if test.flip else by_t
+            by_t = task.above(test, test.p_holm if task.correction else test.result.p, level)
+            by_flips = task.above(test, task.flip(test), level) if test.flip else by_t
             groups.setdefault((by_t, by_flips), []).append(test)
     least = [test.flip.least for test in task.tests if test.flip]
     few = f", whose P is {min(least):.3g} or more with so few participants" if min(least, default=0) >= level else ""
@@ -135,15 +135,11 @@ def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterato
     why = "one participant has no spread" if alone else "the ratios of all participants are the same"
     chance = f"where chance is {task.chance:.4g}"
     yield f"Answers were right for {_listed(found, cells)}, {chance}; t has no P, because {why}."
-    shown = [test for test in found if _above(test, task.flip(test), task, level)]
+    shown = [test for test in found if task.above(test, task.flip(test), level)]
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)
         names = "all of them" if len(shown) == len(found) > 1 else joined([test.material for test in shown])
         yield f"Sign flips, which are ours, show more right answers than by chance for {names} ({p_is(most)} or less)."
-
-
-def _above(test: MaterialTest, p: float | None, task: TaskResult, level: float) -> bool:
-    return p is not None and p < level and test.result.mean is not None and test.result.mean > task.chance
 
 
 def _listed(tests: Sequence[MaterialTest], cells: dict[str, Cell]) -> str:

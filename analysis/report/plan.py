@@ -237,11 +237,12 @@ def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
     if found is None:
         return f"{task} not run: no trial"
     tested = [test for test in found.tests if test.result.p is not None]
-    by = [(test.p_holm if found.correction else test.result.p, test.result.mean) for test in tested]
-    above = sum(p is not None and p < level and mean is not None and mean > found.chance for p, mean in by)
+    above = sum(found.above(test, test.p_holm if found.correction else test.result.p, level) for test in tested)
+    flips = sum(found.above(test, found.flip(test), level) for test in found.tests)
     missing = [test for test in found.tests if test.result.p is None]
     why = f", not defined for {', '.join(test.material for test in missing)}" * bool(missing)
-    return f"{task} run: {above} of {len(found.tests)} materials above chance{why}"
+    of = f"{above} of {len(found.tests)} materials above chance"
+    return f"{task} run: {of}, and {flips} by sign flips, ours{why}"
 
 
 def _one_way(task: str, plan: PlannedTest, results: Results) -> str:

@@ -11,7 +11,7 @@ from analysis.reading.dataset import read
 from analysis.reading.study import Part, Study
 from analysis.report import sections
 from analysis.report.found import found_section
-from analysis.report.plan import standing
+from analysis.report.plan import done_of, standing
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
@@ -100,6 +100,9 @@ def test_what_one_of_the_two_tests_shows_is_said_of_it_alone_and_stars_without_s
     assert "for sand (0.51" in said
     assert "; t does not show it. This was not shown for snow (0.33" in said
     assert [row[5:] for row in table.rows[:2]] == [("0.004", "0.062", "(**)"), ("0.122", "0.031", "")]
+    (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
+    told = done_of(results)(planned)
+    assert told == "virtual run: 1 of 3 materials above chance, and 1 by sign flips, ours; real not run: no trial"
     brackets = " Sign flips, the exact test over participants, which is ours, do not show stars in brackets."
     assert table.notes[0].endswith(brackets)
     for section in (sections.confusion_section(results), sections.tests_section(results)):
