@@ -290,7 +290,7 @@ def _model_table(title: str, spread: str, model: TrialModel) -> Table:
         about = (
             f"The {spread} is {model.spread:.3f}. The standard errors are those of Kauermann and Carroll. F is ours, "
             "after Hotelling, and erred in 4 to 6 % of SIMULATED studies of 6 to 25 participants, at a nominal 5 %; "
-            "taken as chi-squared, tests of four materials erred in 16 to 20 % with 10."
+            "taken as chi-squared, tests of four materials erred in 19 to 20 % with 10."
         )
     else:
         about = (
