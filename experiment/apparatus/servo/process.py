@@ -192,8 +192,7 @@ class Servo:
                 continue
             late_ns = now_ns - due_ns
             self.counts["cycles"] += 1
-            if late_ns >= period_ns:
-                self.counts["missed"] += late_ns // period_ns
+            self.counts["missed"] += late_ns // period_ns
             if late_ns >= SILENT_NS:
                 self._fall_silent("late")
             due_ns += period_ns * (1 + late_ns // period_ns)
@@ -207,6 +206,8 @@ class Servo:
                 self._block = None if told is None else Block(**_tuples(told))
                 self._at = self._at.silent()
         self._read(now_ns)
+        if time.monotonic_ns() - now_ns >= SILENT_NS:
+            self._fall_silent("late")
         force_n, fast = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
         self._device.push(force_n, fast=fast, now_ns=now_ns)
         self._pulse[0] = now_ns if self._at.state is not None else 0
@@ -248,8 +249,7 @@ class Servo:
             self._fall_silent("without the hand")
 
     def _fall_silent(self, why: str) -> None:
-        if any(self._at.force_n):
-            self.counts[why] += 1
+        self.counts[why] += any(self._at.force_n)
         self._at = self._at.silent()
 
     def close(self) -> None:

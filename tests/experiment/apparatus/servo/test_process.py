@@ -40,6 +40,7 @@ class World:
     """What a reading is sent as; None for no frame."""
     gone: bool = False
     stalls: bool = False
+    reads_long: bool = False
     dead: bool = False
     pushed: list[tuple[int, Pair]] = field(default_factory=list)
     dropped: int = 0
@@ -61,6 +62,9 @@ class World:
             counts = self.counts(at_ns, round((mm + 20.0) * 1000))
             data += b"" if counts is None else encode(self.sent, at_ns // 1000, counts)
             self.sent += 1
+        if self.reads_long and self.now_ns >= FAILS_NS:
+            self.reads_long = False
+            self.now_ns += SILENT_NS
         return data
 
     def discard(self) -> None:
@@ -128,6 +132,13 @@ def test_a_missed_deadline_ends_both_in_the_next_cycle(monkeypatch: pytest.Monke
     world = World(stalls=True)
     servo, pulse_ns = run(world, monkeypatch)
     assert lets_go_ns(world) <= SILENT_NS + 2 * PERIOD_NS
+    assert (pulse_ns, servo.counts["late"]) == (0, 1)
+
+
+def test_a_cycle_that_is_held_up_pushes_no_force_of_before(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(reads_long=True)
+    servo, pulse_ns = run(world, monkeypatch)
+    assert lets_go_ns(world) <= PERIOD_NS
     assert (pulse_ns, servo.counts["late"]) == (0, 1)
 
 
