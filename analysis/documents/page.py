@@ -3,25 +3,26 @@
 from __future__ import annotations
 
 import json
-import os
-import pickle
+import multiprocessing
 import re
 import signal
 import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager, nullcontext, suppress
 from functools import partial
 from html import escape
 from importlib import metadata
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, cast
 
 from analysis.documents.tables import Section, Table, comma_separated, latex, markdown
 
 if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
     from analysis.documents.drawing import Sheet
 
 COLUMN_POINTS = 300.0
@@ -216,35 +217,37 @@ def _forked(draw: Callable[[], dict[str, bytes]]) -> Iterator[Callable[[], dict[
     if sys.platform != "linux" or threading.current_thread() is not threading.main_thread():
         yield draw
         return
-    reading, writing = os.pipe()
-    with warnings.catch_warnings():
-        # Another thread turns the sign that something is computed, and holds no lock that drawing takes.
-        warnings.simplefilter("ignore", DeprecationWarning)
-        try:
-            pid = os.fork()
-        except OSError:
-            pid = None
-    if pid == 0:
-        _draw(draw, writing)
-    os.close(writing)
-    if pid is None:
-        os.close(reading)
+    forking = multiprocessing.get_context("fork")
+    receiving, sending = forking.Pipe(duplex=False)
+    other = forking.Process(target=_send, args=(draw, sending))
+    # The fork keeps the mask: the keyboard interrupts whoever waits for it, and that process ends it.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        with warnings.catch_warnings():
+            # Another thread turns the sign that something is computed, and holds no lock that drawing takes.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            other.start()
+    except OSError:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         yield draw
         return
+    sending.close()
+
+    def received() -> dict[str, bytes]:
+        try:
+            return cast("dict[str, bytes]", receiving.recv())
+        except (EOFError, OSError):
+            return draw()
+
     try:
-        with open(reading, "rb") as results:  # noqa: PTH123
-            yield lambda: pickle.loads(told) if (told := results.read()) else draw()  # noqa: S301
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        yield received
     finally:
-        os.waitpid(pid, 0)
+        other.kill()
+        other.join()
 
 
-def _draw(draw: Callable[[], dict[str, bytes]], writing: int) -> NoReturn:
-    """Write what `draw` returns and end; nothing if it raises, or if nobody waits any longer."""
-    try:
-        # The keyboard interrupts whoever waits, and that thread writes to a terminal for both.
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-        sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__
-        with open(writing, "wb") as results:
-            results.write(pickle.dumps(draw()))
-    finally:
-        os._exit(0)
+def _send(draw: Callable[[], dict[str, bytes]], sending: Connection) -> None:
+    """Send what `draw` returns, or nothing: whoever waits for it then draws, and tells what is wrong."""
+    with suppress(Exception):
+        sending.send(draw())

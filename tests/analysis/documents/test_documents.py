@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
 import signal
+from multiprocessing.connection import Connection
 
 import pytest
 from matplotlib.figure import Figure
@@ -67,17 +69,33 @@ def test_figures_are_the_same_whichever_process_draws_them(monkeypatch: pytest.M
     assert page.drawings(_numbered()) == expected
 
 
-def test_figures_of_a_process_that_is_killed_are_drawn_by_the_other(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("before", [b"", b"\x00\x00\x10\x00 the first of 4,096 bytes"])
+def test_figures_of_a_process_that_is_killed_are_drawn_by_the_other(
+    monkeypatch: pytest.MonkeyPatch, before: bytes
+) -> None:
+    """Killed before it sends anything, and after the length of what it sends (multiprocessing: 4 bytes) and a piece."""
     expected = page.drawings(_numbered())
-    fork = os.fork
 
-    def killed() -> int:
-        if pid := fork():
-            os.kill(pid, signal.SIGKILL)
-        return pid
+    def killed(sending: Connection, _: object) -> None:
+        os.write(sending.fileno(), before)
+        os.kill(os.getpid(), signal.SIGKILL)
 
-    monkeypatch.setattr("os.fork", killed)
+    monkeypatch.setattr(Connection, "send", killed)
     assert page.drawings(_numbered()) == expected
+
+
+def test_an_interrupt_ends_the_process_that_draws_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    here = os.getpid()
+
+    def drawing(*_: object, **__: object) -> None:
+        if os.getpid() == here:
+            raise KeyboardInterrupt
+        signal.pause()
+
+    monkeypatch.setattr(Figure, "savefig", drawing)
+    with pytest.raises(KeyboardInterrupt):
+        page.drawings(_numbered())
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize("place", [0, 1])
