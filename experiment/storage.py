@@ -67,7 +67,7 @@ def read_text(path: Path, most: int = MOST) -> str:
 def why(error: Exception) -> str:
     """Return in words why a file cannot be read as text."""
     if isinstance(error, UnicodeDecodeError):
-        return f"byte {error.start + 1} is no text in UTF-8"
+        return f"byte {error.start + 1} is not valid UTF-8"
     return (error.strerror if isinstance(error, OSError) else None) or str(error)
 
 

@@ -98,12 +98,13 @@ def _pairs(
     model: PairModel, result: Power, said: tuple[str, ...]
 ) -> tuple[tuple[str, ...], tuple[Table, ...], tuple[Mapping[str, object], ...]]:
     """Return the paragraphs, table and records of a model of comparisons."""
+    tasks = result.design.tasks
     paragraphs = (
         said[0],
-        "Observers compare by Bradley and Terry's law, by a scale for each task. Among participants each value has the "
-        "SD that is named, and so has what being first adds. A participant compares each pair so often, in either "
-        f"order alike: {', '.join(f'{task.id} {task.repetitions}' for task in result.design.tasks)}. Nobody withdraws, "
-        "and no exclusion rule is applied.",
+        "Observers compare by Bradley and Terry's law, by a scale for each task. The table gives the SD among "
+        "participants of each value, and of what being first adds. Each participant compares each pair, in either "
+        f"order equally often, this many times: {', '.join(f'{one.id} {one.repetitions}' for one in tasks)}"
+        ". Nobody withdraws, and no exclusion rule is applied.",
         *said[2:],
     )
     records = tuple(

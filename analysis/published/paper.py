@@ -242,7 +242,7 @@ def _tied(document: dict[str, Any], chance: str | None) -> list[str]:
     """Hold each t-test of a material against the confusion table with its participants; return why others are not.
 
     Of several such tables the one in the place of the t-tests' is taken, where there are as many of them. A test whose
-    df no table has is held against the one that the others of its table are held against: its df is then wrong.
+    df no table has, because it is too large, is held against the one that the others of its table are held against.
     """
     tables = [(table["task"], {cell["presented"] for cell in table["cells"]}) for table in document.get("table", ())]
     people = {task["id"]: task["participants"] for task in document.get("task", ())}
@@ -252,7 +252,8 @@ def _tied(document: dict[str, Any], chance: str | None) -> list[str]:
         for test in sorted(block["tests"], key=lambda test: test["df"] + 1 not in people_of_tables):
             fitting = [id_ for id_, names in tables if people[id_] == test["df"] + 1 and test["of"] in names]
             fitting = fitting[number : number + 1] if len(fitting) == len(blocks) else fitting
-            beside = {one["task"] for one in block["tests"]} & {id_ for id_, names in tables if test["of"] in names}
+            larger = {id_ for id_, names in tables if test["of"] in names and test["df"] >= people[id_]}
+            beside = {one["task"] for one in block["tests"]} & larger
             if not fitting and len(beside) == 1:
                 fitting = list(beside)
             elif not fitting and any(test["of"] in names for _, names in tables):

@@ -101,11 +101,11 @@ def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
 
 def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[str]:
     """Yield which materials are shown above chance by t and by sign flips, which by one of the two, and which not."""
-    groups: dict[tuple[bool, bool], list[MaterialTest]] = {}
+    groups: dict[tuple[bool, bool | None], list[MaterialTest]] = {}
     for test in task.tests:
         if test.result.p is not None:
             by_t = task.above(test, test.p_holm if task.correction else test.result.p, level)
-            by_flips = task.above(test, task.flip(test), level) if test.flip else by_t
+            by_flips = task.above(test, task.flip(test), level) if test.flip or not by_t else None
             groups.setdefault((by_t, by_flips), []).append(test)
     least = [test.flip.least for test in task.tests if test.flip]
     few = f", whose P is {min(least):.3g} or more with so few participants" if min(least, default=0) >= level else ""
@@ -113,6 +113,8 @@ def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[
         (True, True): ("Answers were {} for {}.", ""),
         (True, False): (f"By t alone answers were {{}} for {{}}; sign flips, which are ours{few}, do not show it.",
                         f"By t alone this is so for {{}}; sign flips, which are ours{few}, do not show it."),
+        (True, None): ("By t answers were {} for {}; sign flips, which are ours, are not defined for it.",
+                       "By t this is so for {}; sign flips, which are ours, are not defined for it."),
         (False, True): ("By sign flips alone, which are ours, answers were {} for {}; t does not show it.",
                         "By sign flips alone, which are ours, this is so for {}; t does not show it."),
         (False, False): ("Answers were not shown to be {}: {}.", "This was not shown for {}."),

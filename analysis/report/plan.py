@@ -242,7 +242,8 @@ def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
     missing = [test for test in found.tests if test.result.p is None]
     why = f", not defined for {', '.join(test.material for test in missing)}" * bool(missing)
     of = f"{above} of {len(found.tests)} materials above chance"
-    return f"{task} run: {of}, and {flips} by sign flips, ours{why}"
+    ours = f", and {flips} by sign flips, ours" if any(test.flip for test in found.tests) else ""
+    return f"{task} run: {of}{ours}{why}"
 
 
 def _one_way(task: str, plan: PlannedTest, results: Results) -> str:

@@ -373,7 +373,7 @@ def _never(task: TaskResult) -> Iterator[str]:
             continue
         for which, said in (
             (~shown, f"{to}, and not to"),
-            (silent, f"In no trial with {material} an answer was given by"),
+            (silent, f"No answer to {material} was given by"),
             (unnamed, f"The answer {material} was never given by"),
         ):
             if who := [f"sub-{label}" for label, one in zip(matrix.participants, which, strict=True) if one]:

@@ -241,7 +241,7 @@ def _begin_workers() -> None:
     """
     if sys.platform != "linux":
         return
-    # It lets Ctrl-C through again when it begins.
+    # Its start would let Ctrl-C through again.
     resource_tracker.ensure_running()
     before, safe = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]), os.environ.get("PYTHONSAFEPATH")
     os.environ["PYTHONSAFEPATH"] = "1"
@@ -249,8 +249,7 @@ def _begin_workers() -> None:
         forkserver.set_forkserver_preload(["experiment.rehearsal.session"])
         forkserver.ensure_running()
     finally:
-        if safe is None:
-            del os.environ["PYTHONSAFEPATH"]
+        os.environ["PYTHONSAFEPATH"] = safe or ""
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
@@ -296,7 +295,7 @@ def rehearse(
 
     file = protocol_file or files.shipped("okamoto2012.toml")
     protocol = files.load(file)
-    if jobs != 1:
+    if jobs != 1 and not real_time:
         _begin_workers()
     from experiment.cli.analysis import tell_analysis
     from experiment.desk.terminal import TerminalConsole

@@ -63,7 +63,7 @@ def new(
     """
     ask = not yes
     if ask:
-        options.at_once("A new protocol. Enter takes what stands in brackets; after Ctrl-C nothing is written.")
+        options.at_once("A new protocol. Enter takes an answer in brackets; after Ctrl-C nothing is written.")
     from experiment import storage
     from experiment.protocol import new as writing
 

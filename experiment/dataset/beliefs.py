@@ -354,7 +354,7 @@ def unfinished(root: Path, roster: Roster) -> dict[str, str]:
 def _is_marked(root: Path, participant: str) -> bool:
     """Return whether a participant's withdrawal stands outside of the roster: in all their journals, or by itself."""
     own = [path for path in storage.journals(root) if path.parent == storage.participant_folder(root, participant)]
-    begun = [content for content in map(storage.read_bytes, own) if content]
+    begun = [content for content in map(storage.read_bytes, own) if b"\n" in content]
     told = begun and all(b'"kind":"withdrawal"' in content for content in begun)
     return bool(told) or storage.withdrawal_path(root, participant).exists()
 

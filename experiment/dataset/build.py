@@ -137,15 +137,15 @@ def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, pat
 def check_tables(root: Path) -> Believed:
     """Return what `believed` returns, if the journals give the tables on disk and name the raw frames of the foot.
 
-    Raises what `believed` raises, and `DatasetError` for the first table or trace that differs: it was edited, or is
-    older than the journals, of which those of open sessions may be newer; or no session has ended or has a table.
+    The journals of open sessions may be newer than the tables. Raises what `believed` raises, and `DatasetError` for
+    the first table or trace that differs, and where no session has ended and none has a table.
     """
     dataset = believed(root)
     for doubt in edited(root, dataset, dataset.under_way):
         raise doubt
     if dataset.under_way and not any(_has_table(root, header) for _, header in dataset.sessions):
         raise DatasetError(
-            f"{root}: no session has ended yet, and no table is made; end one, or have tables made of what was "
+            f"{root}: no session has ended yet, and no table has been made; end one, or have tables made of what was "
             f"answered so far (palpate build {root})"
         )
     return dataset

@@ -170,7 +170,7 @@ def _order(layout: Layout) -> str:
 def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: bool) -> tuple[str, ...]:
     silent = sum(row.answered == NO_ANSWER for row in trials.rows)
     words = {cell: trials.passed_over.count(cell) for cell in dict.fromkeys(trials.passed_over) if cell}
-    of = "".join(f", {count} of them with '{cell}', which is taken for no material" for cell, count in words.items())
+    of = "".join(f", {count} of them with '{cell}', which is read as a missing value" for cell, count in words.items())
     said = [
         f"Participants: {len(labels)}. Trials: {len(trials.rows)}, of them {silent} without an answer. Materials: "
         f"{', '.join(trials.materials)}.",

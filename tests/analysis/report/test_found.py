@@ -111,6 +111,20 @@ def test_what_one_of_the_two_tests_shows_is_said_of_it_alone_and_stars_without_s
         assert brackets in " ".join(shown[0].notes)
 
 
+def test_where_sign_flips_are_not_defined_nothing_is_said_of_them(tmp_path: Path) -> None:
+    sessions = {str(k): {"virtual": balanced(k, 8)} for k in range(3)}
+    study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
+    results = compute(study, {})
+    task = results.tasks[0]
+    tests = tuple(replace(test, flip=None, flip_holm=None, flip_statement="cannot be counted") for test in task.tests)
+    results = replace(results, tasks=(replace(task, tests=tests),))
+    said, *_ = _found(study, results).paragraphs
+    assert "By t answers were right more often than by chance (0.3333) for " in said
+    assert "; sign flips, which are ours, are not defined for it." in said
+    (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
+    assert done_of(results)(planned).startswith("virtual run: 3 of 3 materials above chance; real")
+
+
 def test_at_the_ceiling_t_has_no_p_and_sign_flips_have_one(tmp_path: Path) -> None:
     """Seven participants, all answers right: P = 2 / 2^7 = 0.0156."""
     right = trials([(material, material) for material in MATERIALS for _ in range(4)])

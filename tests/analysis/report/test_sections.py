@@ -57,7 +57,7 @@ def test_who_never_answered_a_material_is_named_beside_the_answers(tmp_path: Pat
     assert (section.brief, section.tables[0].notes[1:]) == (
         (),
         (
-            "In no trial with glass an answer was given by sub-02.",
+            "No answer to glass was given by sub-02.",
             "snow was presented to 15 of 16 participants, and not to sub-04.",
             "The answer snow was never given by sub-03, sub-05, sub-06, sub-07, sub-08, sub-09, sub-10, sub-11, "
             "sub-12, sub-13 and 3 more.",

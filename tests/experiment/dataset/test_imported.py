@@ -132,7 +132,7 @@ def test_a_material_that_tables_read_as_missing_is_refused_and_a_row_with_it_is_
     file.write_text("who,shown,said\n1,felt,felt\n1,cork,NA\n1,NA,felt\n1,,\n", "utf-8")
     layout = Layout("shown", "said", "who")
     made = import_trials([file], tmp_path / "one", layout, study="lab", source="here")
-    assert "were passed over: 2, 1 of them with 'NA', which is taken for no material." in made.sentences[1]
+    assert "were passed over: 2, 1 of them with 'NA', which is read as a missing value." in made.sentences[1]
     with pytest.raises(DatasetError, match="got a material 'NA', which tables take for a missing value; rename it"):
         import_trials([file], tmp_path / "two", layout, study="lab", source="here", materials=("felt", "cork", "NA"))
     file.write_text("who,shown,said\n1,felt,felt\n1,nan,felt\n", "utf-8")

@@ -173,7 +173,7 @@ def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match=r"none.csv: cannot be read \(No such file or directory\); give a CSV file"):
         read_trials([tmp_path / "none.csv"], PLAIN)
     (tmp_path / "utf16.csv").write_bytes("who,shown,said\n".encode("utf-16"))
-    with pytest.raises(DatasetError, match=r"cannot be read \(byte 1 is no text in UTF-8\); give"):
+    with pytest.raises(DatasetError, match=r"cannot be read \(byte 1 is not valid UTF-8\); give"):
         read_trials([tmp_path / "utf16.csv"], PLAIN)
 
 

@@ -328,7 +328,7 @@ def test_before_the_first_session_has_ended_there_is_no_table_that_is_missed(tmp
     rechained(path, path.read_bytes().splitlines(keepends=True)[:-1])
     assert verify(study.root).refused == 0
     code, _, err = palpate("analyse", study.root, "--no-figures")
-    assert (code, "no session has ended yet, and no table is made; end one, or have" in err, err.count("\n")) == (
+    assert (code, "no session has ended yet, and no table has been made; end one, or have" in err, err.count("\n")) == (
         2,
         True,
         1,
