@@ -1,10 +1,7 @@
 """The commands of a study: its participants, its sessions, and what is proven of its dataset."""
 
-import os
-import signal
 import sys
 from datetime import date
-from multiprocessing import forkserver, resource_tracker
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -239,6 +236,10 @@ def _begin_workers() -> None:
 
     Ctrl-C, which reaches every process of a terminal, does not reach it; nor do modules in the working folder.
     """
+    import os
+    import signal
+    from multiprocessing import forkserver, resource_tracker
+
     if sys.platform != "linux":
         return
     # Its start would let Ctrl-C through again.
