@@ -16,7 +16,7 @@ from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day, wall_ns
 from experiment.dataset import beliefs, build, register
 from experiment.dataset.bids import LABELS
-from experiment.desk.port import Attended, Console
+from experiment.desk.port import LAB_BOOK, NOT_ANCHORED, Attended, Console
 from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
@@ -258,9 +258,11 @@ class _Visit:
 
     def _identify(self) -> None:
         """Have it confirmed, once, that the participant of the label is at the panel. Raises `SessionError` if not."""
-        if self._identity is not None:
-            return
         who = self.allocation.participant
+        if self._identity is not None:
+            told = f"participant {who}, as the experimenter confirmed when this program began; not asked again"
+            self._identity = Visited(step="identity", text=told)
+            return
         done = [task for task in self.allocation.tasks if _is_complete(self.root, who, task)]
         consent = f"Consent is of {self.consent_on}. " if self.consent_on else ""
         so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
@@ -333,13 +335,13 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
         anchor, is_new = beliefs.keep_anchor(root)
         if not is_new:
             return False
-        console.show(f"For the lab book: {anchor.line}")
+        console.show(f"{LAB_BOOK}{anchor.line}")
         if anchored_in:
             to, key = anchored_in
             again += f" --to {to}" + (f" --sign {key}" if key else "")
             console.show(register.enter(anchor, root, to, key))
     except PalpateError as error:
-        console.show(f"NOT ANCHORED: {error}. The session is on disk. Once that is mended, run: {again}")
+        console.show(f"{NOT_ANCHORED}{error}. The session is on disk. Once that is mended, run: {again}")
     return True
 
 

@@ -359,13 +359,13 @@ class _Session:
         console, lost = self._devices.console, self._attempts.outage
         wait_s = min(self._devices.reconnect_s, math.ceil(self._exposed.left_s))
         self._log.write(Phase(state=self._state, detail=lost))
-        console.show(f"{lost}. The session waits for {wait_s:g} s; nothing is lost.")
+        console.show(f"{lost}. The session waits for {wait_s:g} s, and goes on by itself; nothing is lost.")
         console.waiting()
         if pause := self._missing(wait_s):
             return pause
         self._follow(Event.FOUND)
         self._log.write(Phase(state=self._state, detail="the tracker is back"))
-        console.show("The device is back; the trial begins again.")
+        console.show("The tracker is back; the trial begins again.")
         return ""
 
     def _missing(self, wait_s: float) -> str:
