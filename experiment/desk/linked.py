@@ -457,7 +457,9 @@ class LinkedConsole:
             return told
 
     def goes_on(self, *, why: str) -> bool:
-        choices = (Choice(key=ENTER, words="go on with the session"), Choice(key=STOP, words="end for today"))
+        # Without a session nothing had begun.
+        onward = "go on with the session" if self._session is not None else "go on"
+        choices = (Choice(key=ENTER, words=onward), Choice(key=STOP, words="end for today"))
         until_ns = None
         while True:
             with self._changed:

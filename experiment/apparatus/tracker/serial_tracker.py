@@ -309,9 +309,7 @@ class SerialTracker:
         self._falls = newest_us < self._falls_until_us
 
     def _gone(self, error: Exception) -> TrackerStopped:
-        return TrackerStopped(
-            f"tracker at {self._name}: the port has gone ({reason(error)}); plug the device in again"
-        )
+        return TrackerStopped(f"tracker at {self._name}: the port has gone ({reason(error)}); plug the device in again")
 
     def _silent(self) -> TrackerStopped:
         if len(self._raw) > FRAME_BYTES:

@@ -86,7 +86,9 @@ STATES = {
     "familiarising": Phase("FAMILIARISE", "", GREY, "The participant handles the materials."),
     "armed": Phase("ARMED", "ARMED", BLUE, "The participant may step. Nothing is asked until then."),
     "answering": Phase("ANSWER", "ANSWER", GREY, "The answer is being written. Nothing is asked."),
-    "waiting": Phase("WAITING", "", RED, "The tracker is silent. Plug it in; the session goes on by itself. Nothing is lost."),
+    "waiting": Phase(
+        "WAITING", "", RED, "The tracker is silent. Plug it in; the session goes on by itself. Nothing is lost."
+    ),
     "paused": Phase("PAUSED", "", GREY, "The session is paused."),
     "ended": Phase("ENDED", "", GREY, "The session has ended."),
 }
