@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 
 class Tracker(Protocol):
-    """Where the foot is. Time is the device's own counter; `clock_map` says which session time that is."""
+    """Where the foot is. Time is the device's own counter; `clock_map` says which session time that is.
+
+    A driver may have a property `gone` too, asked from any thread: whether nothing can come until it is reconnected.
+    """
 
     @property
     def counts(self) -> LinkCounts:

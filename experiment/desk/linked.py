@@ -39,7 +39,9 @@ from experiment.desk.messages import (
 from experiment.desk.port import (
     BY_EXPERIMENTER,
     DEBRIEFING,
+    LAB_BOOK,
     NO_ANSWER,
+    NOT_ANCHORED,
     RESTS,
     WITHOUT,
     Attended,
@@ -113,6 +115,7 @@ class LinkedConsole:
         self._pausing: Pause | Stop | None = None
         self._failed = ""
         self._ignored = ""
+        self._anchored = ""
         self.wake: Callable[[], None] = lambda: None
         """Called when there is something new to tell."""
 
@@ -362,6 +365,7 @@ class LinkedConsole:
     def show(self, text: str) -> None:
         said = characters.plain(" ".join(text.split("\n")).strip())
         with self._changed:
+            self._anchored = said if said.startswith((LAB_BOOK, NOT_ANCHORED)) else self._anchored
             self._now(lines=(*self._view.lines, said)[-LINES:])
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
@@ -453,7 +457,9 @@ class LinkedConsole:
             return told
 
     def goes_on(self, *, why: str) -> bool:
-        choices = (Choice(key=ENTER, words="go on with the session"), Choice(key=STOP, words="end for today"))
+        # Without a session nothing had begun.
+        onward = "go on with the session" if self._session is not None else "go on"
+        choices = (Choice(key=ENTER, words=onward), Choice(key=STOP, words="end for today"))
         until_ns = None
         while True:
             with self._changed:
@@ -473,8 +479,8 @@ class LinkedConsole:
                 self._now(state="preparing", pause_until_ns=None)
 
     def ended(self, words: str, exit_code: int) -> None:
-        """Tell that the process ends."""
-        over = Ended(words=words, exit_code=exit_code)
+        """Tell that the process ends, and once more what belongs in the lab book."""
+        over = Ended(words="\n".join(filter(None, (words, self._anchored))), exit_code=exit_code)
         self._now(state="ended", question=None, trial=None, lay_out="", heard="", ended=over)
 
     def _now(self, **changed: object) -> None:

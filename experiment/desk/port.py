@@ -181,6 +181,9 @@ def laid_out(presented: tuple[str, ...]) -> str:
 BY_EXPERIMENTER = "by the experimenter"
 """Why a session pauses that was asked to."""
 
+LAB_BOOK, NOT_ANCHORED = "For the lab book: ", "NOT ANCHORED: "
+"""How lines begin that are told again at the program's end: they are to be copied, or acted on."""
+
 NO_ANSWER = "no answer"
 """What the key stands for that says that the participant said nothing."""
 

@@ -182,7 +182,10 @@ class Writer:
         # Without a buffer, which would be written after all once a full disk has room again.
         self._file = FileIO(path, "ab")
         try:
-            hold(self._file.fileno(), f"{path}: the file is being written")
+            hold(
+                self._file.fileno(),
+                f"{path}: the file is being written by another runner; end it there, or wait until it ends",
+            )
             if os.fstat(self._file.fileno()).st_size != end.size + len(end.torn):
                 raise SessionLocked(f"{path}: was written since it was read; do the same again")
             self._cut()
@@ -247,8 +250,8 @@ def write_through(file: FileIO, content: bytes, *, wait: bool = True) -> None:
         os.fsync(file.fileno())
 
 
-def hold(file: int, got: str) -> None:
-    """Lock an open file or folder until it is closed. Raises `SessionLocked`; `OSError` where there are no locks."""
+def hold(file: int, refused: str) -> None:
+    """Lock an open file or folder until it is closed. Raises `SessionLocked(refused)`; `OSError` where there are no locks."""
     if sys.platform == "win32":
         return
     import fcntl
@@ -256,4 +259,4 @@ def hold(file: int, got: str) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise SessionLocked(f"{got} by another runner; end it there, or wait until it ends") from error
+        raise SessionLocked(refused) from error

@@ -231,7 +231,7 @@ def check_place(file: int, path: Path) -> None:
 
 
 @contextmanager
-def _held_folder(folder: Path, got: str) -> Iterator[None]:
+def _held_folder(folder: Path, refused: str) -> Iterator[None]:
     """Hold a folder itself, so that nobody is let in by removing the file that is locked in it."""
     if not hasattr(os, "O_DIRECTORY"):
         yield
@@ -239,7 +239,7 @@ def _held_folder(folder: Path, got: str) -> Iterator[None]:
     descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         try:
-            chain.hold(descriptor, got)
+            chain.hold(descriptor, refused)
         except OSError as error:
             # A network's file system may lock files alone; there the lock file and the journal's own lock remain.
             if error.errno not in (errno.EBADF, errno.ENOLCK, errno.ENOTSUP, errno.EINVAL):
@@ -247,6 +247,13 @@ def _held_folder(folder: Path, got: str) -> Iterator[None]:
         yield
     finally:
         os.close(descriptor)
+
+
+def check_free(folder: Path, participant: str) -> None:
+    """Raise `SessionLocked` if a runner holds the participant, whose folder need not be there."""
+    if folder.exists():
+        with locked(folder, participant):
+            pass
 
 
 @contextmanager
@@ -257,13 +264,13 @@ def locked(folder: Path, participant: str) -> Iterator[None]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     lock = FileLock(folder / f".sub-{participant}.lock")
-    got = f"participant {participant} is being run"
+    refused = f"a session of participant {participant} is running; end it at its console, or wait until it ends"
     try:
         lock.acquire(blocking=False)
     except Timeout as error:
-        raise SessionLocked(f"{got} by another runner; end it there, or wait until it ends") from error
+        raise SessionLocked(refused) from error
     try:
-        with _held_folder(folder, got):
+        with _held_folder(folder, refused):
             yield
     finally:
         lock.release()

@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from experiment.desk.voice.ear import Ear
 
 
+FELT = "Trial {trial} was felt, and comes again at the end of its block."
+"""What is said where a session pauses before an answer."""
+
+
 class State(StrEnum):
     """Where a session stands; `WAITING` is for a tracker that stopped."""
 
@@ -240,6 +244,7 @@ class Attempts:
             return self._put_off(planned, attempt, "asked for by the experimenter")
         if key == spoken.pause_key:
             self._put_off(planned, attempt, "paused before the answer")
+            console.show(FELT.format(trial=planned.trial))
             return Event.PAUSE
         self._answered_ns = self._clock.now_ns()
         answered = None if key == spoken.no_answer_key else answers[key].answer

@@ -16,8 +16,8 @@ from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day, wall_ns
 from experiment.dataset import beliefs, build, register
 from experiment.dataset.bids import LABELS
-from experiment.desk.port import Attended, Console
-from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError
+from experiment.desk.port import LAB_BOOK, NOT_ANCHORED, Attended, Console
+from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError, SessionLocked
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
@@ -172,15 +172,18 @@ class _Visit:
         """Run the session of one task, or the rest of one."""
         root, protocol, rig, console, clock = self.root, self.protocol, self.rig, self.console, self.clock
         participant, tasks = self.allocation.participant, self.allocation.tasks
-        console.at(step=task_id, steps=visit.visit_steps(tasks))
+        steps = visit.visit_steps(tasks)
+        # The order of the tasks is concealed until it is known who is at the panel.
+        if self._identity is not None:
+            console.at(step=task_id, steps=steps)
         _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
         self._admitted()
         planned = scene.plan(protocol=protocol, task_id=task_id)
+        noise = ""
         if rig.audio is None and planned.masker is not None:
-            console.show(
-                f"The rig has no audio device for the masker. Play {planned.masker} noise by other means, "
-                f"at no more than {protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: "
-                f"{protocol.masker.criterion}"
+            noise = (
+                f"{planned.masker.capitalize()} noise is played by other means than the rig, at no more than "
+                f"{protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: {protocol.masker.criterion}"
             )
         used: Path | None = None
         if planned.synthesis:
@@ -189,26 +192,32 @@ class _Visit:
                 protocol=protocol, rig=rig, rig_folder=self.rig_file.parent, recordings=folder
             )
             used = _keep_recordings(root, folder, protocol, planned)
+        # Whoever runs the participant elsewhere is told of before anything is opened or asked.
+        theirs = storage.participant_folder(root, participant)
+        journal.check_free(theirs, participant)
         with ExitStack() as opened:
-            devices = opened.enter_context(
-                open_laboratory(
-                    protocol=protocol,
-                    rig=rig,
-                    rig_folder=self.rig_file.parent,
-                    participant=participant,
-                    task_id=task_id,
-                    dataset=root,
-                    recordings=used,
-                    clock=clock,
-                    ends=RealEnds(console),
+            try:
+                devices = opened.enter_context(
+                    open_laboratory(
+                        protocol=protocol,
+                        rig=rig,
+                        rig_folder=self.rig_file.parent,
+                        participant=participant,
+                        task_id=task_id,
+                        dataset=root,
+                        recordings=used,
+                        clock=clock,
+                        ends=RealEnds(console),
+                    )
                 )
-            )
+            except PalpateError as error:
+                _check_others(root, participant, str(error))
+                raise
             if not _is_complete(root, participant, task_id):
                 self._admitted()
-                # Whoever runs the participant elsewhere is told of before anything is asked.
-                with journal.locked(storage.journal_path(root, participant, task_id).parent, participant):
-                    pass
+                journal.check_free(theirs, participant)
                 self._identify()
+            console.at(step=task_id, steps=steps)
             # Nobody who withdrew in the meantime is begun with.
             enrolled = self._admitted()
             asked = header(
@@ -231,6 +240,7 @@ class _Visit:
                     rig_file=self.rig_file,
                     dataset=root,
                     identity=self._identity,
+                    noise=noise,
                     last=task_id == tasks[-1],
                     keeps_voices=protocol.consent.voice_recordings and enrolled.voices.get(participant, False),
                 )
@@ -258,9 +268,11 @@ class _Visit:
 
     def _identify(self) -> None:
         """Have it confirmed, once, that the participant of the label is at the panel. Raises `SessionError` if not."""
-        if self._identity is not None:
-            return
         who = self.allocation.participant
+        if self._identity is not None:
+            told = f"participant {who}, as the experimenter confirmed when this program began; not asked again"
+            self._identity = Visited(step="identity", text=told)
+            return
         done = [task for task in self.allocation.tasks if _is_complete(self.root, who, task)]
         consent = f"Consent is of {self.consent_on}. " if self.consent_on else ""
         so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
@@ -333,14 +345,24 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
         anchor, is_new = beliefs.keep_anchor(root)
         if not is_new:
             return False
-        console.show(f"For the lab book: {anchor.line}")
+        console.show(f"{LAB_BOOK}{anchor.line}")
         if anchored_in:
             to, key = anchored_in
             again += f" --to {to}" + (f" --sign {key}" if key else "")
             console.show(register.enter(anchor, root, to, key))
     except PalpateError as error:
-        console.show(f"NOT ANCHORED: {error}. The session is on disk. Once that is mended, run: {again}")
+        console.show(f"{NOT_ANCHORED}{error}. The session is on disk. Once that is mended, run: {again}")
     return True
+
+
+def _check_others(root: Path, participant: str, failed: str) -> None:
+    """Tell of a session of another participant, which may be why a device `failed`. Raises `SessionLocked`."""
+    for other in roster.Roster.load(storage.roster_path(root)).consent_on:
+        if other != participant:
+            try:
+                journal.check_free(storage.participant_folder(root, other), other)
+            except SessionLocked as running:
+                raise SessionLocked(f"{running}; none of participant {participant} can begin: {failed}") from None
 
 
 def _keep_seal(root: Path, protocol_file: Path) -> None:

@@ -18,10 +18,21 @@ from experiment.desk.port import BY_EXPERIMENTER, INTERRUPTED
 from experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
-from experiment.records.entries import Footer, Header, Phase, PlannedTrial, Redo, Resumed, Trace, Visited, Withdrawal
+from experiment.records.entries import (
+    Footer,
+    Header,
+    Note,
+    Phase,
+    PlannedTrial,
+    Redo,
+    Resumed,
+    Trace,
+    Visited,
+    Withdrawal,
+)
 from experiment.records.journal import AnyEntry
 from experiment.records.progress import Progress, progress
-from experiment.session.attempt import Attempts, Devices, Event, State, follow
+from experiment.session.attempt import FELT, Attempts, Devices, Event, State, follow
 from experiment.session.exposure import Exposed, spent_ns
 from experiment.session.masker import Masking
 from experiment.session.remarks import Attendance
@@ -53,12 +64,14 @@ def run(
     rig_file: Path,
     dataset: Path,
     identity: Visited | None = None,
+    noise: str = "",
     last: bool = False,
     keeps_voices: bool = False,
 ) -> Footer:
     """Run a session, or the rest of one, and return the footer that ended it.
 
-    `identity` is what was asked before it, and goes on record; the `last` session of a visit ends with its debriefing.
+    `identity` is what was asked before it, and goes on record; so does `noise`, which the rig cannot play, once the
+    experimenter confirms that it masks the trials. The `last` session of a visit ends with its debriefing.
     Where a microphone listens, `keeps_voices` has the sound of answers kept.
     If a journal exists, its own header rules and must be of the same session; a session that is complete is not
     touched. The rig's file is kept beside the journal.
@@ -89,6 +102,7 @@ def run(
                 spent_ns=spent_ns(contents),
                 folder=path.parent,
                 identity=identity,
+                noise=noise,
                 last=last,
                 voices=voices_folder(dataset, header.participant) if keeps_voices else None,
                 takes_file=enrolling_file(dataset, header.participant, devices),
@@ -213,12 +227,14 @@ class _Session:
         spent_ns: int,
         folder: Path,
         identity: Visited | None,
+        noise: str,
         last: bool,
         voices: Path | None,
         takes_file: Path | None,
     ) -> None:
         self._protocol = protocol
         self._identity = identity
+        self._noise = noise
         self._last = last
         self._task = protocol.task(log.done.header.task)
         self._devices = devices
@@ -273,13 +289,19 @@ class _Session:
             if self._masking is not None and self._log.done.remaining and not self._exposed.over():
                 probe = self._attempts.kind.probe
                 self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a, probe)
+            elif self._masking is None and self._noise and self._log.done.remaining:
+                self._confirm_noise()
             self._attempts.remarks.note_ignored()
             self._enrol()
             if self._log.done.remaining:
                 self._devices.console.instruct(instruction=self._task.instruction)
             pause = self._trials()
-        except (ScreenGone, PauseAsked) as why:
-            pause = str(why)
+        except PauseAsked as asked:
+            pause = str(asked)
+            if (felt := self._log.done.unanswered) is not None:
+                self._devices.console.show(FELT.format(trial=felt[0]))
+        except ScreenGone as gone:
+            pause = str(gone)
         except PalpateError as error:
             self._follow(Event.FAIL)
             # It has ended as it is; whoever presses the key meanwhile wants no more, and a full disk takes no footer.
@@ -296,6 +318,13 @@ class _Session:
         self._exposed.close()
         if self._ear is not None:
             self._ear.close()
+
+    def _confirm_noise(self) -> None:
+        """Have it confirmed, and put on record, that the noise plays. Raises `PauseAsked` if it does not."""
+        text = f"{self._noise} Does it play?"
+        if not self._devices.console.agree(text=text, yes="yes, it plays, and that holds", no="no, pause"):
+            raise PauseAsked("no noise masks the trials")
+        self._log.write(Note(trial=None, text=f"The experimenter confirmed: {self._noise}"))
 
     def _enrol(self) -> None:
         """Have the participant say the answers, to compare with, where a microphone listens and trials remain."""
@@ -359,13 +388,13 @@ class _Session:
         console, lost = self._devices.console, self._attempts.outage
         wait_s = min(self._devices.reconnect_s, math.ceil(self._exposed.left_s))
         self._log.write(Phase(state=self._state, detail=lost))
-        console.show(f"{lost}. The session waits for {wait_s:g} s; nothing is lost.")
+        console.show(f"{lost}. The session waits for {wait_s:g} s, and goes on by itself; nothing is lost.")
         console.waiting()
         if pause := self._missing(wait_s):
             return pause
         self._follow(Event.FOUND)
         self._log.write(Phase(state=self._state, detail="the tracker is back"))
-        console.show("The device is back; the trial begins again.")
+        console.show("The tracker is back; the trial begins again.")
         return ""
 
     def _missing(self, wait_s: float) -> str:

@@ -249,10 +249,11 @@ def _check_reason(protocol_file: Path, root: Path, reason: str) -> None:
 def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
     """Return how many sessions of a participant a dataset has, and how many answers, also where journals are damaged.
 
-    Raises `RosterError` if the participant is not enrolled.
+    Raises `RosterError` if the participant is not enrolled, and `SessionLocked` if a session of theirs is running.
     """
     root = _begun(protocol_file, root)
     Roster.load(storage.roster_path(root)).check_enrolled(participant)
+    journal.check_free(storage.participant_folder(root, participant), participant)
     paths = [path for path in storage.left_of(root, participant) if path.suffix == ".jsonl" and storage.size(path)]
     return len(paths), sum(storage.read_bytes(path).count(b'"kind":"answer"') for path in paths)
 

@@ -148,8 +148,8 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
     )
     assert (code, err) == (0, "")
-    assert "plug the device in again, then go on. The session waits for 300 s; nothing is lost." in out
-    assert "The device is back; the trial begins again." in out
+    assert "plug the device in again. The session waits for 300 s, and goes on by itself; nothing is lost." in out
+    assert "The tracker is back; the trial begins again." in out
     assert "The session is complete: 4 answers." in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
@@ -187,7 +187,7 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
     )
     assert (code, err) == (0, "")
-    assert "The device is back; the trial begins again." in out
+    assert "The tracker is back; the trial begins again." in out
     assert "The session is complete: 4 answers." in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries

@@ -13,6 +13,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.protocol import files
 from experiment.protocol.files import shipped
+from experiment.records import journal
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.panel import Panel
@@ -79,6 +80,20 @@ def test_a_busy_or_silent_port(line: SerialLine, panel: Panel, refusal: Run, tmp
     assert "holds it; close that program" in refusal(rig)
     holder.close()
     assert panel.felt(0) is None
+
+
+def test_the_session_of_another_participant_is_named_as_what_has_the_devices(
+    line: SerialLine, panel: Panel, refusal: Run, palpate: Palpate, tmp_path: Path
+) -> None:
+    rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address=f'"{panel.address}"')
+    consent = ["--consent-on", date.today(), "--dataset", "dataset"]
+    assert palpate("enrol", "study.toml", "-p", "02", *consent)[0] == 0
+    holder = SerialTracker(line.url, SETTINGS)
+    with journal.locked(tmp_path / "dataset" / "sourcedata" / "sub-02", "02"):
+        told = refusal(rig)
+    holder.close()
+    assert "a session of participant 02 is running; end it at its console" in told
+    assert "none of participant 01 can begin: tracker at " in told
 
 
 @pytest.mark.parametrize("stated", ["left_out_max = 0.3"])

@@ -110,6 +110,23 @@ def test_a_port_that_vanishes_is_noticed_within_200_ms(line: SerialLine, tracker
     assert quickest(attempt) < 0.2
 
 
+@pytest.mark.parametrize("line", ["pty"], indirect=True)
+def test_a_port_that_vanishes_while_nobody_reads_is_known_though_all_is_kept_that_may_be(
+    line: SerialLine, tracker: SerialTracker
+) -> None:
+    vars(tracker)["_most_bytes"] = 1
+    line.write(frames(0, 3))
+    ends_s = time.monotonic() + 10
+    while not vars(tracker)["_queued_bytes"]:
+        assert time.monotonic() < ends_s
+    assert not tracker.gone
+    line.unplug()
+    while not tracker.gone:
+        assert time.monotonic() < ends_s
+        time.sleep(0.01)
+    assert read_until(tracker, 2000)
+
+
 def test_a_port_that_vanishes_under_a_waiting_reader_is_noticed(line: SerialLine, tracker: SerialTracker) -> None:
     puller = threading.Thread(target=line.unplug)
     puller.start()

@@ -243,7 +243,7 @@ class Servo:
         if self._arrived_ns and silent_ns > self._orders.stall_ms * 1e6:
             raise ServoError(
                 f"tracker at {self._orders.port}: no frame for {silent_ns / 1e6:.0f} ms; see that the device is "
-                "powered, connected and sampling, then go on"
+                "powered, connected and sampling"
             )
         if silent_ns > SILENT_NS + 1e9 / self._orders.tracker_hz:
             self._fall_silent("without the hand")

@@ -341,6 +341,10 @@ class ZeroedTracker:
         return self._tracker.counts
 
     @property
+    def gone(self) -> bool:
+        return getattr(self._tracker, "gone", False)
+
+    @property
     def clock_map(self) -> ClockMap | None:
         return self._tracker.clock_map
 

@@ -173,6 +173,10 @@ class SerialPort:
         size = (self._port.in_waiting or 1) if self._is_device else LARGEST_READ
         return bytes(self._port.read(size))
 
+    def check(self) -> None:
+        """Read nothing; raise one of `VANISHED` if the port has gone."""
+        self._port.in_waiting  # noqa: B018
+
     def discard(self) -> None:
         """Throw away what came before now; raise one of `VANISHED` if the port has gone."""
         if self._is_device:

@@ -121,6 +121,11 @@ class SerialTracker:
         return self._counts
 
     @property
+    def gone(self) -> bool:
+        """Whether nothing can come until it is reconnected; it may be asked from any thread."""
+        return self._failure is not None
+
+    @property
     def clock_map(self) -> ClockMap | None:
         state = self._clock_state
         return None if state is None else self._known_map or state.map()
@@ -230,6 +235,7 @@ class SerialTracker:
         try:
             while not self._closing:
                 if self._queued_bytes - self._given_bytes + len(self._raw) >= self._most_bytes:
+                    self._port.check()
                     _MACHINE.sleep_ns(self._calm_pause_ns)
                     continue
                 # After a pause something has nearly always come.
@@ -303,9 +309,7 @@ class SerialTracker:
         self._falls = newest_us < self._falls_until_us
 
     def _gone(self, error: Exception) -> TrackerStopped:
-        return TrackerStopped(
-            f"tracker at {self._name}: the port has gone ({reason(error)}); plug the device in again, then go on"
-        )
+        return TrackerStopped(f"tracker at {self._name}: the port has gone ({reason(error)}); plug the device in again")
 
     def _silent(self) -> TrackerStopped:
         if len(self._raw) > FRAME_BYTES:
@@ -315,5 +319,5 @@ class SerialTracker:
             )
         return TrackerStopped(
             f"tracker at {self._name}: no frame for {self._stall_ms} ms; "
-            "see that the device is powered, connected and sampling, then go on"
+            "see that the device is powered, connected and sampling"
         )

@@ -21,7 +21,7 @@ from experiment.desk.console.panes import STYLE, Board
 from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from experiment.desk.console.presses import MOUSE, Presses
 from experiment.desk.link import Line, connected
-from experiment.desk.linked import ESCAPE, TYPED
+from experiment.desk.linked import CLOSED, ESCAPE, TYPED
 from experiment.desk.messages import (
     ENTER,
     Choice,
@@ -55,10 +55,6 @@ GONE = Question(
 
 WRITES = (Choice(key=ENTER, words="write down the answer, or that there is none"),)
 """What may be pressed at a question that is answered with a line of text."""
-
-
-AGAIN = "Press the key when it is asked for."
-"""What to do about a key that came too early; it stays right when the question has come."""
 
 
 @dataclass(frozen=True)
@@ -134,6 +130,8 @@ class Console(App[Left]):
         self._sent: dict[int, Deed] = {}
         self._filled: int | None = None
         self._board = Board()
+        # Whether what is told above the question was told, or has stood, beside one already.
+        self._beside = False
 
     def compose(self) -> ComposeResult:
         yield self._board
@@ -170,12 +168,19 @@ class Console(App[Left]):
         if isinstance(said, Reply):
             self._replied(said)
             return
-        before, self.view_now = self._question, said
+        before, state = self._question, self.view_now.state
+        self.view_now = said
+        came = said.ended is not None or (said.state == "paused" and self._board.says == "done")
+        back = state == "waiting" and said.state != state
         if self._question != before:
-            if said.ended is not None or (said.state == "paused" and self._board.says == "done"):
-                # What was asked for has come; what was refused stays.
+            # A key that was ignored is told beside the one question that comes after it.
+            over = self._form is None and (self._beside or self._board.says == "refused")
+            if self._board.says and (came or over):
                 self._say("")
+            self._beside = self._question is not None
             self._presses.drawn(None, time.monotonic())
+        elif back and self._form is None:
+            self._say("")
         self._draw()
 
     def on_lost(self, message: Lost) -> None:
@@ -193,7 +198,7 @@ class Console(App[Left]):
         if filled:
             self._filled = None
         if not reply.taken:
-            self._say(reply.words, "refused")
+            self._say(reply.words, "ignored" if reply.words == CLOSED else "refused")
         elif not isinstance(deed, Typed):
             if reply.words:
                 self._say(reply.words, "done")
@@ -221,7 +226,7 @@ class Console(App[Left]):
             if self._takes_key(event):
                 return
         elif isinstance(event, events.Paste) and not event.is_forwarded and self._form is None:
-            self._ignore(event.text, f"What was pasted was ignored. {AGAIN}")
+            self._ignore(event.text, "What was pasted was ignored.")
             return
         await super().on_event(event)
 
@@ -284,9 +289,10 @@ class Console(App[Left]):
         if len(key) > 1 and key not in keys | TYPED.keys():
             return
         if question is None:
-            self._ignore(TYPED.get(key, key), f"{keycap(key)} came before its question and was ignored. {AGAIN}")
+            self._ignore(TYPED.get(key, key), f"{keycap(key)} was pressed while nothing was asked, and was ignored.")
         elif question.number != seen:
-            words = f"{keycap(key)} was pressed before the question was on the screen, and was ignored. {AGAIN}"
+            again = " If you mean it, press it again." if key in keys else ""
+            words = f"{keycap(key)} was pressed before the question was on the screen, and was ignored.{again}"
             self._ignore(TYPED.get(key, key), words)
         elif question.kind == "write" and key == ENTER:
             self._open(forms.answering(question))
@@ -341,6 +347,7 @@ class Console(App[Left]):
 
     def _say(self, words: str, how: Literal["done", "ignored", "refused"] = "done") -> None:
         self._board.say(words, how)
+        self._beside = self._question is not None
 
     def _draw(self) -> None:
         question = self._question

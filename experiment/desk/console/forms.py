@@ -71,7 +71,8 @@ def opened(name: str, view: View) -> Form:
             how = "is paused" if paused else "pauses as soon as nothing can be felt"
             title = (
                 f"{'End' if paused else 'Stop'} for today? The session {how}, and its process ends. "
-                "Every confirmed answer is on disk, and the same command continues another time."
+                "Every confirmed answer is on disk, and the same command continues another time. "
+                "A withdrawal is recorded afterwards, by palpate withdraw."
             )
             form = Form(name, title, "ends for today" if paused else "stops")
         case _:

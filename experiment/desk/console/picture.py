@@ -86,7 +86,9 @@ STATES = {
     "familiarising": Phase("FAMILIARISE", "", GREY, "The participant handles the materials."),
     "armed": Phase("ARMED", "ARMED", BLUE, "The participant may step. Nothing is asked until then."),
     "answering": Phase("ANSWER", "ANSWER", GREY, "The answer is being written. Nothing is asked."),
-    "waiting": Phase("WAITING", "", RED, "A device is silent, and the session waits for it. Nothing is lost."),
+    "waiting": Phase(
+        "WAITING", "", RED, "The tracker is silent. Plug it in; the session goes on by itself. Nothing is lost."
+    ),
     "paused": Phase("PAUSED", "", GREY, "The session is paused."),
     "ended": Phase("ENDED", "", GREY, "The session has ended."),
 }
@@ -225,7 +227,7 @@ def asked(question: Question | None, now: Phase, lay_out: str, heard: str) -> Te
 def trace(values: tuple[float, ...], unit: str, width: int, rows: int) -> Text:
     """Return a trace as bars, the newest at the right; its lowest line is 0, or the least value below."""
     if not values:
-        return Text("No trace yet", style=DIM)
+        return Text("No trace", style=DIM)
     low, high = min(0.0, *values), max(values)
     span = (high - low) or 1.0
     scale = f"{high:.0f} {unit}"

@@ -20,7 +20,7 @@ from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from experiment.clock import Clock, lasted_ms
 from experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
 from experiment.desk.port import Console
-from experiment.errors import RecordingError, TrackerError
+from experiment.errors import RecordingError, TrackerError, TrackerStopped
 from experiment.protocol.models import ExclusionRule, Protocol
 from experiment.records.entries import Header, PlannedTrial, Trace, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
@@ -191,9 +191,17 @@ class Footsteps:
         self._last = ""
         self._pace: Pace | None = None
         self._delivered: bool | None = None
+        self._silent = False
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         """Arm the attempt. After a step that broke off the foot is still watched, so that nothing is missed."""
+        try:
+            self._arm(planned, attempt, answered_ns)
+        except TrackerStopped:
+            self._silent = True
+            raise
+
+    def _arm(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         console, clock, tracker = self._console, self._clock, self._devices.tracker
         broken, self._broken = self._broken, None
         if isinstance(tracker, ZeroedTracker) and tracker.due:
@@ -228,6 +236,7 @@ class Footsteps:
         parted = self._parted(step)
         if parted is not None:
             step = _by(parted.clock, step)
+        self._silent = isinstance(step, BrokenStep) and step.stopped is not None
         trace = self._log.keep(step.raw)
         error = parted.error if parted is not None else None
         if isinstance(step, BrokenStep):
@@ -270,7 +279,9 @@ class Footsteps:
 
     def measured(self) -> Measured:
         """Return the foot's height in the last seconds, mm, and how the last step went."""
-        newest, step = tuple(self._watch.feed.newest), self._protocol.footsteps.step
+        gone = self._silent or getattr(self._devices.tracker, "gone", False)
+        # A trace that stands still would show a foot that rests.
+        newest, step = () if gone else tuple(self._watch.feed.newest), self._protocol.footsteps.step
         heights = _sampled(newest)
         falling = len(heights) > 1 and heights[-1] < heights[-2]
         return Measured(
@@ -280,7 +291,7 @@ class Footsteps:
             last=self._last,
             pace=self._pace,
             delivered=self._delivered,
-            lamps=(self._tracker_lamp(),),
+            lamps=(self._tracker_lamp(gone=gone),),
         )
 
     @property
@@ -304,7 +315,9 @@ class Footsteps:
         self._clock.sleep_ns(PROBE_TAKES_NS + stimulus.samples * 10**9 // stimulus.rate_hz)
         self._console.show("The probe was played.")
 
-    def _tracker_lamp(self) -> Lamp:
+    def _tracker_lamp(self, *, gone: bool) -> Lamp:
+        if gone:
+            return Lamp(name="tracker", good=False, words="silent; plug it in again")
         counts = self._watch.feed.counts
         missing = counts.lost + counts.damaged
         share = missing / max(counts.received + missing, 1)
@@ -316,6 +329,7 @@ class Footsteps:
         self._devices.tracker.reconnect(timeout_s)
         self._watch.feed.begin_anew()
         self._opened = self._broken = None
+        self._silent = False
 
     def _zero(self, tracker: ZeroedTracker) -> None:
         zero = tracker.settle(self._console)

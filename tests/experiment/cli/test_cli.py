@@ -406,8 +406,9 @@ class TestALaboratorysStudy:
         before = (root / "sourcedata" / "roster.jsonl").read_bytes()
         with journal.locked(root / "sourcedata" / "sub-01", "01"):
             code, _, err = palpate(*asked)
+            assert palpate(*asked, "--erase") == (code, "", err), "and nothing is asked before"
         assert code == 2
-        assert "participant 01 is being run by another runner; end it there" in err
+        assert "a session of participant 01 is running; end it at its console" in err
         assert (root / "sourcedata" / "roster.jsonl").read_bytes() == before
         assert palpate(*asked)[0] == 0
 
@@ -557,7 +558,7 @@ class TestALaboratorysStudy:
         assert code == 0, err
         assert "Trial 1 of 40. Armed" in out
         assert "no frame for 200 ms" in out
-        assert "The session waits for 0.2 s; nothing is lost." in out
+        assert "The session waits for 0.2 s, and goes on by itself; nothing is lost." in out
         assert "The session is paused, with 0 answers on disk: tracker at" in out
         file = root / "sourcedata" / "sub-01" / "sub-01_task-real_journal.jsonl"
         code, out, _ = palpate("journal", file)

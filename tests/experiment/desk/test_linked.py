@@ -551,6 +551,10 @@ def test_what_was_laid_out_is_not_told_after_the_end(bench: Bench) -> None:
     assert bench.do(Stop())[0]
     with pytest.raises(PauseAsked):
         laid.result(10)
+    for line in ("For the lab book: one", "For the lab book: two", "another line"):
+        bench.linked.show(line)
     bench.linked.ended("It ended.", 0)
     view = shown(bench.linked)
-    assert (view.trial, view.lay_out, view.ended is not None) == (None, "", True)
+    assert (view.trial, view.lay_out) == (None, "")
+    assert view.ended is not None
+    assert view.ended.words == "It ended.\nFor the lab book: two", "and the number is printed with it"

@@ -399,7 +399,7 @@ def test_a_missing_journal_is_named(tmp_path: Path) -> None:
 def test_a_participant_is_held_by_one_runner(tmp_path: Path) -> None:
     with (
         journal.locked(tmp_path, "01"),
-        pytest.raises(SessionLocked, match="participant 01 is being run by another runner"),
+        pytest.raises(SessionLocked, match="a session of participant 01 is running; end it at its console"),
         journal.locked(tmp_path, "01"),
     ):
         pass
@@ -411,7 +411,10 @@ def test_a_participant_is_held_by_one_runner(tmp_path: Path) -> None:
 def test_no_second_runner_is_let_in_by_removing_the_lock(tmp_path: Path) -> None:
     with journal.locked(tmp_path, "01"):
         (tmp_path / ".sub-01.lock").unlink()
-        with pytest.raises(SessionLocked, match="participant 01 is being run by"), journal.locked(tmp_path, "01"):
+        with (
+            pytest.raises(SessionLocked, match="a session of participant 01 is running"),
+            journal.locked(tmp_path, "01"),
+        ):
             pass
     with journal.locked(tmp_path, "01"):
         pass

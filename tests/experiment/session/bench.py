@@ -94,6 +94,7 @@ class Bench:
     computing: Executor | None = None
     keeps_voices: bool = False
     last: bool = False
+    noise: str = ""
 
     def materials(self, protocol: Protocol) -> dict[str, Basis]:
         silent = {m.id: given([0.0], material=m.id).basis for m in protocol.materials}
@@ -127,6 +128,7 @@ class Bench:
             dataset=dataset,
             keeps_voices=self.keeps_voices,
             last=self.last,
+            noise=self.noise,
         )
 
 

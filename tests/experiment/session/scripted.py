@@ -69,6 +69,7 @@ class ScriptedTracker:
         """What the next calls of `drain` raise, if anything."""
         self.clock_map: ClockMap | None = None
         self.counts = LinkCounts()
+        self.gone = False
 
     def drain(self) -> None:
         if self.drains and (stopped := self.drains.popleft()):

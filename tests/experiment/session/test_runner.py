@@ -13,10 +13,21 @@ from pydantic import ValidationError
 from experiment import storage
 from experiment.apparatus.tracker.frames import Samples
 from experiment.clock import ManualClock, day
-from experiment.errors import JournalError, PalpateError, RigError
+from experiment.errors import JournalError, PalpateError, PauseAsked, RigError
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal, transcript
-from experiment.records.entries import Answer, Armed, Footer, Header, Phase, Redo, Resumed, TrackerOpened, Withdrawal
+from experiment.records.entries import (
+    Answer,
+    Armed,
+    Footer,
+    Header,
+    Note,
+    Phase,
+    Redo,
+    Resumed,
+    TrackerOpened,
+    Withdrawal,
+)
 from experiment.records.footstep import FootStep
 from experiment.records.stimulus import Stimulus
 from experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
@@ -203,7 +214,9 @@ def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, 
 
 
 def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(protocol: Protocol, tmp_path: Path) -> None:
-    assert bench("cq").run(protocol, header("real"), tmp_path).reason == "paused"
+    first = bench("cq")
+    assert first.run(protocol, header("real"), tmp_path).reason == "paused"
+    assert first.console.shown[1:] == ["Trial 2 was felt, and comes again at the end of its block."]
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
     # What was felt comes again at the end of its block, whatever kept it from its answer.
@@ -217,6 +230,35 @@ def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(prot
     assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(3, 2)]
 
 
+def test_a_pause_that_is_asked_for_at_the_question_says_that_the_trial_comes_again(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    def paused() -> None:
+        raise PauseAsked("by the experimenter")
+
+    one = bench("c")
+    one.console = ScriptedConsole(one.clock, "", before_ask=paused)
+    assert one.run(protocol, header("real"), tmp_path).detail == "by the experimenter"
+    assert one.console.shown[1:] == ["Trial 1 was felt, and comes again at the end of its block."]
+
+
+def test_noise_that_the_rig_cannot_play_is_confirmed_before_the_first_trial(protocol: Protocol, tmp_path: Path) -> None:
+    class Asked(ScriptedConsole):
+        def agree(self, *, text: str, yes: str, no: str) -> bool:
+            asked.append((text, len(self.armed)))
+            return len(asked) > 1
+
+    asked: list[tuple[str, int]] = []
+    for reason in ("paused", "complete"):
+        one = bench("cpt")
+        one.noise = "Pink noise is played by other means."
+        one.console = Asked(one.clock, "cpt")
+        assert one.run(protocol, header("real"), tmp_path).reason == reason
+    assert asked == [("Pink noise is played by other means. Does it play?", 0)] * 2
+    notes = [e.text for e in entries(tmp_path, "real") if isinstance(e, Note)]
+    assert notes == ["The experimenter confirmed: Pink noise is played by other means."]
+
+
 def test_who_is_familiar_with_the_materials_is_not_made_so_again(
     protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -225,7 +267,7 @@ def test_who_is_familiar_with_the_materials_is_not_made_so_again(
     def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    one = bench("")
+    one = bench("c")
     monkeypatch.setattr(one.console, "place", interrupt)
     assert one.run(protocol, header("real"), tmp_path).reason == "paused"
     assert one.console.familiarised > 0

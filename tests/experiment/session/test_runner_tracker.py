@@ -17,6 +17,7 @@ from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.apparatus.tracker.guarded import GuardedTracker
 from experiment.clock import ManualClock
+from experiment.desk.port import Remark
 from experiment.errors import PalpateError, TrackerError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Armed, Footer, Phase, TrackerOpened
@@ -143,7 +144,7 @@ def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protoco
     )
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert one.console.armed == [(1, 1), (2, 1), (2, 2), (3, 1)]
-    assert one.console.shown[1] == f"{said}. The session waits for 300 s; nothing is lost."
+    assert one.console.shown[1] == f"{said}. The session waits for 300 s, and goes on by itself; nothing is lost."
     (broken,) = [e for e in entries(tmp_path, "real") if isinstance(e, BrokenOff)]
     assert (broken.trial, broken.felt, broken.speed_mm_s, broken.at_us) == (2, False, None, 2_099_000)
     assert broken.trace.length == broken.link.received == 100
@@ -166,7 +167,7 @@ def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attemp
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
     assert one.console.placed == [(n, ORDER[n - 1]) for n in (1, 2, 2, 3)]
-    assert one.console.shown[1] == f"{said}. The session waits for 300 s; nothing is lost."
+    assert one.console.shown[1] == f"{said}. The session waits for 300 s, and goes on by itself; nothing is lost."
     done = entries(tmp_path, "real")
     assert [e.detail for e in done if isinstance(e, Phase) and e.state == "waiting"] == [said]
     kinds = [type(e) for e in done]
@@ -389,3 +390,37 @@ def test_a_pause_is_met_while_the_tracker_is_away(protocol: Protocol, tmp_path: 
     assert lost.detail == "tracker at scripted: the port has gone"
     # Twice 100 s of familiarisation, and one answer.
     assert one.clock.now_ns() - begun_ns <= (200 + 1 + SLICE_S) * 1e9
+
+
+@pytest.mark.parametrize("between", [False, True])
+def test_the_lamp_is_red_and_no_trace_stands_still_while_the_tracker_is_silent(
+    protocol: Protocol, tmp_path: Path, *, between: bool
+) -> None:
+    class Waiting(ScriptedConsole):
+        def waiting(self) -> None:
+            told.append(measured())
+
+        def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
+            told.append(measured())
+            one.tracker.gone = trial == 3
+            told.append(measured())
+            return super().ask(trial=trial, answers=answers, others=others)
+
+    def measured() -> tuple[bool | None, bool]:
+        session = one.console.attended[-1]
+        gauges = session.gauges() if session is not None else None
+        assert gauges is not None
+        return next(lamp.good for lamp in gauges.lamps if lamp.name == "tracker"), bool(gauges.trace)
+
+    told: list[tuple[bool | None, bool]] = []
+    one = bench("cpt")
+    stopped = TrackerStopped("tracker at scripted: the port has gone; plug the device in again")
+    steps: list[Samples | PalpateError] = [step_samples(n * 2_000_000, 150.0) for n in range(3)]
+    script = [*steps[:1], *([] if between else [stopped]), *steps[1:]]
+    one.tracker = ScriptedTracker(script, clock=one.clock, comes_back=True)
+    if between:
+        one.tracker.drains.extend([None, stopped])
+    one.console = Waiting(one.clock, "cpt")
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    well, silent = (True, True), (False, False)
+    assert told == [well, well, silent, well, well, well, silent]

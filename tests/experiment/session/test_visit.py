@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections import deque
 from contextlib import nullcontext
-from typing import cast
+from pathlib import Path
+from typing import Any, cast
 
 import pytest
 
 from experiment.clock import ManualClock
 from experiment.desk.port import Attended
 from experiment.errors import PalpateError, PauseAsked, RosterError, TrackerError
+from experiment.protocol.models import Protocol
 from experiment.records.entries import Footer
+from experiment.session import run
 from experiment.session.visit import asked, told, visit_steps, walk
+from experiment.study.allocation import Allocation
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
 COMPLETE, PAUSED = Footer(reason="complete", answered=3), Footer(reason="paused", detail="by hand", answered=1)
@@ -94,6 +98,37 @@ def test_a_pause_before_the_first_session_comes_back_to_its_question(says: list[
 def test_what_no_second_try_mends_is_raised_at_once() -> None:
     with pytest.raises(RosterError):
         walk(console=Asked(), tasks=("a",), run=Sessions(RosterError("withdrew")).run, noting=lambda: None)
+
+
+def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_asked_again(
+    tmp_path: Path, protocol: Protocol
+) -> None:
+    # The rest of a visit's settings are for what is not asked here.
+    clock = ManualClock(START_NS)
+    console = ScriptedConsole(clock, "")
+    unused: Any = None
+    visit = run._Visit(
+        protocol_file=tmp_path,
+        protocol=protocol,
+        rig_file=tmp_path,
+        rig=unused,
+        root=tmp_path,
+        recordings=None,
+        allocation=Allocation("01", ("virtual", "real")),
+        seed=1,
+        purpose="STUDY",
+        anchored_in=None,
+        consent_on=None,
+        console=console,
+        clock=clock,
+    )
+    said = []
+    for _ in range(3):
+        visit._identify()
+        assert visit._identity is not None
+        said.append(visit._identity.text)
+    again = "participant 01, as the experimenter confirmed when this program began; not asked again"
+    assert said == ["participant 01, as the experimenter confirmed", again, again]
 
 
 def test_how_a_session_ended_is_said_in_sentences() -> None:

@@ -60,6 +60,9 @@ class ScriptedPort:
             self._changed.notify_all()
             assert self._changed.wait_for(lambda: not self._script, 10)
 
+    def check(self) -> None:
+        """There it is."""
+
     def discard(self) -> None:
         with self._changed:
             self._script.clear()
@@ -219,8 +222,9 @@ def test_a_port_that_vanishes_is_an_error_with_a_remedy(scripted: Open, error: E
     tracker, _ = scripted([frames(0, 1), error])
     tracker.read()
     for act in (tracker.read, tracker.drain):
-        with pytest.raises(TrackerStopped, match=r"the port has gone \(.*\); plug the device in again, then go on"):
+        with pytest.raises(TrackerStopped, match=r"the port has gone \(.*\); plug the device in again$"):
             act()
+    assert tracker.gone
 
 
 def test_what_came_before_the_port_vanished_is_read_first(scripted: Open) -> None:

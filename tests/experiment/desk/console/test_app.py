@@ -15,6 +15,7 @@ from textual.widgets import Input
 from experiment.desk.console import panes, presses
 from experiment.desk.console.app import Left, attend
 from experiment.desk.console.panes import Pane
+from experiment.desk.linked import CLOSED
 from experiment.desk.messages import (
     Choice,
     Choose,
@@ -176,11 +177,34 @@ def test_what_is_typed_when_nothing_is_asked_is_told_and_shown(tmp_path: Path) -
     async def then(there: Desk) -> None:
         await there.press("c", "enter", "left", "f12")
         assert await there.deeds(2) == [Typed(keys="c"), Typed(keys="\n")]
-        assert "Enter came before its question and was ignored. Press the key when it is asked for." in there.said
+        told = "Enter was pressed while nothing was asked, and was ignored."
+        assert told in there.said
         await there.show(asking("place"))
-        assert "Nothing is asked" not in there.said, "what was told before the question holds beside it"
+        assert told in there.said, "what was told before the question holds beside it"
+        await there.show(asking("answer", 6))
+        assert told not in there.said
 
     at_a_desk(tmp_path, ARMED, then)
+
+
+def test_what_was_told_of_a_question_that_is_over_stands_above_no_other(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        there.end.refusals = {"z": "'z' is no key here.", "y": CLOSED}
+        await there.press("z")
+        await there.until(lambda: "is no key here" in there.text)
+        await there.show(asking("place", 6))
+        assert "is no key here" not in there.text
+        await there.press("y")
+        await there.until(lambda: "answered nothing" in there.text)
+        await there.show(ARMED)
+        assert "answered nothing" not in there.text
+        await there.show(ARMED.model_copy(update={"state": "waiting"}))
+        await there.press("enter")
+        assert "was pressed while nothing was asked" in there.said
+        await there.show(ARMED)
+        assert "was pressed while nothing was asked" not in there.said
+
+    at_a_desk(tmp_path, asking("break"), then)
 
 
 def test_what_is_pasted_answers_nothing(tmp_path: Path) -> None:
