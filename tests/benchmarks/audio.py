@@ -1,4 +1,7 @@
-"""Which engine starts a stimulus at its sample: run `python -m tests.benchmarks.audio [STARTS]`.
+"""Which engine starts a stimulus at its sample: run `python -m tests.benchmarks.audio [STARTS] [--wall]`.
+
+With --wall starts are asked for and heard by the clock on the wall instead of in frames, so that what stands still
+shows: `wall.py` says how.
 
 A JACK server of our own with its dummy driver; each engine in a process of its own is asked for starts at known times,
 and a tap outside of it hears what its output carries. A start counts as missed where the tap did not hear it, and its
@@ -23,6 +26,7 @@ import numpy as np
 
 from experiment.rehearsal.wires.listener import Tap
 from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from tests.benchmarks import wall
 from tests.rig.sound import HOST_API
 
 RATE_HZ = 48_000
@@ -86,8 +90,10 @@ def rtmixer(starts: int) -> None:
 
 
 PTB = f"""
-import json, sys, time
+import ctypes, json, sys, time
 import numpy as np
+# Its wheels carry a libjack of their own, which servers of other versions do not understand: the system's comes first.
+ctypes.CDLL("libjack.so.0", ctypes.RTLD_GLOBAL)
 from psychtoolbox import PsychPortAudio as ppa, GetSecs
 ppa("Verbosity", 0)
 device = next(int(d["DeviceIndex"]) for d in ppa("GetDevices") if d["HostAudioAPIName"] == "{HOST_API}")
@@ -163,6 +169,10 @@ def measure(engine: str, starts: int, *, loaded: bool, busy: bool, exact: bool) 
 
 
 def main() -> None:
+    if "--wall" in sys.argv:
+        numbers = [int(word) for word in sys.argv[1:] if word != "--wall"]
+        wall.report(*numbers)
+        return
     if len(sys.argv) == 4:
         if int(sys.argv[3]):
             threading.Thread(target=exec, args=(LOOP,), daemon=True).start()

@@ -1,11 +1,13 @@
-"""Onset at contact through real parts: `python -m tests.benchmarks.landings [STEPS [SESSIONS [SEED [BUSY]]]] [--desk]`.
+"""Onset at contact through real parts: `python -m tests.benchmarks.landings [STEPS [SESSIONS [SEED [BUSY]]]]`, and
+`--desk` and `--drift PPM`.
 
 Feet step in real time behind a serial line; stimuli sound on a JACK server of the rehearsal's, and the loopback hears
 them. Of each step: how far the predicted contact, and the onset that was heard, are from where the simulated foot
 truly met the panel, both on the session's clock. So clock mapping, prediction and sound all stand in the figure. And
 how long after the arrival of the gate's frame the stimulus was scheduled, as trial records have it. BUSY processes do
 nothing but compute meanwhile. With --desk, and one session, a console, the participant's screen and the microphone are
-open and at work beside it (`attended.py`).
+open and at work beside it (`attended.py`). With --drift the tracker's clock gains so many parts in a million on the
+session's, or loses them where PPM is below zero; the sensor keeps to its clock, so its rate is off by as much.
 
 Once of all steps, and once of those that the session counts as delivered: a machine that stands still for a moment
 spoils a step, which is then known and done again. 2,000 steps take somewhat over half an hour; SESSIONS side by side,
@@ -62,6 +64,19 @@ SETTLED_S = 5.0
 """The device's clock is learned meanwhile, s."""
 
 
+class Gaining(MonotonicClock):
+    """A device's clock, which gains on the machine's."""
+
+    def __init__(self, ppm: float) -> None:
+        super().__init__()
+        self._begun_ns = super().now_ns()
+        self._ppm = ppm
+
+    def now_ns(self) -> int:
+        passed_ns = super().now_ns() - self._begun_ns
+        return self._begun_ns + passed_ns + round(passed_ns * self._ppm * 1e-6)
+
+
 @dataclass
 class Landed:
     """What one session saw; errors in ms, one entry a step.
@@ -89,7 +104,9 @@ class Landed:
     desk: str = "none"
 
 
-def session(folder: Path, steps: int, number: int, seed: int, with_desk: bool = False) -> Landed:
+def session(
+    folder: Path, steps: int, number: int, seed: int, with_desk: bool = False, drift_ppm: float = 0.0
+) -> Landed:
     """Step, in real time; `folder` holds a rehearsal. Sessions open one after the other: opening takes a core."""
     time.sleep(number * APART_S)
     protocol = files.load(shipped("okamoto2012.toml"))
@@ -105,7 +122,7 @@ def session(folder: Path, steps: int, number: int, seed: int, with_desk: bool = 
         materials = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()
-        foot = Foot(line, rig.tracker, real_time=True, rest_mm=REST_MM, noise_mm=NOISE_MM)
+        foot = Foot(line, rig.tracker, real_time=True, clock=Gaining(drift_ppm), rest_mm=REST_MM, noise_mm=NOISE_MM)
         opened.callback(foot.close)
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
@@ -150,7 +167,7 @@ def session(folder: Path, steps: int, number: int, seed: int, with_desk: bool = 
                 continue
             if not delivered.delivered:
                 landed.reasons[delivered.reason] += 1
-            true_ns = powered_ns + foot.true_contact_us * 1e3
+            true_ns = powered_ns + foot.true_contact_us * 1e3 / (1 + drift_ppm * 1e-6)
             heard_ns = delivered.onset_ns if delivered.onset_ns is not None else np.nan
             landed.speeds_mm_s.append(speed_mm_s)
             landed.predicted_ms.append((onset.scheduled_ns - true_ns) / 1e6)
@@ -173,7 +190,12 @@ def shown(name: str, errors_ms: list[float], speeds_mm_s: list[float], some: NDA
 
 
 def main() -> None:
-    numbers = [int(word) for word in sys.argv[1:] if word != "--desk"]
+    words, drift_ppm = [word for word in sys.argv[1:] if word != "--desk"], 0.0
+    if "--drift" in words:
+        at = words.index("--drift")
+        drift_ppm = float(words[at + 1])
+        del words[at : at + 2]
+    numbers = [int(word) for word in words]
     steps, sessions, seed, busy = (*numbers, *(STEPS, SESSIONS, 0, 0)[len(numbers) :])
     with_desk = "--desk" in sys.argv
     with tempfile.TemporaryDirectory() as name:
@@ -188,11 +210,13 @@ def main() -> None:
         with loaded(busy), ProcessPoolExecutor(sessions, mp_context=multiprocessing.get_context("spawn")) as pool:
             shares = [steps // sessions + (number < steps % sessions) for number in range(sessions)]
             desks = [with_desk and number == 0 for number in range(sessions)]
-            found = list(pool.map(session, [folder] * sessions, shares, range(sessions), [seed] * sessions, desks))
+            seeds, drifts = [seed] * sessions, [drift_ppm] * sessions
+            found = list(pool.map(session, [folder] * sessions, shares, range(sessions), seeds, desks, drifts))
     speeds = [speed for landed in found for speed in landed.speeds_mm_s]
     print(
         f"{len(speeds)} of {steps} steps landed with a stimulus scheduled, in {sessions} sessions side by side; "
         f"priority: {found[0].priority}; desk: {found[0].desk}; "
+        f"the tracker's clock gains {drift_ppm:g} ppm; "
         f"load average {os.getloadavg()[0]:.1f}. Mean and standard deviation, ms (steps)"
     )
     delivered = np.array([one for landed in found for one in landed.delivered], dtype=np.bool_)
