@@ -143,7 +143,7 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
         case "thanks":
             return words.thanks
         case "wait":
-            return words.wait
+            return f"{prompt.text}\n\n{words.wait}".strip()
 
 
 def _keys(prompt: Prompt, settings: ScreenRig) -> Iterator[tuple[str, str]]:

@@ -82,8 +82,6 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         show = "compare"
     if show == "wait" and view.step == DEBRIEFING:
         show = "finished"
-    if show == "wait" and view.instruction:
-        show = "instructions"
     gauges = view.gauges
     own = asked if asked is not None and asked.kind in theirs.answerable else None
     offered = {choice.key for choice in own.choices} if own is not None else set()
@@ -91,7 +89,7 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         offered.discard(LOUDER_KEY)
     return Prompt(
         show=show,
-        text=view.instruction if show in ("instructions", "ready", "compare") else "",
+        text=view.instruction if show in ("wait", "instructions", "ready", "compare") else "",
         again=bool(view.again) and show == "ready",
         unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},
         answers=theirs.answers if show in ("answer", "compare") else (),

@@ -52,7 +52,7 @@ class Masking:
         record instead. A masker that is silent for good is left as it is.
         """
         if probe is None:
-            criterion += " Nothing is played for that: have the participant touch the panel as in a trial, and listen."
+            criterion += " Nothing is played for that: have the participant touch it as in a trial, and listen."
         with self._lock:
             if not self._silenced:
                 self._go(self._masker.start, FIRST_DB_A if begin_db_a is None else begin_db_a)
@@ -74,7 +74,8 @@ class Masking:
         """Return whether the session goes on although the masker hides too little; that goes on record."""
         told = f"The participant still hears what the masker is to hide, at {limit_db_a:.0f} dB(A), the limit."
         yes, no = "go on all the same; it goes on record", "no, set the level again"
-        if not self._console.agree(text=f"{told} It may not be louder. Go on, or pause and end?", yes=yes, no=no):
+        asked = f"{told} It may not be louder. Go on all the same? To end instead, press no, then pause."
+        if not self._console.agree(text=asked, yes=yes, no=no):
             return False
         self._write(Note(trial=None, text=told))
         self._console.show(f"On record: {told}")

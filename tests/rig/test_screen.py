@@ -438,7 +438,7 @@ def test_a_session_opens_its_screen_and_goes_on_without_it(display: Display, rig
 
 SHOWN = {
     "familiarise": "instructions",
-    "place": "instructions",
+    "place": "wait",
     "armed": "ready",
     "answer": "answer",
     "confirm": "answer",

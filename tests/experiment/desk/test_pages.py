@@ -40,6 +40,10 @@ def drawn(page: Page) -> NDArray[np.uint8]:
 SHOWN: dict[str, tuple[Prompt | None, str]] = {
     "wait": (Prompt(), "Please wait."),
     "instructions": (Prompt(show="instructions", text="Crinkle the foil."), "Crinkle the foil."),
+    "wait before the first trial": (
+        Prompt(show="wait", text="Step, and say what."),
+        "Step, and say what.\n\nPlease wait.",
+    ),
     "rest": (Prompt(show="rest"), "Rest your foot still on the panel."),
     "ready": (Prompt(show="ready"), "You may step."),
     "ready for the first trial": (

@@ -144,8 +144,8 @@ def test_a_masker_at_its_limit_can_be_said_to_be_heard_and_is_no_louder(
 @pytest.mark.parametrize(
     ("view", "show"),
     [
-        (View(), "instructions"),
-        (View(question=Question(number=3, kind="place", text="", choices=())), "instructions"),
+        (View(), "wait"),
+        (View(question=Question(number=3, kind="place", text="", choices=())), "wait"),
         (View(state="armed"), "ready"),
         (View(pairs=True, question=Question(number=3, kind="answer", text="", choices=())), "compare"),
     ],
