@@ -107,3 +107,9 @@ def day(now_ns: int) -> date:
 def utc(now_ns: int) -> str:
     """Return a clock reading as ISO 8601 text, to the second."""
     return datetime.fromtimestamp(now_ns // 1_000_000_000, tz=UTC).isoformat()
+
+
+def minutes(lasts_s: float) -> str:
+    """Return how long something lasts as a person would say it, in whole seconds."""
+    whole, rest = divmod(round(lasts_s), 60)
+    return " ".join(filter(None, (f"{whole} min" if whole else "", f"{rest} s" if rest or not whole else "")))

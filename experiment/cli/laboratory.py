@@ -380,6 +380,8 @@ def withdraw(
     if erase and not yes:
         sessions, answers = enrolment.held(protocol_file, participant, root=dataset)
         what = f"{count(sessions, 'session')} of participant {participant} with {count(answers, 'answer')}"
+        if not sessions:
+            what = f"what is left of participant {participant}, who has no session here"
         options.confirm(f"This deletes {what}, for good.", participant, "nothing was erased")
     path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")

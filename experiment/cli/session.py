@@ -113,7 +113,7 @@ def run(
 
         view = _first_view(protocol, participant or "01", folder, practice=practice)
         with desk.beside(session_at, protocol_file, rig) as opened:
-            _listen(session_at, _linked(protocol, view, screen=opened), once)
+            _listen(session_at, _linked(protocol, view, screen=opened), once, last=task is None)
     elif served:
         threading.Thread(target=_end_with, args=(os.getppid(),), name="server", daemon=True).start()
         _attend(folder, participant or "01", by)
@@ -124,7 +124,7 @@ def run(
 
         heading = "PRACTICE" if practice else f"Participant {participant}."
         console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
-        typer.echo(told(once(console)))
+        typer.echo(told(once(console), last=task is None))
     else:
         _attend(folder, participant or "01", by)
 
@@ -192,7 +192,7 @@ def _linked(protocol: "Protocol", view: "View", *, screen: bool) -> "LinkedConso
     return LinkedConsole(view, theirs=prompts.theirs(protocol), screen=screen)
 
 
-def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"]) -> None:
+def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"], *, last: bool) -> None:
     """Run a session for consoles that connect at `path`, until it is complete or nobody wants it to go on."""
     from experiment.desk.link import Link
     from experiment.session.visit import BETWEEN, told
@@ -207,7 +207,7 @@ def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole
         except PalpateError as error:
             console.ended(str(error), error.exit_code)
             raise
-        console.ended(told(footer), 0)
+        console.ended(told(footer, last=last), 0)
 
 
 def _attend(folder: Path, participant: str, by: str) -> None:

@@ -10,7 +10,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 
-from experiment.clock import Clock, monotonic_ns, wall_ns
+from experiment.clock import Clock, minutes, monotonic_ns, wall_ns
 from experiment.desk import prompts
 from experiment.desk.messages import (
     ENTER,
@@ -370,8 +370,8 @@ class LinkedConsole:
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
         self._now(state="familiarising", trial=None, instruction=instruction)
-        least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
-        text = f"Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}"
+        least = minutes(min_s) if min_s > 0 else "up"
+        text = f"Familiarisation, {least} to {minutes(max_s)}. {instruction}"
         self._put("familiarise", text, (Choice(key=ENTER, words="the participant is familiar with the materials"),))
         self._now(state="preparing", instruction="")
 

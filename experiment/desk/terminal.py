@@ -8,6 +8,7 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
+from experiment.clock import minutes
 from experiment.desk.port import RESTS, WITHOUT, Attended, Corrected, Noted, Remark, Repeated, laid_out
 from experiment.errors import ScreenGone
 from experiment.settings import characters
@@ -143,7 +144,7 @@ class TerminalConsole(_Lines):
                 self.show(f"The line {error}, which cannot go on record; type it again without that character")
 
     def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        self.show(f"{why} {max(until_ns - clock.now_ns(), 0) / 60e9:.1f} min are left.")
+        self.show(f"{why} Left of it: {minutes(max(until_ns - clock.now_ns(), 0) / 1e9)}.")
         clock.sleep_ns(until_ns - clock.now_ns())
 
     def goes_on(self, *, why: str) -> bool:  # noqa: ARG002
@@ -151,8 +152,8 @@ class TerminalConsole(_Lines):
         return False
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        least = f"{min_s / 60:.1f}" if min_s > 0 else "up"
-        self.show(f"{self._heading}  Familiarisation, {least} to {max_s / 60:.1f} min. {instruction}")
+        least = minutes(min_s) if min_s > 0 else "up"
+        self.show(f"{self._heading}  Familiarisation, {least} to {minutes(max_s)}. {instruction}")
         self._ask("Press Enter when the participant is familiar with the materials: ")
 
     def instruct(self, *, instruction: str) -> None:

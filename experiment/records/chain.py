@@ -251,7 +251,7 @@ def write_through(file: FileIO, content: bytes, *, wait: bool = True) -> None:
 
 
 def hold(file: int, refused: str) -> None:
-    """Lock an open file or folder until it is closed. Raises `SessionLocked(refused)`; `OSError` where there are no locks."""
+    """Lock an open file or folder until it is closed. Raises `SessionLocked(refused)`, and `OSError` without locks."""
     if sys.platform == "win32":
         return
     import fcntl

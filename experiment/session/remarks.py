@@ -114,6 +114,11 @@ class Remarks:
             shown = characters.quoted(asked.key)
             return False, f"{shown} does not stand for an answer; type one of {allowed}. Nothing was corrected."
         answered = answers[asked.key]
+        if answered == dict(done.said)[asked.trial]:
+            return (
+                False,
+                f"The answer of trial {asked.trial} is {answered or 'no answer'} already. Nothing was corrected.",
+            )
         self._log.write(
             Correction(
                 trial=asked.trial,

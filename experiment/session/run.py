@@ -13,11 +13,11 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker import calibration
-from experiment.clock import Clock, MonotonicClock, day, wall_ns
+from experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from experiment.dataset import beliefs, build, register
 from experiment.dataset.bids import LABELS
 from experiment.desk.port import LAB_BOOK, NOT_ANCHORED, Attended, Console
-from experiment.errors import PalpateError, RecordingError, RigError, RosterError, SessionError, SessionLocked
+from experiment.errors import Interrupted, PalpateError, RecordingError, RigError, RosterError, SessionLocked
 from experiment.protocol import approval, files
 from experiment.protocol.models import Protocol
 from experiment.records import journal
@@ -267,7 +267,7 @@ class _Visit:
         return remarks.paused(self.root, self.allocation.participant, self.allocation.tasks, self.clock)
 
     def _identify(self) -> None:
-        """Have it confirmed, once, that the participant of the label is at the panel. Raises `SessionError` if not."""
+        """Have it confirmed, once, that the participant of the label is at the panel. Raises `Interrupted` if not."""
         who = self.allocation.participant
         if self._identity is not None:
             told = f"participant {who}, as the experimenter confirmed when this program began; not asked again"
@@ -280,7 +280,7 @@ class _Visit:
         name = f", {kept.name}" if kept is not None and kept.name else ""
         text = f"Is the person at the panel participant {who}{name}? {consent}{so_far}"
         if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
-            raise SessionError(
+            raise Interrupted(
                 f"the person at the panel is not participant {who}; nothing was begun; look up their label, and give "
                 "it with --participant"
             )
@@ -434,7 +434,7 @@ def _wait_for_break(
             continue
         left_ns = exposure.ended_ns(before) + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns()
         if left_ns > 0:
-            why = f"The break after task {other} lasts {protocol.task_order.break_min_s / 60:g} min at least."
+            why = f"The break after task {other} lasts {minutes(protocol.task_order.break_min_s)} at least."
             console.attend(remarks.paused(root, allocation.participant, (other,), clock))
             try:
                 console.wait(why=why, until_ns=clock.now_ns() + left_ns, clock=clock)

@@ -296,12 +296,10 @@ class _Session:
             if self._log.done.remaining:
                 self._devices.console.instruct(instruction=self._task.instruction)
             pause = self._trials()
-        except PauseAsked as asked:
-            pause = str(asked)
-            if (felt := self._log.done.unanswered) is not None:
+        except (ScreenGone, PauseAsked) as why:
+            pause, felt = str(why), self._log.done.unanswered
+            if isinstance(why, PauseAsked) and felt is not None:
                 self._devices.console.show(FELT.format(trial=felt[0]))
-        except ScreenGone as gone:
-            pause = str(gone)
         except PalpateError as error:
             self._follow(Event.FAIL)
             # It has ended as it is; whoever presses the key meanwhile wants no more, and a full disk takes no footer.

@@ -79,10 +79,10 @@ def _sentence(error: PalpateError) -> str:
     return f"{said[:1].upper()}{said[1:]}."
 
 
-def told(footer: Footer, *, onward: bool = True) -> str:
-    """Return in sentences how a session ended, and, if `onward`, how it goes on."""
+def told(footer: Footer, *, onward: bool = True, last: bool = False) -> str:
+    """Return in sentences how a session ended, and, if `onward`, how it goes on; it may be the `last` of a visit."""
     if footer.reason == "complete":
-        return f"The session is complete: {footer.answered} answers."
+        return f"The session is complete: {footer.answered} answers.{' The visit is done.' if last else ''}"
     how = f" {footer.detail}" if footer.detail.startswith("by ") else ""
     why = "" if how else f": {footer.detail.replace('interrupted', 'it was interrupted')}"
     kept = f"{footer.answered} answer{'' if footer.answered == 1 else 's'} on disk"

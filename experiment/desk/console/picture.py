@@ -94,6 +94,9 @@ STATES = {
 }
 """Where nothing is asked, by the session's state."""
 
+LEFT = 130
+"""The exit code of a session that the experimenter chose to leave."""
+
 FAILED = Phase("FAILED", "", RED)
 """A session whose process ended with a fault."""
 
@@ -105,7 +108,7 @@ GONE = Phase("GONE", "", RED)
 
 def phase(view: View) -> Phase:
     """Return what happens now."""
-    if view.ended is not None and view.ended.exit_code:
+    if view.ended is not None and view.ended.exit_code not in (0, LEFT):
         return FAILED
     if view.question is not None:
         if view.question.kind == "debrief" and view.step in view.steps[:-1]:

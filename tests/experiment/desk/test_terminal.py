@@ -207,7 +207,7 @@ def test_what_is_on_disk_is_said() -> None:
     one.familiarise(instruction="Crinkle them.", min_s=180, max_s=300)
     one.confirmed(trial=1, answer=None)
     assert screen.getvalue().splitlines() == [
-        "Participant 01.  Familiarisation, 3.0 to 5.0 min. Crinkle them.",
+        "Participant 01.  Familiarisation, 3 min to 5 min. Crinkle them.",
         "Participant 01.  Trial 1: the answer is on disk: no answer.",
     ]
 

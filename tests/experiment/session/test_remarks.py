@@ -75,6 +75,7 @@ def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Pa
     ("wrong", "told"),
     [
         (Corrected(3, "c", "not answered yet"), "Trial 3 has no answer that counts; nothing was changed."),
+        (Corrected(1, "c", "misheard"), "The answer of trial 1 is copy paper already. Nothing was corrected."),
         (Corrected(99, "c", "no such trial"), "Trial 99 has no answer that counts; nothing was changed."),
         (
             Corrected(1, "q", "no answer"),

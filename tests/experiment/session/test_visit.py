@@ -11,7 +11,7 @@ import pytest
 
 from experiment.clock import ManualClock
 from experiment.desk.port import Attended
-from experiment.errors import PalpateError, PauseAsked, RosterError, TrackerError
+from experiment.errors import Interrupted, PalpateError, PauseAsked, RosterError, TrackerError
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Footer
 from experiment.session import run
@@ -101,7 +101,7 @@ def test_what_no_second_try_mends_is_raised_at_once() -> None:
 
 
 def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_asked_again(
-    tmp_path: Path, protocol: Protocol
+    tmp_path: Path, protocol: Protocol, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # The rest of a visit's settings are for what is not asked here.
     clock = ManualClock(START_NS)
@@ -129,10 +129,15 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
         said.append(visit._identity.text)
     again = "participant 01, as the experimenter confirmed when this program began; not asked again"
     assert said == ["participant 01, as the experimenter confirmed", again, again]
+    vars(visit)["_identity"] = None
+    monkeypatch.setattr(console, "agree", lambda **_: False)
+    with pytest.raises(Interrupted, match="the person at the panel is not participant 01; nothing was begun"):
+        visit._identify()
 
 
 def test_how_a_session_ended_is_said_in_sentences() -> None:
     assert told(COMPLETE) == "The session is complete: 3 answers."
+    assert told(COMPLETE, last=True) == "The session is complete: 3 answers. The visit is done."
     assert told(PAUSED) == "The session is paused by hand, with 1 answer on disk. The same command goes on with it."
     assert told(PAUSED, onward=False) == "The session is paused by hand, with 1 answer on disk."
     over = Footer(reason="paused", detail="the protocol's 33 min of a session are over", answered=0)

@@ -195,6 +195,16 @@ def test_an_erasure_is_asked_for_and_only_the_label_confirms_it(
         assert before == {path: path.read_bytes() for path in study.root.rglob("*") if path.is_file()}
 
 
+def test_an_erasure_that_is_asked_for_again_counts_nothing_that_is_gone(
+    study: MadeStudy, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert palpate(*asked(study, "--erase", "--yes"))[0] == 0
+    monkeypatch.setattr("sys.stdin", io.StringIO("02\n"))
+    code, out, _ = palpate(*asked(study, "--erase"))
+    question = "This deletes what is left of participant 02, who has no session here, for good. Type 02 to go on: "
+    assert (code, out.startswith(question)) == (0, True)
+
+
 def test_whose_journal_is_damaged_can_be_erased(study: MadeStudy, palpate: Palpate) -> None:
     study.journal(1).write_bytes(b"torn")
     assert palpate(*asked(study, "--erase", "--yes"))[0] == 0

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from experiment.desk.console import picture
 from experiment.desk.messages import Ended, Gauges, Lamp, Question, View
+from experiment.errors import Interrupted
 
 FINITE = st.floats(-1e6, 1e6)
 
@@ -100,6 +101,8 @@ def test_a_session_that_failed_is_told_apart_from_one_that_ended() -> None:
     ended, failed = (View(state="ended", ended=Ended(words="", exit_code=code)) for code in (0, 2))
     assert picture.phase(ended) is picture.STATES["ended"]
     assert picture.phase(failed) is picture.FAILED
+    left = View(state="ended", ended=Ended(words="", exit_code=Interrupted.exit_code))
+    assert picture.phase(left) is picture.STATES["ended"], "who answers 'no, leave' is no fault"
 
 
 @pytest.mark.parametrize(
