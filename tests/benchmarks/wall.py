@@ -267,8 +267,8 @@ def begun_ns(frames: NDArray[np.int64], came_ns: NDArray[np.int64]) -> NDArray[n
     """
     since_ns = np.rint((frames - frames[0]) * (1e9 / RATE_HZ)).astype(np.int64)
     behind_ns = came_ns - since_ns
-    lowest_ns: NDArray[np.int64] = np.minimum.accumulate(behind_ns[::-1])[::-1]
-    return since_ns + lowest_ns
+    found_ns: NDArray[np.int64] = since_ns + np.minimum.accumulate(behind_ns[::-1])[::-1]
+    return found_ns
 
 
 @dataclass(frozen=True)
