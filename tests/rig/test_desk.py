@@ -174,6 +174,14 @@ def test_a_visit_that_is_stopped_at_every_step_in_every_way_goes_on_there(visit:
     assert verify(visit.root).refused == 0
 
 
+def test_the_order_of_the_tasks_is_shown_once_it_is_known_who_is_at_the_panel(visit: Desk) -> None:
+    visit.connect()
+    asked = visit.visit(STEPS["identity"])
+    assert (asked.step, asked.steps) == ("", ())
+    assert not [line for line in asked.lines if line.startswith("──")]
+    assert visit.visit(STEPS["familiarise"]).steps == (*TASKS, "debriefing")
+
+
 def test_what_is_asked_for_at_any_moment_is_done_answered_and_on_record(desk: Desk) -> None:
     desk.connect()
     assert desk.there is not None

@@ -98,7 +98,7 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     at_once = "Opening the session of PRACTICE, with a simulated laboratory ...\n"
     assert screen.startswith(f"{at_once}PRACTICE - simulated participants")
     assert "The materials 'felt' and 'cork' are simulated generically: they resemble nothing.\n" in screen
-    assert "Familiarisation, up to 54 s." in screen
+    assert "Familiarisation, up to 55 s." in screen
     code, rest = practise(tmp_path, "small.toml", "--task", "one")
     assert (code, "The session is complete: 4 answers." in rest) == (0, True), rest
     root = tmp_path / "participants" / "practice-small"

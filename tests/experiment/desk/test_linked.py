@@ -447,6 +447,7 @@ def test_a_break_asked_for_while_it_is_paused_begins_its_countdown_and_ends_noth
     bench.linked.attend(None)
     asked = bench.asks(lambda: bench.linked.goes_on(why="It paused."))
     first = bench.question("continue")
+    assert first.choices[0].words == "go on", "no session had begun"
     assert shown(bench.linked).pause_until_ns is None
     assert bench.do(Pause(minutes=5))[0]
     ends_s = time.monotonic() + 10

@@ -435,7 +435,9 @@ def test_a_tracker_that_is_gone_is_waited_for_until_the_session_is_over(protocol
     footer = one.run(short, header("real"), tmp_path)
     over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
     assert footer == Footer(reason="paused", detail=over, answered=0)
-    assert one.console.shown[1:] == ["the port has gone. The session waits for 60 s; nothing is lost."]
+    assert one.console.shown[1:] == [
+        "the port has gone. The session waits for 60 s, and goes on by itself; nothing is lost."
+    ]
 
 
 def test_a_session_in_real_time_tells_its_exposure_and_simulated_time_does_not(
