@@ -121,6 +121,18 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
     return found
 
 
+def fewest(question: Question, planned: Design, most: int) -> int:
+    """Return the fewest participants of a study, up to `most`, with whom a question's P can lie below its alpha.
+
+    Sign flips of n participants have a P of 2 / 2^n or more; every other test needs two participants in a task.
+    """
+    flips, alpha = question.subject.endswith(FLIPS), question.alpha or 1.0
+    needed = next((n for n in range(2, most) if not flips or 2.0 ** (1 - n) < alpha), most)
+    places = [place for place, task in enumerate(planned.tasks) if task.id in question.tasks]
+    every = ((size, planned.sizes(size)) for size in range(1, most))
+    return next((size for size, sizes in every if any(sizes[place] >= needed for place in places)), most)
+
+
 def _t(
     number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios], drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:

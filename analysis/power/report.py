@@ -142,7 +142,8 @@ def _needed(result: Power) -> Section:
         f"Power and type I error are those at n = {plan}, alpha {alphas}. n for {result.target:g} is the smallest of "
         f"the numbers tried ({_listed(result.participants)}) from which on the power is at least {result.target:g}; in "
         "brackets stand the smallest that may suffice, tried or not, and the smallest tried that does, by its Monte "
-        "Carlo error.",
+        "Carlo error. None is below that with which a test can have a P below alpha: 2 in a task, or n of 2 / 2^n for "
+        "sign flips.",
     )
     wanted = f"n for {result.target:g}"
     left = frozenset({0, 1})
@@ -169,8 +170,9 @@ def _ceiling(result: Power, plan: int) -> tuple[str, ...]:
         return ()
     return (
         f"At n = {plan} participants all give the same ratio in this share of the studies, as at ceiling: "
-        f"{'; '.join(often)}. They define no t, which then finds nothing, however many take part. Sign flips have a P "
-        "there too: plan with them.",
+        f"{'; '.join(often)}. They define no t, and such studies count as finding nothing, however clear their "
+        "answers. The more take part the fewer they are, so that t too may reach its power in the end. Sign flips have "
+        "a P there as well: plan with them.",
     )
 
 

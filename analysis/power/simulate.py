@@ -22,7 +22,7 @@ import numpy as np
 from analysis.power import comparisons
 from analysis.power.choice_models import ChoiceModel, draw, guessing
 from analysis.power.comparisons import PairModel
-from analysis.power.planned_tests import Answer, Design, Question, answer, not_simulated
+from analysis.power.planned_tests import Answer, Design, Question, answer, fewest, not_simulated
 from analysis.statistics.inference import wilson
 from experiment.errors import PowerError
 from experiment.protocol.models import Protocol
@@ -106,7 +106,8 @@ class Needed:
     """The smallest of the sizes tried from which on a question's power reaches the target; None where none does.
 
     `likely` judges by the estimate and `surely` by its lower Monte Carlo limit. `earliest` is one more than the largest
-    size tried before the one at which the upper limit does: sizes between the two were not tried, and may suffice.
+    size tried before the one at which the upper limit does: sizes between the two were not tried, and may suffice. It is
+    no less than the size from which on the test can have a P below alpha at all.
     """
 
     likely: int | None
@@ -154,7 +155,9 @@ class Power:
         likely = {row.participants: row.power for row in rows if row.power is not None}
         likely_at, high_at, low_at = (_reached(values, self.target) for values in (likely, high, low))
         below = [size for size in high if high_at is not None and size < high_at]
-        return Needed(likely_at, None if high_at is None else max(below, default=0) + 1, low_at)
+        if high_at is None:
+            return Needed(likely_at, None, low_at)
+        return Needed(likely_at, max(max(below, default=0) + 1, fewest(question, self.design, high_at)), low_at)
 
 
 Runner = Callable[

@@ -239,6 +239,8 @@ def test_participants_who_are_all_the_same_are_counted() -> None:
     shown = " ".join(report.text(result).split())
     assert "no variance" in shown
     assert "all give the same ratio in this share of the studies, as at ceiling: copy paper, virtual 100 %;" in shown
+    assert "They define no t, and such studies count as finding nothing, however clear their answers." in shown
+    assert "however many take part" not in shown
     assert result.row(result.questions[0], 6).quantiles is None  # type: ignore[union-attr]
 
 
@@ -255,8 +257,20 @@ def test_the_smallest_number_is_stated_with_its_uncertainty() -> None:
     assert (needed.earliest, needed.likely, needed.surely) == (9, 10, 14)
     control = [replace(r, participants=4) for r in result.rows if r.question == question and r.kind == "guessing"]
     never = replace(result, rows=(*rows[:1], *control), participants=(4,))
-    assert never.needed(question) == simulate.Needed(None, 1, None)
-    assert "more than 4 (1 to more than 4)" in " ".join(report.text(never).split())
+    assert never.needed(question) == simulate.Needed(None, 2, None)  # one participant defines no t
+    assert "more than 4 (2 to more than 4)" in " ".join(report.text(never).split())
+
+
+def test_no_number_is_said_to_suffice_with_which_a_test_cannot_find_anything() -> None:
+    """Sign flips need 2 / 2^n < 0.05, n = 6; where 10 of 15 do a task, 9 of a study are 6 in it, and 8 are 5."""
+    certain = ChoiceModel("test", tuple(Answers(task, np.eye(4, 5), np.zeros(4)) for task in ("virtual", "real")))
+    result = run(protocol(), certain, participants=(12, 15))
+    found = {
+        question.tasks[0]: result.needed(question) for question in result.questions if question.subject.endswith(FLIPS)
+    }
+    assert found == {"virtual": simulate.Needed(12, 6, 12), "real": simulate.Needed(12, 9, 12)}
+    two_way = next(question for question in result.questions if question.test == "two-way ANOVA")
+    assert [planned_tests.fewest(one, result.design, 12) for one in (result.questions[0], two_way)] == [2, 2]
 
 
 @pytest.mark.parametrize(
