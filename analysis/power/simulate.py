@@ -106,8 +106,8 @@ class Needed:
     """The smallest of the sizes tried from which on a question's power reaches the target; None where none does.
 
     `likely` judges by the estimate and `surely` by its lower Monte Carlo limit. `earliest` is one more than the largest
-    size tried before the one at which the upper limit does: sizes between the two were not tried, and may suffice. It is
-    no less than the size from which on the test can have a P below alpha at all.
+    size tried before the one at which the upper limit does: sizes between the two were not tried, and may suffice. It
+    is no less than the size from which on the test can have a P below alpha at all.
     """
 
     likely: int | None
