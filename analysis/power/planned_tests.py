@@ -133,6 +133,19 @@ def fewest(question: Question, planned: Design, most: int) -> int:
     return next((size for size, sizes in every if any(sizes[place] >= needed for place in places)), most)
 
 
+def starred(planned: Design, found: Mapping[Question, Answer]) -> dict[Question, int]:
+    """Return in how many studies one test or more of a question's family, by one kind of P, shows a mean above chance."""
+    shown: dict[tuple[object, ...], NDArray[np.bool_]] = {}
+    of: dict[Question, tuple[object, ...]] = {}
+    for asked, one in found.items():
+        if one.p is not None and one.above is not None and asked.alpha is not None:
+            tasks = planned.tests[asked.plan].correction == EVERY or asked.tasks
+            of[asked] = asked.plan, tasks, asked.adjusted, asked.subject.endswith(FLIPS)
+            own = (one.p < asked.alpha) & one.above
+            shown[of[asked]] = shown.get(of[asked], np.zeros_like(own)) | own
+    return {asked: int(np.count_nonzero(shown[family])) for asked, family in of.items()}
+
+
 def _t(
     number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios], drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:
