@@ -134,7 +134,7 @@ def fewest(question: Question, planned: Design, most: int) -> int:
 
 
 def starred(planned: Design, found: Mapping[Question, Answer]) -> dict[Question, int]:
-    """Return in how many studies one test or more of a question's family, by one kind of P, shows a mean above chance."""
+    """Return in how many studies one test or more of a question's family, by its kind of P, has a mean above chance."""
     shown: dict[tuple[object, ...], NDArray[np.bool_]] = {}
     of: dict[Question, tuple[object, ...]] = {}
     for asked, one in found.items():

@@ -142,7 +142,7 @@ def _needed(result: Power) -> Section:
              "at_earliest": needed.earliest, "surely": needed.surely}
         )  # fmt: skip
     alphas = ", ".join(dict.fromkeys(f"{question.alpha:g}" for question in result.questions if question.alpha))
-    notes = (
+    notes: tuple[str, ...] = (
         f"Power and type I error are those at n = {plan}, alpha {alphas}. n for {result.target:g} is the smallest of "
         f"the numbers tried ({_listed(result.participants)}) from which on the power is at least {result.target:g}; in "
         "brackets stand the smallest that may suffice, tried or not, and the smallest tried that does, by its Monte "

@@ -269,13 +269,13 @@ def test_the_risk_of_a_wrong_star_is_that_of_each_study_counted(correction: str 
     study = study.model_copy(update={"analysis": (plan,)})
     result = run(study, guess(study), participants=(15,), studies=400)
     control = [row for row in result.rows if row.kind == "guessing"]
-    chunk = Chunk(result.design, choice_models.guessing(study, guess(study)), "guessing", 15, 0, 400, 1)
+    model = choice_models.guessing(study, guess(study))
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(1, spawn_key=(1, 15, 0))))
     drawn = {
         task.id: draw(answers, trials=10, participants=size, studies=400, random=random)
-        for task, answers, size in zip(chunk.design.tasks, chunk.model.tasks, (15, 10), strict=True)  # type: ignore[union-attr]
+        for task, answers, size in zip(result.design.tasks, model.tasks, (15, 10), strict=True)
     }
-    found = planned_tests.answer(chunk.design, drawn)
+    found = planned_tests.answer(result.design, drawn)
     for row in control:
         asked, one = row.question, found[row.question]
         alike = [
