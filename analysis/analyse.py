@@ -269,7 +269,7 @@ def _task(task: TaskResult) -> dict[str, Any]:
             {
                 "material": test.material,
                 **asdict(test.result),
-                "stars": test.stars,
+                "stars": task.stars(test),
                 "p_holm": test.p_holm,
                 "sign_flip": _plain(test.flip),
                 "sign_flip_p_holm": test.flip_holm,

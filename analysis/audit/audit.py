@@ -21,7 +21,7 @@ from analysis.audit.checks import Checks
 from analysis.audit.evidence import FromResults
 from analysis.audit.mistakes import Citation, Line
 from analysis.audit.print_lines import print_lines
-from analysis.documents.tables import Section, Table, text
+from analysis.documents.tables import Section, Table, plural, text
 from analysis.identification.results import Results, TaskResult, compute
 from analysis.published import paper
 from analysis.published.numbers import PrintedIcc, Published
@@ -99,11 +99,12 @@ class Correlation:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Every printed number of one study beside the one from a dataset, or from the other numbers in print."""
+    """Every printed number of one study beside one from a dataset or from print; `unread` cells were not read."""
 
     source: str
     lines: tuple[Line, ...]
     correlations: tuple[Correlation, ...]
+    unread: int = 0
 
 
 @dataclass(frozen=True)
@@ -138,6 +139,7 @@ class Audit:
             "origin": None if self.origin == PRINT else self.origin,
             "label": self.label,
             "passed_over": list(self.passed_over),
+            "unread": self.comparison.unread,
             "lines": [{**asdict(line), "agrees": line.agrees} for line in self.comparison.lines],
         }
 
@@ -147,7 +149,8 @@ class Audit:
         lines = self.comparison.lines
         undecided = [line for line in lines if line.verdict in UNDECIDED]
         found = [line for line in lines if line.verdict != "agrees" and line not in undecided]
-        texts = [] if found else [f"Every printed number{' that can be checked' * bool(undecided)} agrees as rounded."]
+        which = " and ".join(["was read"] * bool(self.passed_over) + ["can be checked"] * bool(undecided))
+        texts = [] if found else [f"Every printed number{f' that {which}' if which else ''} agrees as rounded."]
         for title, held in (("What does not agree as rounded", found), ("What cannot be decided", undecided)):
             if held:
                 told = (
@@ -198,7 +201,7 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
         raise PublishedError(f"--against {against}: {target} is no dataset; give the folder of one, or leave it out")
     if is_paper:
         found = paper.read(path, stated or Stated())
-        comparison = Comparison(found.printed.source, print_lines(found.printed), ())
+        comparison = Comparison(found.printed.source, print_lines(found.printed), (), found.unread)
         return Audit(path.name, PRINT, "", comparison, found.passed_over)
     printed = published.load(target)
     if printed is None:
@@ -287,7 +290,9 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
         f"{c.statement}."
         for c in comparison.correlations
     )
-    paragraphs = [_counted(comparison.lines, origin), f"{comparison.source}. {ABOUT[origin]}", correlations]
+    unread = f" {plural(comparison.unread, 'cell')} {'was' if comparison.unread == 1 else 'were'} not read."
+    counted = _counted(comparison.lines, origin) + unread * bool(comparison.unread)
+    paragraphs = [counted, f"{comparison.source}. {ABOUT[origin]}", correlations]
     title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
     return Section("comparison", title, tuple(filter(None, paragraphs)), tuple(tables), tuple(records))
 

@@ -95,11 +95,18 @@ def accused(lines: Iterable[Line], printed: Published, causes: Sequence[Cause]) 
             text, right, reason = wrong[place]
             value = None if line.quantity == "stars" else Printed(right).value
             yield replace(line, printed=text, recomputed=right, low=value, high=value, verdict="differs", reason=reason)
-        elif line.quantity == "row" and line.verdict not in CONFLICTS and (line.task, line.subject) in rows:
+        elif line.quantity == "row" and (line.task, line.subject) in rows:
             with_ = f"with {' and '.join(rows[line.task, line.subject])}"
-            yield replace(line, reason="; ".join(filter(None, [line.reason, with_])))
+            own = [cell for cell in printed.tables() if (cell.where, f"row of {cell.presented}") == place[::2]]
+            text = added([cell for cell in own if cell.task == line.task])
+            yield replace(line, printed=text, reason="; ".join(filter(None, [line.reason, with_])))
         else:
             yield line
+
+
+def added(row: Sequence[PrintedCell]) -> str:
+    """Return the means of a row and their sum, as they are printed."""
+    return f"{' + '.join(cell.mean.text for cell in row)} = {float(sum(cell.mean.exact for cell in row)):.4g}"
 
 
 def _best(published: Published, evidence: FromPrint, work: Work) -> Cause | None:

@@ -287,8 +287,7 @@ def _lines(published: Published, evidence: FromPrint) -> tuple[Line, ...]:
 
 def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Sequence[PrintedCell], work: Work) -> Line:
     cited = Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
-    added = float(sum(cell.mean.exact for cell in cells))
-    printed = f"{' + '.join(cell.mean.text for cell in cells)} = {added:.4g}"
+    printed = causes.added(cells)
     task = published.task_named(cells[0].task)
     sums = sum_of(cell.mean.either for cell in cells)
     if task is None or task.trials is None:
@@ -340,7 +339,7 @@ def _judged(
     if row.misprinted:
         names = ", ".join(f"-> {cells[i].answered}{_slip_in(published, cells, i)}" for i in row.misprinted)
         besides = "so would" if gaps else "a possible cause is"
-        reasons.append(f"{besides} a misprint of one of {names}")
+        reasons.append(f"{besides} a misprint of {'one of ' * (len(row.misprinted) > 1)}{names}")
     possible = row.fewest <= row.trials <= row.most
     first = f"no whole counts give all means and SDs at once{given}" if possible else NO_ROW
     return cited.text("row", printed, found, "impossible", "; ".join([first, *reasons]))

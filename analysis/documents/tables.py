@@ -144,8 +144,17 @@ def table_text(table: Table, width: int = WIDTH) -> str:
         narrow = [max(1, *map(len, column)) for column in parts]
         if sizes[0] + sum(narrow) + len(GAP) * len(narrow) <= width:
             sizes[1:], rows = narrow, broken
-    blocks = []
-    for columns in _blocks(sizes, width, _naming(table.rows, sizes, width)):
+    blocks, naming = [], _naming(table.rows, len(sizes))
+    for most in (WIDEST, NARROWEST) if len(_blocks(sizes, width)) > 1 else ():
+        # Each part has the names of its rows, wrapped where that leaves room for a column beside them.
+        names = [min(size, most) for size in sizes[:naming]]
+        beside = max(*sizes[naming:-1], min(sizes[-1], NARROWEST), 0)
+        if sum(names) + len(GAP) * naming + beside <= width:
+            sizes[:naming] = names
+            break
+    else:
+        naming = 1
+    for columns in _blocks(sizes, width, naming):
         widths = [sizes[column] for column in columns]
         widths[-1] = min(widths[-1], max(width - sum(widths[:-1]) - len(GAP) * (len(widths) - 1), 1))
         header, *below = (_line(row, columns, widths, table.left) for row in rows)
@@ -200,14 +209,9 @@ def cell(value: object) -> object:
     return "" if value is None else value
 
 
-def _naming(rows: Sequence[tuple[str, ...]], sizes: Sequence[int], width: int) -> int:
-    """Return by how many of the first columns rows are told apart, at most half of the width; 1 where by none."""
-    for count in range(1, len(sizes)):
-        if sum(sizes[:count]) + len(GAP) * (count - 1) > width / 2:
-            break
-        if len({row[:count] for row in rows}) == len(rows):
-            return count
-    return 1
+def _naming(rows: Sequence[tuple[str, ...]], columns: int) -> int:
+    """Return by how many of the first columns rows are told apart; 1 where by none."""
+    return next((count for count in range(1, columns) if len({row[:count] for row in rows}) == len(rows)), 1)
 
 
 def _blocks(sizes: Sequence[int], width: int, naming: int = 1) -> list[list[int]]:

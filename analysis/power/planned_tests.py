@@ -121,6 +121,31 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
     return found
 
 
+def fewest(question: Question, planned: Design, most: int) -> int:
+    """Return the fewest participants of a study, up to `most`, with whom a question's P can lie below its alpha.
+
+    Sign flips of n participants have a P of 2 / 2^n or more; every other test needs two participants in a task.
+    """
+    flips, alpha = question.subject.endswith(FLIPS), question.alpha or 1.0
+    needed = next((n for n in range(2, most) if not flips or 2.0 ** (1 - n) < alpha), most)
+    places = [place for place, task in enumerate(planned.tasks) if task.id in question.tasks]
+    every = ((size, planned.sizes(size)) for size in range(1, most))
+    return next((size for size, sizes in every if any(sizes[place] >= needed for place in places)), most)
+
+
+def starred(planned: Design, found: Mapping[Question, Answer]) -> dict[Question, int]:
+    """Return in how many studies one test or more of a question's family, by its kind of P, has a mean above chance."""
+    shown: dict[tuple[object, ...], NDArray[np.bool_]] = {}
+    of: dict[Question, tuple[object, ...]] = {}
+    for asked, one in found.items():
+        if one.p is not None and one.above is not None and asked.alpha is not None:
+            tasks = planned.tests[asked.plan].correction == EVERY or asked.tasks
+            of[asked] = asked.plan, tasks, asked.adjusted, asked.subject.endswith(FLIPS)
+            own = (one.p < asked.alpha) & one.above
+            shown[of[asked]] = shown.get(of[asked], np.zeros_like(own)) | own
+    return {asked: int(np.count_nonzero(shown[family])) for asked, family in of.items()}
+
+
 def _t(
     number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios], drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:

@@ -120,7 +120,7 @@ def _pairs(
 
 
 def _needed(result: Power) -> Section:
-    plan = _as_planned(result)
+    plan, pairs = _as_planned(result), isinstance(result.model, PairModel)
     rows, brief, records, counted = [], [], [], []
     for question in result.questions:
         at, control = result.row(question, plan), result.row(question, plan, "guessing")
@@ -130,26 +130,37 @@ def _needed(result: Power) -> Section:
         size = _wanted(needed, result.participants[-1])
         counted += [at, control]
         names = title(question), subject(question)
-        rows.append((*names, f"{question.alpha:g}", _shown(at), _shown(control), size))
-        brief.append((*names, number(at.power), number(control.power), size))
+        wrong = control.tally.above, control.tally.family
+        above, family = (None if count is None else count / control.tally.studies for count in wrong)
+        stars = () if pairs else (number(above), number(family))
+        rows.append((*names, f"{question.alpha:g}", _shown(at), _shown(control), *stars, size))
+        brief.append((*names, number(at.power), number(control.power), *stars, size))
         records.append(
             {**_named(question), "participants_planned": plan, "power_planned": at.power,
-             "type_i_error_planned": control.power, "target": result.target, "participants_needed": needed.likely,
+             "type_i_error_planned": control.power, "type_i_error_above_planned": above,
+             "type_i_error_of_family_planned": family, "target": result.target, "participants_needed": needed.likely,
              "at_earliest": needed.earliest, "surely": needed.surely}
         )  # fmt: skip
     alphas = ", ".join(dict.fromkeys(f"{question.alpha:g}" for question in result.questions if question.alpha))
-    notes = (
+    notes: tuple[str, ...] = (
         f"Power and type I error are those at n = {plan}, alpha {alphas}. n for {result.target:g} is the smallest of "
         f"the numbers tried ({_listed(result.participants)}) from which on the power is at least {result.target:g}; in "
         "brackets stand the smallest that may suffice, tried or not, and the smallest tried that does, by its Monte "
-        "Carlo error.",
+        "Carlo error. None is below that with which a test can have a P below alpha: 2 in a task, or n of 2 / 2^n for "
+        "sign flips.",
     )
-    wanted = f"n for {result.target:g}"
-    left = frozenset({0, 1})
-    of_all = (*notes, IN_BRACKETS)
-    table = Table("", ("test", "of", "alpha", "power", "type I error", wanted), tuple(rows), left=left, notes=of_all)
+    if not pairs:
+        notes += (
+            "Above: the part of the type I error in which the mean lies above chance, which earns a star. Any: the "
+            "risk that one test or more of the family does, by the P of its row. The family is the materials of one "
+            "task, unless the protocol names those of all tasks.",
+        )
+    wanted, left = f"n for {result.target:g}", frozenset({0, 1})
+    stars = () if pairs else ("above", "any")
+    header = ("test", "of", "alpha", "power", "type I error", *stars, wanted)
+    table = Table("", header, tuple(rows), left=left, notes=(*notes, IN_BRACKETS))
     of_brief = (*notes, *_error(counted))
-    short = Table("", ("test", "of", "power", "type I", wanted), tuple(brief), left=left, notes=of_brief)
+    short = Table("", ("test", "of", "power", "type I", *stars, wanted), tuple(brief), left=left, notes=of_brief)
     return Section("needed", "Participants needed", _ceiling(result, plan), (table,), tuple(records), (short,))
 
 
@@ -169,8 +180,9 @@ def _ceiling(result: Power, plan: int) -> tuple[str, ...]:
         return ()
     return (
         f"At n = {plan} participants all give the same ratio in this share of the studies, as at ceiling: "
-        f"{'; '.join(often)}. They define no t, which then finds nothing, however many take part. Sign flips have a P "
-        "there too: plan with them.",
+        f"{'; '.join(often)}. They define no t, and such studies count as finding nothing, however clear their "
+        "answers. The more take part the fewer they are, so that t too may reach its power in the end. Sign flips have "
+        "a P there as well: plan with them.",
     )
 
 
@@ -283,6 +295,7 @@ def _record(row: Row) -> Mapping[str, object]:
         "studies": row.tally.studies,
         "significant": row.tally.significant,
         "of_these_above_chance": row.tally.above,
+        "family_above_chance": row.tally.family,
         "undefined": row.tally.undefined,
         "share": row.power,
         "low": low,

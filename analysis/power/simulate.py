@@ -11,7 +11,7 @@ import signal
 from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import metadata
 from itertools import chain
@@ -22,7 +22,7 @@ import numpy as np
 from analysis.power import comparisons
 from analysis.power.choice_models import ChoiceModel, draw, guessing
 from analysis.power.comparisons import PairModel
-from analysis.power.planned_tests import Answer, Design, Question, answer, not_simulated
+from analysis.power.planned_tests import Answer, Design, Question, answer, fewest, not_simulated, starred
 from analysis.statistics.inference import wilson
 from experiment.errors import PowerError
 from experiment.protocol.models import Protocol
@@ -60,7 +60,8 @@ class Tally:
     """The studies' answers to one question, counted.
 
     `significant` have P below alpha, `above` of these a mean above chance (None where the question has no chance), and
-    `undefined` no P, or no estimate where there is no P. `estimates` are the defined ones, in the order of the studies.
+    `undefined` no P, or no estimate where there is no P. In `family` one test or more of the question's family has such
+    a mean. `estimates` are the defined ones, in the order of the studies.
     """
 
     studies: int
@@ -68,6 +69,7 @@ class Tally:
     above: int | None
     undefined: int
     estimates: array[float] | None = None
+    family: int | None = None
 
 
 @dataclass(frozen=True)
@@ -106,7 +108,8 @@ class Needed:
     """The smallest of the sizes tried from which on a question's power reaches the target; None where none does.
 
     `likely` judges by the estimate and `surely` by its lower Monte Carlo limit. `earliest` is one more than the largest
-    size tried before the one at which the upper limit does: sizes between the two were not tried, and may suffice.
+    size tried before the one at which the upper limit does: sizes between the two were not tried, and may suffice. It
+    is no less than the size from which on the test can have a P below alpha at all.
     """
 
     likely: int | None
@@ -154,7 +157,9 @@ class Power:
         likely = {row.participants: row.power for row in rows if row.power is not None}
         likely_at, high_at, low_at = (_reached(values, self.target) for values in (likely, high, low))
         below = [size for size in high if high_at is not None and size < high_at]
-        return Needed(likely_at, None if high_at is None else max(below, default=0) + 1, low_at)
+        if high_at is None:
+            return Needed(likely_at, None, low_at)
+        return Needed(likely_at, max(max(below, default=0) + 1, fewest(question, self.design, high_at)), low_at)
 
 
 Runner = Callable[
@@ -218,7 +223,9 @@ def simulate(chunk: Chunk) -> dict[Question, Tally]:
         task.id: draw(answers, trials=task.repetitions, participants=size, studies=chunk.studies, random=random)
         for task, answers, size in zip(chunk.design.tasks, chunk.model.tasks, sizes, strict=True)
     }
-    return {question: _tally(question, found) for question, found in answer(chunk.design, drawn).items()}
+    every = answer(chunk.design, drawn)
+    families = starred(chunk.design, every)
+    return {question: replace(_tally(question, one), family=families.get(question)) for question, one in every.items()}
 
 
 def _chunks(
@@ -248,12 +255,14 @@ def _tally(question: Question, found: Answer) -> Tally:
 def _together(tallies: Sequence[Tally]) -> Tally:
     estimates = [tally.estimates for tally in tallies if tally.estimates is not None]
     above = [tally.above for tally in tallies if tally.above is not None]
+    family = [tally.family for tally in tallies if tally.family is not None]
     return Tally(
         studies=sum(tally.studies for tally in tallies),
         significant=sum(tally.significant for tally in tallies),
         above=sum(above) if above else None,
         undefined=sum(tally.undefined for tally in tallies),
         estimates=array("d", chain.from_iterable(estimates)) if estimates else None,
+        family=sum(family) if family else None,
     )
 
 

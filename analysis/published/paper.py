@@ -62,10 +62,11 @@ class Grid:
 
 @dataclass(frozen=True)
 class Paper:
-    """The printed numbers that were read, and a sentence for each table and each number that was not."""
+    """The printed numbers that were read, sentences on what was not, and how many cells were not."""
 
     printed: Published
     passed_over: tuple[str, ...]
+    unread: int = 0
 
 
 def read(path: Path, stated: Stated) -> Paper:
@@ -74,7 +75,7 @@ def read(path: Path, stated: Stated) -> Paper:
     Raises `PublishedError` in one line, for a file that cannot be read or holds no table of a known kind.
     """
     grids = _csv(path) if path.suffix.lower() in (".csv", ".tsv") else _html(path)
-    passed: list[str] = []
+    passed = _Passed()
     document: dict[str, Any] = {"study": "paper", "source": _clean(f"Tables of {path.name}", 200)}
     confusions = 0
     for grid in grids:
@@ -90,7 +91,7 @@ def read(path: Path, stated: Stated) -> Paper:
             "materials), ANOVA tables (SS, df, MS, F, P) and tables of t-tests (t, df, P); or write a TOML file"
         )
     try:
-        return Paper(load.checked(path, Published, document), tuple(passed))
+        return Paper(load.checked(path, Published, document), tuple(passed), passed.unread)
     except ProtocolError as error:
         raise PublishedError(f"{path}: {error.problems[0]}") from error
 
@@ -99,8 +100,27 @@ class _Unknown(Exception):
     """A table is of no known kind; the text says why."""
 
 
-MEAN_SD = re.compile(rf"^(-?{POSITIVE})(?: ?(?:±|\+/-|\+-) ?({POSITIVE})| ?[(\[] ?(?:SD ?=? ?)?({POSITIVE}) ?[)\]])?$")
-STARS = re.compile(r"(?<=[0-9%)\]]) ?[*∗†‡]+$|^[*∗†‡]+ ?(?=[0-9.])")
+class _Passed(list[str]):
+    """Sentences on what was passed over, and the number of cells that hold something and were not read."""
+
+    unread = 0
+
+    def cells(self, where: str, unread: Iterable[tuple[str, str]]) -> None:
+        """Tell which cells hold something and could not be read, if any."""
+        held = ((name, text) for name, text in unread if plain(text) not in NOTHING)
+        found = [f"{name} ('{_clean(text) or text.strip()[:40]}')" for name, text in held]
+        more = f" and {len(found) - TOLD} more" if len(found) > TOLD else ""
+        self.unread += len(found)
+        if found:
+            self.append(f"{where}: no number was read in these cells: {', '.join(found[:TOLD])}{more}.")
+
+
+STAR = "*∗†‡"
+MEAN_SD = re.compile(
+    rf"^(-?{POSITIVE})(?: ?[{STAR}]+(?= ?[±+(\[]))?"
+    rf"(?: ?(?:±|\+/-|\+-) ?({POSITIVE})| ?[(\[] ?(?:SD ?=? ?)?({POSITIVE}) ?[)\]])?$"
+)
+STARS = re.compile(rf"(?<=[0-9%)\]]) ?[{STAR}]+$|^[{STAR}]+ ?(?=[0-9.])")
 POWER = re.compile(r"(?<=[0-9]) ?[×x·*] ?10 ?\^? ?\(?(-[0-9]{1,2})\)?$")
 HEADINGS = {
     "ss": ("ss", "sum of squares", "sum sq", "sums of squares", "type iii ss", "type iii sum of squares"),
@@ -137,7 +157,7 @@ def _clean(text: str, most: int = 40) -> str:
     return re.sub(r"^[^\w]+|^_+", "", line)[:most].strip()
 
 
-def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int, passed: list[str]) -> int:
+def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int, passed: _Passed) -> int:
     """Add a table to the document, and to `passed` the cells that cannot be read; return 1 for a confusion table, or 0.
 
     Raises `_Unknown` for a table of no known kind, or without what has to be known beside it.
@@ -152,7 +172,7 @@ def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int, 
 
 def _below(
     document: dict[str, Any], where: str, heading: Sequence[str], rows: Sequence[tuple[str, ...]], stated: Stated,
-    confusions: int, passed: list[str],
+    confusions: int, passed: _Passed,
 ) -> int | None:  # fmt: skip
     """Add what stands below a row of headings; return as `_add` does, or None where the headings are not known."""
     header = [re.sub(r"[*†‡]", "", plain(cell)).strip() for cell in heading]
@@ -160,12 +180,12 @@ def _below(
     named = [(_clean(plain(row[0])), row) for row in rows]
     if "df" in known and ("ss" in known or "ms" in known):
         known.pop("t", None)
-        passed += _told(where, _unread(named, known))
+        passed.cells(where, _unread(named, known))
         document["anova"] = (*document.get("anova", ()), {"where": where, "lines": _sources(named, known)})
         return 0
     if "t" in known and "df" in known:
         known = {key: known[key] for key in ("t", "df", "p") if key in known}
-        passed += _told(where, _unread(named, known))
+        passed.cells(where, _unread(named, known))
         tests = tuple(_tests(named, known))
         if not tests:
             raise _Unknown("no line has both t and df")
@@ -184,7 +204,7 @@ def _below(
 
 def _add_confusion(
     document: dict[str, Any], where: str, named: Sequence[tuple[str, tuple[str, ...]]], answers: Sequence[str],
-    stated: Stated, number: int, passed: list[str],
+    stated: Stated, number: int, passed: _Passed,
 ) -> None:  # fmt: skip
     if not stated.participants:
         raise _Unknown("it is a confusion table, and how many took part is not known; give --participants")
@@ -196,6 +216,7 @@ def _add_confusion(
     for name, row in named:
         if name not in materials:
             unread += [(f"the row '{name}', which no column has", next(filter(None, row[1:]), ""))]
+            passed.unread += max(sum(plain(one) not in NOTHING for one in row[1:]), 1) - 1
             continue
         for answered, text in zip(answers[1:], row[1:], strict=True):
             match = MEAN_SD.match(plain(text)) if answered in materials else None
@@ -204,7 +225,7 @@ def _add_confusion(
             elif match:
                 sd = match[5] or match[9]
                 cells.append({"presented": name, "answered": answered, "mean": match[1], **({"sd": sd} if sd else {})})
-    passed += _told(where, unread)
+    passed.cells(where, unread)
     if not cells:
         raise _Unknown("no cell holds a mean, or a mean and an SD")
     if _is_percent(cells):
@@ -280,13 +301,6 @@ def _unread(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int])
         for key, i in known.items():
             if key not in held or (key == "df" and not WHOLE.fullmatch(held[key])):
                 yield f"{name or 'a line without a name'}, {key}", row[i]
-
-
-def _told(where: str, unread: Iterable[tuple[str, str]]) -> list[str]:
-    """Return a sentence on cells that hold something and could not be read, or nothing."""
-    found = [f"{name} ('{_clean(text) or text.strip()[:40]}')" for name, text in unread if plain(text) not in NOTHING]
-    more = f" and {len(found) - TOLD} more" if len(found) > TOLD else ""
-    return [f"{where}: no number was read in these cells: {', '.join(found[:TOLD])}{more}."] if found else []
 
 
 def _numbers(row: Sequence[str], known: dict[str, int]) -> dict[str, str]:

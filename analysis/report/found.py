@@ -58,7 +58,7 @@ def _record(task: TaskResult, test: MaterialTest, cell: Cell) -> dict[str, objec
         "quantity": "correct answer ratio", "task": task.task.id, "of": test.material, "n": test.result.n,
         "value": test.result.mean, "low": limits.low if limits else None, "high": limits.high if limits else None,
         "statistic": test.result.t, "p": test.result.p, "p_holm": test.p_holm,
-        "p_sign_flip_ours": test.flip.p if test.flip else None, "stars": test.stars, "also_in": "tests.csv",
+        "p_sign_flip_ours": test.flip.p if test.flip else None, "stars": task.stars(test), "also_in": "tests.csv",
     }  # fmt: skip
 
 

@@ -196,7 +196,7 @@ def confusion_section(results: Results) -> Section:
     records: list[Mapping[str, object]] = [
         {"task": task.task.id, "presented": presented, "answered": answered, "participants": matrix.n(i),
          "trials": int(matrix.trials[:, i].sum()), "count": int(matrix.counts[:, i, j].sum()),
-         "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.tests[i].stars if i == j else ""}
+         "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.stars(task.tests[i]) if i == j else ""}
         for task in results.tasks for matrix in (task.confusion,)
         for i, presented in enumerate(matrix.materials) for j, answered in enumerate((*matrix.materials, NO_ANSWER))
     ]  # fmt: skip
@@ -222,9 +222,11 @@ def tests_section(results: Results) -> Section:
                  "d_low": test.d.low if test.d else None, "d_high": test.d.high if test.d else None,
                  "log_bf10": test.log_bf10, "p_sign_flip_ours": test.flip.p if test.flip else None,
                  "p_sign_flip_holm": test.flip_holm, "least_p_sign_flip": test.flip.least if test.flip else None,
-                 "stars": test.stars, "statement": r.statement}
+                 "stars": task.stars(test), "statement": r.statement}
             )  # fmt: skip
         notes = [f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement]
+        gaps = sum(test.p_holm is None for test in task.tests)
+        notes += [f"Holm's m counts {plural(gaps, 'planned test')} without a P, as if P were 1."] * bool(gaps)
         notes += [
             f"{test.material}: d has no interval, because the noncentral t cannot be computed so far out."
             for test in task.tests

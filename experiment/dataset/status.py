@@ -253,7 +253,11 @@ def status(given: Path, today: date) -> Status:
     protocol_file = given if given.is_file() else None
     root = enrolment.default_root(files.load(given)) if protocol_file else given
     if not beliefs.has_journals(root):
-        raise DatasetError(f"{root}: holds no study; allowed: the dataset of one; enrol somebody first (palpate enrol)")
+        described = (root / "dataset_description.json").exists()
+        alone = beliefs.ALONE.get(beliefs.origin_of(root)) if described else None
+        held = f"it holds {alone}, of which palpate analyse {root} makes tables and a report"
+        mend = held if alone else "enrol somebody first (palpate enrol)"
+        raise DatasetError(f"{root}: holds no study; allowed: the dataset of one; {mend}")
     dataset, doubts = beliefs.doubted(root)
     known, protocol = dataset.roster, dataset.protocol
     believed = {path for path, _ in dataset.sessions}

@@ -20,8 +20,8 @@ import scipy.stats
 from statsmodels.stats.power import TTestPower
 from statsmodels.stats.proportion import proportion_confint
 
-from analysis.power import planned_tests, report, simulate
-from analysis.power.choice_models import Answers, ChoiceModel, fitted
+from analysis.power import choice_models, planned_tests, report, simulate
+from analysis.power.choice_models import Answers, ChoiceModel, draw, fitted
 from analysis.power.planned_tests import FLIPS
 from analysis.power.simulate import Chunk, Power
 from analysis.statistics.inference import t_against_chance
@@ -239,6 +239,8 @@ def test_participants_who_are_all_the_same_are_counted() -> None:
     shown = " ".join(report.text(result).split())
     assert "no variance" in shown
     assert "all give the same ratio in this share of the studies, as at ceiling: copy paper, virtual 100 %;" in shown
+    assert "They define no t, and such studies count as finding nothing, however clear their answers." in shown
+    assert "however many take part" not in shown
     assert result.row(result.questions[0], 6).quantiles is None  # type: ignore[union-attr]
 
 
@@ -255,8 +257,55 @@ def test_the_smallest_number_is_stated_with_its_uncertainty() -> None:
     assert (needed.earliest, needed.likely, needed.surely) == (9, 10, 14)
     control = [replace(r, participants=4) for r in result.rows if r.question == question and r.kind == "guessing"]
     never = replace(result, rows=(*rows[:1], *control), participants=(4,))
-    assert never.needed(question) == simulate.Needed(None, 1, None)
-    assert "more than 4 (1 to more than 4)" in " ".join(report.text(never).split())
+    assert never.needed(question) == simulate.Needed(None, 2, None)  # one participant defines no t
+    assert "more than 4 (2 to more than 4)" in " ".join(report.text(never).split())
+
+
+@pytest.mark.parametrize("correction", [None, "materials and tasks"])
+def test_the_risk_of_a_wrong_star_is_that_of_each_study_counted(correction: str | None) -> None:
+    """One study at a time: which means lie above chance with P below alpha, of one material and of its family."""
+    study = protocol()
+    plan = study.analysis[0].model_copy(update={"correction": correction})
+    study = study.model_copy(update={"analysis": (plan,)})
+    result = run(study, guess(study), participants=(15,), studies=400)
+    control = [row for row in result.rows if row.kind == "guessing"]
+    model = choice_models.guessing(study, guess(study))
+    random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(1, spawn_key=(1, 15, 0))))
+    drawn = {
+        task.id: draw(answers, trials=10, participants=size, studies=400, random=random)
+        for task, answers, size in zip(result.design.tasks, model.tasks, (15, 10), strict=True)
+    }
+    found = planned_tests.answer(result.design, drawn)
+    for row in control:
+        asked, one = row.question, found[row.question]
+        alike = [
+            (k, other) for k, other in found.items()
+            if (k.tasks == asked.tasks or correction) and k.adjusted == asked.adjusted
+            and (FLIPS in k.subject) == (FLIPS in asked.subject)
+        ]  # fmt: skip
+        assert len(alike) == (8 if correction else 4)
+        marks = [[p < 0.05 and up for p, up in zip(other.p, other.above, strict=True)] for _, other in alike]  # type: ignore[arg-type]
+        assert row.tally.above == sum(p < 0.05 and up for p, up in zip(one.p, one.above, strict=True))  # type: ignore[arg-type]
+        assert row.tally.family == sum(map(any, zip(*marks, strict=True)))
+        assert row.tally.family >= row.tally.above
+    (record, *_) = next(section for section in report.sections(result) if section.slug == "needed").records
+    counted = control[0].tally.above or 0, control[0].tally.family or 0
+    assert (record["type_i_error_above_planned"], record["type_i_error_of_family_planned"]) == tuple(
+        count / 400 for count in counted
+    )
+    assert "which earns a star" in report.text(result)
+
+
+def test_no_number_is_said_to_suffice_with_which_a_test_cannot_find_anything() -> None:
+    """Sign flips need 2 / 2^n < 0.05, n = 6; where 10 of 15 do a task, 9 of a study are 6 in it, and 8 are 5."""
+    certain = ChoiceModel("test", tuple(Answers(task, np.eye(4, 5), np.zeros(4)) for task in ("virtual", "real")))
+    result = run(protocol(), certain, participants=(12, 15))
+    found = {
+        question.tasks[0]: result.needed(question) for question in result.questions if question.subject.endswith(FLIPS)
+    }
+    assert found == {"virtual": simulate.Needed(12, 6, 12), "real": simulate.Needed(12, 9, 12)}
+    two_way = next(question for question in result.questions if question.test == "two-way ANOVA")
+    assert [planned_tests.fewest(one, result.design, 12) for one in (result.questions[0], two_way)] == [2, 2]
 
 
 @pytest.mark.parametrize(

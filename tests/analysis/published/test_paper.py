@@ -112,10 +112,55 @@ def test_cells_that_cannot_be_read_are_told(tmp_path: Path) -> None:
         "table 2: no number was read in these cells: a, t ('4.2l'), b, df ('13.6'), b, p ('n.s.').",
         "table 3: no number was read in these cells: group, p ('0.0l'), Error, ss ('2.x').",
     )
+    assert found.unread == 2 + 1 + 3 + 3 + 2
+    shown = " ".join(audit(str(file), stated=Stated((15,))).text().split())
+    assert ". 11 cells were not read. " in shown
     many = "\n".join(f"x{k},n.s.,14" for k in range(14))
     file.write_text(f"name,t,df\n{many}\ny,2.0,14\n", "utf-8")
     (said,) = paper.read(file, Stated()).passed_over
     assert said.endswith("x11, t ('n.s.') and 2 more.")
+
+
+def test_a_cell_that_was_not_read_is_no_agreement(tmp_path: Path) -> None:
+    file = tmp_path / "p.csv"
+    file.write_text("Table 1\n,a,b\na,0.70,0.3O\nb,0.10,0.90\n", "utf-8")
+    found = audit(str(file), stated=Stated((15,), 10))
+    shown = " ".join(found.text().split())
+    assert " agree. 1 cell was not read. " in shown
+    assert "Every printed number that was read agrees as rounded." in shown
+    assert found.as_dict()["unread"] == 1
+    file.write_text(file.read_text("utf-8").replace("0.3O", "0.30"), "utf-8")
+    shown = " ".join(audit(str(file), stated=Stated((15,), 10)).text().split())
+    assert "not read" not in shown
+    assert "Every printed number agrees as rounded." in shown
+
+
+STARRED = (
+    "0.767*** (0.156)",
+    "0.767<sup>***</sup> (0.156)",
+    "0.767 *** &plusmn; 0.156",
+    "0.767 (0.156)***",
+    "0.767\u2217\u2217 [SD = 0.156]",
+    "0.767<sup>\u2020</sup> +- 0.156",
+)
+
+
+@pytest.mark.parametrize("text", STARRED)
+def test_stars_stand_before_or_behind_the_sd(tmp_path: Path, text: str) -> None:
+    page = f"<table><tr><th><th>a<th>b<tr><td>a<td>{text}<td>0.2<tr><td>b<td>0.1<td>0.9</table>"
+    found = _read(tmp_path, page, Stated((15,)))
+    first = found.printed.table[0].cells[0]
+    assert (first.mean.text, first.sd and first.sd.text, found.unread) == ("0.767", "0.156", 0)
+
+
+def test_the_only_cell_whose_misprint_explains_a_row_is_named_alone(tmp_path: Path) -> None:
+    """No other mean beside 0.50 + 0.95 fills a row; 0.00 beside 0.50 + 0.50 does."""
+    file = tmp_path / "p.csv"
+    file.write_text(",a,b,c\na,0.95,0.50,0.50\nb,0.10,0.90,0.00\nc,0.00,0.60,0.50\n", "utf-8")
+    lines = audit(str(file), stated=Stated((15,), 10)).comparison.lines
+    alone, any_of = (one.reason for one in lines if one.verdict == "impossible")
+    assert "a possible cause is a misprint of -> a" in alone
+    assert "a possible cause is a misprint of one of -> b" in any_of
 
 
 def test_a_df_that_no_table_has_is_named_as_wrong(tmp_path: Path) -> None:

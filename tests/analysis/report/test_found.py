@@ -109,6 +109,28 @@ def test_what_one_of_the_two_tests_shows_is_said_of_it_alone_and_stars_without_s
         shown = [table for table in section.brief or section.tables if "(**)" in str(table.rows)]
         assert len(shown) == 1
         assert brackets in " ".join(shown[0].notes)
+    marks = [[one["stars"] for one in section.records if one.get("stars")] for section in (
+        found, sections.confusion_section(results), sections.tests_section(results))]  # fmt: skip
+    assert marks == [["(**)"]] * 3
+
+
+def test_a_material_without_a_t_counts_in_holms_family_which_the_table_and_the_methods_say(tmp_path: Path) -> None:
+    """Of three planned tests one has no variance: the smaller P is taken three times, the other one twice."""
+    right = zip([8, 8, 8, 8, 8, 4], [5, 6, 5, 6, 5, 6], [12] * 6, strict=True)
+    sessions = {
+        str(k): {"virtual": trials([*_right("glass", one), *_right("sand", two), *_right("snow", three)])}
+        for k, (one, two, three) in enumerate(right)
+    }
+    results = compute(read(write_dataset(tmp_path, sessions, tasks=("virtual",))), {})
+    glass, sand, snow = results.tasks[0].tests
+    assert snow.result.p is None
+    assert snow.p_holm is None
+    assert round(sand.p_holm or 0, 12) == round(3 * (sand.result.p or 1), 12)
+    assert round(glass.p_holm or 0, 12) == round(2 * (glass.result.p or 1), 12)
+    (table,) = sections.tests_section(results).tables
+    assert "Holm's m counts 1 planned test without a P, as if P were 1." in table.notes
+    (said,) = (text for title, text in sections.methods() if title == "Holm's correction")
+    assert "A planned test that is not defined counts in m" in " ".join(said.split())
 
 
 def test_where_sign_flips_are_not_defined_nothing_is_said_of_them(tmp_path: Path) -> None:

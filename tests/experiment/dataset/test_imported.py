@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import date
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from analysis.reading.dataset import read
 from experiment.dataset.bids import LABELS
 from experiment.dataset.imported import Imported, import_trials
 from experiment.dataset.reconstruction import import_counts, study_text
+from experiment.dataset.status import status
 from experiment.dataset.trial_files import Layout
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
@@ -39,6 +41,14 @@ def test_trials_as_analysis_reads_them(tmp_path: Path) -> None:
     assert rows["presented"].tolist() == ["felt", "cork", "cork"]
     assert rows["answered"].tolist() == ["felt", NO_ANSWER, "felt"]
     assert rows["response_time_s"].tolist()[::2] == [0.5, 0.25]
+
+
+def test_the_status_of_what_was_imported_says_that_it_is_and_which_command_makes_its_tables(tmp_path: Path) -> None:
+    root = _made(tmp_path).root
+    with pytest.raises(DatasetError) as refused:
+        status(root, date(2026, 1, 1))
+    said = f"it holds only what was imported, of which palpate analyse {root} makes tables and a report"
+    assert str(refused.value) == f"{root}: holds no study; allowed: the dataset of one; {said}"
 
 
 def test_every_file_says_what_it_is_and_none_who_took_part(tmp_path: Path) -> None:
