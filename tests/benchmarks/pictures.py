@@ -26,6 +26,7 @@ import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import asynccontextmanager, closing, contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import aiohttp
 from textual import events
@@ -40,6 +41,9 @@ from experiment.protocol.files import shipped
 from experiment.rehearsal import study
 from tests.experiment.desk.console.scripted import ScriptedEnd
 from tests.experiment.protocol.small import SMALL
+
+if TYPE_CHECKING:
+    from PIL import Image
 
 SMALL_SIZE, LARGE_SIZE = (80, 24), (132, 40)
 """Columns and rows; a browser draws about so many in 1280 x 800."""
@@ -106,14 +110,14 @@ def display() -> Iterator[str | None]:
         server.wait()
 
 
-def window(name: str, file: Path) -> None:
-    """Write what a monitor at a display would show."""
+def window(name: str) -> Image.Image:
+    """Return what a monitor at a display would show."""
     from PIL import Image
     from Xlib import X, display
 
     with closing(display.Display(name)) as there:
         got = there.screen().root.get_image(0, 0, *WINDOW_PX, X.ZPixmap, 0xFFFFFFFF)
-    Image.frombytes("RGB", WINDOW_PX, got.data, "raw", "BGRX").save(file)
+    return Image.frombytes("RGB", WINDOW_PX, got.data, "raw", "BGRX")
 
 
 def written_rig(folder: Path, protocol: Path, *, screen: bool) -> Path:
@@ -200,7 +204,7 @@ class Visit:
         for app, size in ((self.small, "small"), (self.large, "large")):
             (self._folder / f"{stem}-{size}.svg").write_text(app.export_screenshot(title=stem), "utf-8")
         if self._screen is not None:
-            window(self._screen, self._folder / f"{stem}-window.png")
+            window(self._screen).save(self._folder / f"{stem}-window.png")
         if self._page is not None:
             await self._page(self._folder / f"{stem}-served.png")
         sys.stdout.write(f"{stem}\n")
@@ -341,6 +345,8 @@ def main() -> None:
             folder / "session.log",
         ):
             until(lambda: link.answers(path))
+            # While the participant's screen opens there is nothing to see.
+            until(lambda: screen is None or window(screen).getbbox() is not None)
             with running([*command, "--serve", "127.0.0.1", "--port", str(port)], environment, served):
                 until(lambda: "token=" in served.read_text("utf-8"))
                 found = re.search(r"http://\S+token=\S+", served.read_text("utf-8"))
