@@ -4,12 +4,13 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
@@ -217,28 +218,32 @@ def _attend(folder: Path, participant: str, by: str) -> None:
 
     path = link.place(folder, participant)
     while True:
-        begun = None if link.answers(path) else _begin(path)
-        try:
-            # Loaded while the session's process loads.
-            from experiment.desk.console.app import attend
+        # A file without a name: what a session says at its end can be about a person.
+        with tempfile.TemporaryFile() as said:
+            begun = None if link.answers(path) else _begin(path, said)
+            try:
+                # Loaded while the session's process loads.
+                from experiment.desk.console.app import attend
 
-            if begun is not None:
-                _wait_for(begun, path)
-            left = attend(path, Hello(role="console", by=by))
-        except KeyboardInterrupt:
-            # Before a console took the key: nobody is left at the session that was begun for it.
-            if begun is not None:
-                begun.send_signal(signal.SIGINT)
-            raise
-        if left.why == "gone" and left.again:
-            continue
-        if left.why == "left":
-            typer.echo("The session goes on without a console. The same command comes back to it.")
-            return
-        if left.ended is not None:
-            typer.echo(left.ended.words)
-            raise typer.Exit(left.ended.exit_code)
-        raise LinkError(_last_words(path) if begun else "the session's process is gone; the same command resumes it")
+                if begun is not None:
+                    _wait_for(begun, path, said)
+                left = attend(path, Hello(role="console", by=by))
+            except KeyboardInterrupt:
+                # Before a console took the key: nobody is left at the session that was begun for it.
+                if begun is not None:
+                    begun.send_signal(signal.SIGINT)
+                raise
+            if left.why == "gone" and left.again:
+                continue
+            if left.why == "left":
+                typer.echo("The session goes on without a console. The same command comes back to it.")
+                return
+            if left.ended is not None:
+                typer.echo(left.ended.words)
+                raise typer.Exit(left.ended.exit_code)
+            raise LinkError(
+                _last_words(said) if begun else "the session's process is gone; the same command resumes it"
+            )
 
 
 def _serve(host: str, port: int) -> None:
@@ -257,27 +262,27 @@ def _end_with(server: int) -> None:
     os.kill(os.getpid(), signal.SIGHUP)
 
 
-def _begin(path: Path) -> "subprocess.Popen[bytes]":
-    """Begin the session's process by the command that this one was given."""
+def _begin(path: Path, said: IO[bytes]) -> "subprocess.Popen[bytes]":
+    """Begin the session's process by the command that this one was given; what it prints goes into the file."""
     command = [sys.executable, "-m", "experiment", *sys.argv[1:], "--session-at", str(path)]
-    with path.with_suffix(".log").open("wb") as log:
-        # A session of its own: what ends the terminal does not end it.
-        return subprocess.Popen(  # noqa: S603
-            command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, start_new_session=True
-        )
+    # A session of its own: what ends the terminal does not end it.
+    return subprocess.Popen(  # noqa: S603
+        command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True
+    )
 
 
-def _wait_for(process: "subprocess.Popen[bytes]", path: Path) -> None:
+def _wait_for(process: "subprocess.Popen[bytes]", path: Path, said: IO[bytes]) -> None:
     """Wait until the session's process listens. Raises `LinkError` with its last words if it does not."""
     from experiment.desk import link
 
     begun_s = time.monotonic()
     while not link.answers(path):
         if process.poll() is not None or time.monotonic() - begun_s > BEGINS_S:
-            raise LinkError(_last_words(path))
+            raise LinkError(_last_words(said))
         time.sleep(0.02)
 
 
-def _last_words(path: Path) -> str:
-    said = path.with_suffix(".log").read_text("utf-8", "replace").strip()
-    return said.removeprefix("palpate: ") or "the session's process ended without a word; the same command resumes it"
+def _last_words(said: IO[bytes]) -> str:
+    # Where the process still writes, it goes on from where it is.
+    words = os.pread(said.fileno(), 1 << 16, 0).decode("utf-8", "replace").strip()
+    return words.removeprefix("palpate: ") or "the session's process ended without a word; the same command resumes it"

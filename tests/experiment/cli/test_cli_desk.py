@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, BinaryIO
 
 import pytest
 
 from experiment import storage
 from experiment.cli import desk, session
 from experiment.cli.analysis import status_of
-from experiment.errors import DatasetError
+from experiment.errors import DatasetError, LinkError
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from tests.conftest import Palpate
@@ -81,6 +81,23 @@ def test_an_interrupt_while_a_console_is_opened_ends_the_session_that_was_begun_
     with pytest.raises(KeyboardInterrupt):
         session._attend(tmp_path, "01", "console")
     assert begun[0].done == ["signal 2"]
+
+
+def test_why_a_session_did_not_begin_is_told_and_stays_nowhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Refused(Process):
+        def __init__(self, command: list[str], *, stdout: BinaryIO, **_: Any) -> None:
+            super().__init__(command)
+            stdout.write(b"palpate: participant 02 withdrew (was cold) and is not run again\n")
+            stdout.flush()
+
+        def poll(self) -> int:
+            return 2
+
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    monkeypatch.setattr("subprocess.Popen", Refused)
+    with pytest.raises(LinkError, match=r"^participant 02 withdrew \(was cold\) and is not run again$"):
+        session._attend(tmp_path / "study", "02", "console")
+    assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
 def test_without_a_table_for_it_no_screen_is_opened(tmp_path: Path) -> None:
