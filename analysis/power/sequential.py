@@ -187,8 +187,9 @@ def draw(
     level = random.standard_normal((studies, people))
     found = []
     for task, answers in zip(planned.tasks, model.tasks, strict=True):
-        counts = np.empty((len(planned.materials), studies, people), dtype=np.int64)
-        for i, spread in enumerate(answers.spread.tolist()):
+        counts = np.zeros((len(planned.materials), studies, people), dtype=np.int64)
+        for i in planned.places(task.id):
+            spread = float(answers.spread[i])
             share = float(_chance(planned, task.id)) if control else float(answers.shares[i, i])
             own = math.sqrt(alike) * level + math.sqrt(1 - alike) * random.standard_normal((studies, people))
             shares: Any = share
@@ -228,8 +229,8 @@ def _stopped(
 
     for task, counts in zip(planned.tasks, right, strict=True):
         chance = _chance(planned, task.id)
-        for material, own in zip(planned.materials, counts, strict=True):
-            name = f"{material}, {task.id}"
+        for place in planned.places(task.id):
+            name, own = f"{planned.materials[place]}, {task.id}", counts[place]
             yield name, stops(own / task.repetitions - float(chance))
             if rule != "bayes":
                 trials = task.repetitions

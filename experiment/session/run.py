@@ -191,7 +191,7 @@ class _Visit:
             fidelity.refuse_what_leaves_out_too_much(
                 protocol=protocol, rig=rig, rig_folder=self.rig_file.parent, recordings=folder
             )
-            used = _keep_recordings(root, folder, protocol, planned)
+            used = _keep_recordings(root, folder, protocol)
         # Whoever runs the participant elsewhere is told of before anything is opened or asked.
         theirs = storage.participant_folder(root, participant)
         journal.check_free(theirs, participant)
@@ -401,7 +401,7 @@ def _real_recordings(root: Path, given: Path | None) -> Path:
     return folder
 
 
-def _keep_recordings(root: Path, folder: Path, protocol: Protocol, planned: scene.Scene) -> Path:
+def _keep_recordings(root: Path, folder: Path, protocol: Protocol) -> Path:
     """Return the recordings in the dataset; they are copied there at the first session that names them."""
     from experiment.recordings import manifest
 
@@ -410,7 +410,8 @@ def _keep_recordings(root: Path, folder: Path, protocol: Protocol, planned: scen
         if manifest.sha256(folder) != manifest.sha256(kept):
             raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
     else:
-        manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=planned.materials)
+        needed = scene.virtual(protocol).materials
+        manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=needed)
         with storage.new_folder(kept) as partial:
             for file in filter(Path.is_file, folder.rglob("*")):
                 storage.create(partial / file.relative_to(folder), file.read_bytes())
