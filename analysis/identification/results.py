@@ -262,10 +262,13 @@ def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest
 
 
 def _crossed(tasks: Sequence[TaskResult]) -> tuple[Cells | None, str]:
+    places = shared(task.confusion for task in tasks) if tasks else ()
+    if tasks and not places:
+        return None, "the tasks have no material in common"
     values: list[Fraction] = []
     levels: tuple[list[str], list[str]] = ([], [])
     for task in tasks:
-        for index in shared(one.confusion for one in tasks):
+        for index in places:
             material = task.confusion.materials[index]
             ratios = list(task.confusion.ratios(index, index).values())
             values += ratios

@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -239,12 +240,10 @@ def _stopped(
                     return sign_flip_tests(own[:, :look], trials, chance)
 
                 yield f"{name}{FLIPS}", stops(own / trials - float(chance), flips)
-    if len(right) > 1:
-        means = [of.mean(axis=0) / task.repetitions for task, of in zip(planned.tasks, right, strict=True)]
-        names = [task.id for task in planned.tasks]
-        for a in range(len(means)):
-            for b in range(a + 1, len(means)):
-                yield f"{names[a]} - {names[b]}, paired (ours)", stops(means[a] - means[b])
+    for (one, first), (other, second) in combinations(zip(planned.tasks, right, strict=True), 2):
+        if places := planned.places(one.id, other.id):
+            gaps = first[places].mean(axis=0) / one.repetitions - second[places].mean(axis=0) / other.repetitions
+            yield f"{one.id} - {other.id}, paired (ours)", stops(gaps)
 
 
 def _mean(shares: Floats, looks: Sequence[int]) -> float:

@@ -37,6 +37,7 @@ from analysis.report.identification_sections import (
 from analysis.report.plan import (
     DESCRIPTIVE,
     EXPLORATORY,
+    NEVER,
     OURS,
     TWO_WAY,
     Standing,
@@ -329,7 +330,7 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -
         "confused most erred in 11 to 14 %, because of that choice.",
         *(f"The {name} is not defined: {reason}." for name, reason in reasons.items()),
         *(
-            f"There is no one-way ANOVA of {task.task.id}: no material was taken for another."
+            f"There is no one-way ANOVA of {task.task.id}: {NEVER}."
             for task in results.tasks
             if task.task.id not in tested
         ),

@@ -313,15 +313,16 @@ def _real(
 def _virtual(
     scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path, budget: ErrorBudget
 ) -> tuple[tuple[str, ...], tuple[Omission, ...]]:
+    from experiment.recordings import manifest
+
     rate_hz = rig.actuator.rate_hz
     held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     needs = [f"parts     {', '.join(ALWAYS)}, synthesis, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
-    every = scenes.virtual(protocol)
-    if others := tuple(material for material in every.materials if material not in scene.materials):
-        load = partial(
-            scenes.load_spectra, scene=replace(every, materials=others), protocol=protocol, recordings=recordings
-        )
+    recorded = manifest.materials_of(recordings).difference(scene.materials)
+    if others := tuple(one.id for one in protocol.materials if one.id in recorded):
+        unused = replace(scene, materials=others)
+        load = partial(scenes.load_spectra, scene=unused, protocol=protocol, recordings=recordings)
         nothing = "nothing: no trial of this task presents them"
         left_out.append(Omission("materials", f"spectra of {', '.join(others)}", *measured(load), nothing))
     for material, basis in scenes.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():

@@ -61,6 +61,11 @@ BROKEN = [
     (changed(comparing(), ("comparison", "first_key"), "0"), "answers.no_answer_key", "a key of its own"),
     (changed(comparing(), ("comparison", "first_key"), "+"), "comparison.first_key", "which set the masker's level"),
     (
+        changed(comparing(), ("tasks", 0, "materials"), ("felt",)),
+        "tasks[0].materials",
+        "no value: a task of pairs presents every material",
+    ),
+    (
         changed(
             comparing(),
             ("exclusion",),

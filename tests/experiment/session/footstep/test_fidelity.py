@@ -132,6 +132,25 @@ def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(protocol: 
     assert re.match(r"at most 34\.\d% \(rms\) of copy paper at 193", judged(protocol=allowing(protocol, 0.35), **given))
 
 
+def test_a_rig_is_judged_by_what_some_task_presents(
+    protocol: Protocol, volts: Rig, found: dict[str, Fidelity], recordings: Path
+) -> None:
+    def presenting(*of: tuple[str, ...] | None) -> Protocol:
+        tasks = zip(("virtual", "again"), of, strict=False)
+        made = (protocol.task("virtual").model_copy(update={"id": name, "materials": own}) for name, own in tasks)
+        return allowing(protocol, 0.3).model_copy(update={"tasks": (*made, protocol.task("real"))})
+
+    given: dict[str, Any] = {"rig": volts, "rig_folder": RIGS, "recordings": recordings}
+    worst = {name: max(one.left_out for one in of.budgets) for name, of in found.items()}
+    assert worst["copy paper"] > 0.3 > worst["polypropylene"]
+    assert "of polypropylene at" in judged(protocol=presenting(("polypropylene",)), **given)
+    for fails in (presenting(None), presenting(("polypropylene",), ("copy paper",))):
+        with pytest.raises(RigError, match="of copy paper at 193"):
+            judged(protocol=fails, **given)
+        # What is refused for one task is refused for the study, whose participants do them all.
+        assert "of copy paper at 193" in error_budget(task_id="virtual", protocol=fails, **given).refused
+
+
 def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
     dead = Fidelity((20.0,), (Budget(1.0, 0.0, above=0.1, held_back=0.3),), (1.0,), (), None, None)
     most = most_left_out({"felt": dead}, (10.0, 600.0))
