@@ -81,6 +81,14 @@ def _played(protocol: Protocol, tasks: Sequence[Task]) -> tuple[str, ...]:
     return tuple(material.id for material in protocol.materials if material.id in wanted)
 
 
+def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
+    """Return a scene with the materials instead that are recorded and not its own; errors as `load_spectra`."""
+    from experiment.recordings import manifest
+
+    recorded = manifest.materials_of(recordings).difference(scene.materials)
+    return replace(scene, materials=tuple(one.id for one in protocol.materials if one.id in recorded))
+
+
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
     """Return the spectra of the materials that `scene` holds, and of no others, from the folder of their recordings.
 

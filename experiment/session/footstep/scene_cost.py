@@ -9,7 +9,7 @@ import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -313,18 +313,15 @@ def _real(
 def _virtual(
     scene: scenes.Scene, protocol: Protocol, rig: Rig, recordings: Path, budget: ErrorBudget
 ) -> tuple[tuple[str, ...], tuple[Omission, ...]]:
-    from experiment.recordings import manifest
-
     rate_hz = rig.actuator.rate_hz
     held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     needs = [f"parts     {', '.join(ALWAYS)}, synthesis, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
-    recorded = manifest.materials_of(recordings).difference(scene.materials)
-    if others := tuple(one.id for one in protocol.materials if one.id in recorded):
-        unused = replace(scene, materials=others)
-        load = partial(scenes.load_spectra, scene=unused, protocol=protocol, recordings=recordings)
+    others = scenes.besides(scene=scene, protocol=protocol, recordings=recordings)
+    if others.materials:
+        load = partial(scenes.load_spectra, scene=others, protocol=protocol, recordings=recordings)
         nothing = "nothing: no trial of this task presents them"
-        left_out.append(Omission("materials", f"spectra of {', '.join(others)}", *measured(load), nothing))
+        left_out.append(Omission("materials", f"spectra of {', '.join(others.materials)}", *measured(load), nothing))
     for material, basis in scenes.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():
         off = percent(*budget.materials[material].range(lambda one: one.total))
         way = "basis waveforms" if rig.actuator.shaping is None else "voltages, prepared where they fit"

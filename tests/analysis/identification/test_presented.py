@@ -15,12 +15,12 @@ from analysis.identification.results import Results, TaskResult, compute
 from analysis.reading.dataset import read
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
 
-PRESENTED: dict[str, tuple[str, ...]] = {"virtual": ("glass", "sand"), "real": ("sand", "snow")}
-VIRTUAL = {"glass": (3, 2, 4, 1, 3, 2, 4, 2), "sand": (2, 3, 1, 2, 4, 1, 2, 3)}
-REAL = {"sand": (1, 3, 2, 2, 3, 1, 3, 2), "snow": (4, 2, 3, 4, 1, 3, 2, 4)}
-"""Right answers of each of eight participants in four trials with a material; others are wrong, as another material."""
-
 Right = dict[str, tuple[int, ...]]
+
+PRESENTED: dict[str, tuple[str, ...]] = {"virtual": ("glass", "sand"), "real": ("sand", "snow")}
+VIRTUAL: Right = {"glass": (3, 2, 4, 1, 3, 2, 4, 2), "sand": (2, 3, 1, 2, 4, 1, 2, 3)}
+REAL: Right = {"sand": (1, 3, 2, 2, 3, 1, 3, 2), "snow": (4, 2, 3, 4, 1, 3, 2, 4)}
+"""Right answers of each of eight participants in four trials with a material; others are wrong, as another material."""
 
 
 def rows(right: Right, person: int) -> list[dict[str, object]]:
@@ -65,7 +65,8 @@ def test_tests_and_intervals_are_of_what_was_presented_against_one_of_all_materi
     assert [test.material for test in one.tests] == ["glass", "sand"]
     for test in one.tests:
         wanted = stats.ttest_1samp(np.array(VIRTUAL[test.material]) / 4, 1 / 3)
-        assert (test.result.t, test.result.p) == (pytest.approx(wanted.statistic), pytest.approx(wanted.pvalue))
+        assert test.result.t == pytest.approx(wanted.statistic)
+        assert test.result.p == pytest.approx(wanted.pvalue)
     p = np.array([test.result.p for test in one.tests], dtype=np.float64)
     # Holm's method over two: the smaller P twice, the larger no less than that.
     held = [test.p_holm for test in one.tests]
@@ -80,7 +81,8 @@ def test_tasks_are_compared_over_what_both_present(found: Results) -> None:
     assert (shared(both), in_every(both)) == ((1,), list(map(str, range(8))))
     (pair,) = found.beside.paired
     wanted = stats.ttest_rel(np.array(VIRTUAL["sand"]), np.array(REAL["sand"]))
-    assert (pair.test.n, pair.test.t) == (8, pytest.approx(wanted.statistic))
+    assert pair.test.n == 8
+    assert pair.test.t == pytest.approx(wanted.statistic)
     assert [(one.subject, one.result.n) for one in found.equivalences.tasks] == [(SHARED, 8), ("sand", 8)]
     assert [one.subject for one in found.equivalences.pairs] == ["glass and sand", "sand and snow"]
     # One material is too few for two factors, and said so.
@@ -126,7 +128,7 @@ def test_the_two_way_anova_is_that_of_the_shared_materials_alone(tmp_path: Path)
     real = {"glass": REAL["snow"], "sand": REAL["sand"], "snow": VIRTUAL["glass"]}
     some = compute(read(made(tmp_path / "some", {"virtual": ("glass", "sand")}, virtual=VIRTUAL, real=real)), {})
     alone = {name: real[name] for name in ("glass", "sand")}
-    both = dict.fromkeys(("virtual", "real"), ("glass", "sand"))
+    both: dict[str, tuple[str, ...]] = dict.fromkeys(("virtual", "real"), ("glass", "sand"))
     whole = compute(read(made(tmp_path / "whole", both, virtual=VIRTUAL, real=alone)), {})
     assert [[(one.name, one.f, one.df) for one in anova.effects] for anova in some.two_way] == [
         [(one.name, one.f, one.df) for one in anova.effects] for anova in whole.two_way

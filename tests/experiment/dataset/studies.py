@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -88,7 +87,7 @@ def make_study(
     sessions: int = 2,
     kept_months: int | None = None,
     voices: bool = False,
-    further: Mapping[str, str] | None = None,
+    further: dict[str, str] | None = None,
     keys: str = "capt",
 ) -> MadeStudy:
     """Make a study in a folder; the first `sessions` participants do their first task.
