@@ -159,13 +159,23 @@ class Kind(Protocol):
         return
 
 
+@dataclass(frozen=True, kw_only=True)
+class Lent:
+    """What a session lends its kind: entries and frames go to `log`, and nothing is felt beyond `limits`."""
+
+    protocol: StudyProtocol
+    header: Header
+    console: Console
+    clock: Clock
+    log: Log
+    limits: Limits
+
+
 class KindDevices(Protocol):
     """The opened devices of one kind."""
 
-    def begin(
-        self, *, protocol: StudyProtocol, header: Header, console: Console, clock: Clock, log: Log, limits: Limits
-    ) -> Kind:
-        """Begin a session with them; its entries and frames go to `log`, and nothing is felt beyond `limits`."""
+    def begin(self, lent: Lent) -> Kind:
+        """Begin a session with them."""
         ...
 
 

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock
-from experiment.desk.port import Console
 from experiment.protocol.models import Protocol
-from experiment.records.entries import Header, PlannedTrial
+from experiment.records.entries import PlannedTrial
 from experiment.records.tapping import FIRST, SECOND, PairLaidOut
-from experiment.session.kind import FarEnds, Kind, KindDevices, Limits, Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -23,17 +22,8 @@ if TYPE_CHECKING:
 class ComparisonDevices:
     """Implements `KindDevices`: real samples need no device."""
 
-    def begin(
-        self,
-        *,
-        protocol: Protocol,
-        header: Header,  # noqa: ARG002
-        console: Console,
-        clock: Clock,
-        log: Log,  # noqa: ARG002
-        limits: Limits,
-    ) -> Comparisons:
-        return Comparisons(protocol=protocol, console=console, clock=clock, limits=limits)
+    def begin(self, lent: Lent) -> Comparisons:
+        return Comparisons(lent)
 
 
 def open_comparisons(
@@ -55,7 +45,7 @@ def open_comparisons(
     return open_surfaces(protocol=protocol, rig=rig, clock=clock, stream=stream, ends=ends, opened=opened)
 
 
-@dataclass(kw_only=True)
+@dataclass
 class Comparisons(Kind):
     """Each attempt is one pair of samples before the participant.
 
@@ -63,19 +53,16 @@ class Comparisons(Kind):
     moment at which both are laid out, and response times count from it.
     """
 
-    protocol: Protocol
-    console: Console
-    clock: Clock
-    limits: Limits
+    lent: Lent
     _laid: PairLaidOut | None = field(default=None, init=False)
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
         """Have the samples of the pair laid out, the one that is presented first at the first place."""
-        if self.limits.over():
+        if self.lent.limits.over():
             return
-        self.console.place(trial=planned.trial, presented=planned.presented)
+        self.lent.console.place(trial=planned.trial, presented=planned.presented)
         self._laid = PairLaidOut(
-            trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=self.clock.now_ns()
+            trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=self.lent.clock.now_ns()
         )
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
@@ -89,4 +76,6 @@ class Comparisons(Kind):
         """Return what each key names: the first or the second sample of this pair, or neither."""
         first, second = planned.presented
         words = {FIRST: f"the first ({first})", SECOND: f"the second ({second})"}
-        return {key: Meaning(one, words.get(one, "neither")) for key, one in self.protocol.comparisons.answers.items()}
+        return {
+            key: Meaning(one, words.get(one, "neither")) for key, one in self.lent.protocol.comparisons.answers.items()
+        }
