@@ -138,7 +138,7 @@ def _wide(study: Study) -> tuple[pd.DataFrame, dict[str, tuple[str, str]]]:
         "first_task": [study.first_tasks.get(who) for who in people],
     }
     for task in study.tasks:
-        for material in study.materials:
+        for material in task.presented:
             name = _name(f"{task.id}_{material}", columns)
             columns[name] = [ratios.get((who, task.id, material)) for who in people]
             described[name] = (f"correct answers to {material} in task {task.id} / its trials", "0 to 1")

@@ -109,7 +109,7 @@ class FromResults:
         """Return the sample of the material's correct answers, with the reason where t is not defined."""
         found = _measured(self._ratios(test.task, test.material, test.material))
         result = self._results.task(test.task)
-        if result is None or test.material not in result.confusion.materials:
+        if result is None or test.material not in result.task.presented:
             return found
         statement = result.test(test.material).result.statement
         return Sample(found.n, statement=statement) if statement else found

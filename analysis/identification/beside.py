@@ -16,7 +16,7 @@ from itertools import combinations
 import numpy as np
 from scipy.special import fdtrc
 
-from analysis.identification.confusion import Confusion
+from analysis.identification.confusion import Confusion, in_every, shared
 from analysis.reading.study import Study
 from analysis.statistics import mixed_logit
 from analysis.statistics.exact import Floats, Integers, NotDefined, Statements
@@ -104,44 +104,38 @@ def beside(study: Study, tasks: Mapping[str, Confusion]) -> Beside:
     return Beside(materials, both or (), tuple(paired), logit, said)
 
 
-def _ratios(matrix: Confusion, people: Sequence[str]) -> Floats:
-    """Return the correct ratios of these participants, shape (people, M)."""
+def _ratios(matrix: Confusion, people: Sequence[str], places: Sequence[int]) -> Floats:
+    """Return the correct ratios of these participants to the materials at these places, shape (people, places)."""
     rows = [matrix.participants.index(label) for label in people]
     right = np.diagonal(matrix.counts[rows, :, :-1], axis1=1, axis2=2)
-    return np.asarray(right / matrix.trials[rows])
-
-
-def _complete(matrix: Confusion) -> list[str]:
-    return [label for label, trials in zip(matrix.participants, matrix.trials, strict=True) if trials.all()]
-
-
-def _in_every(tasks: Sequence[Confusion]) -> list[str]:
-    others = [set(_complete(task)) for task in tasks[1:]]
-    return [label for label in _complete(tasks[0]) if all(label in other for other in others)]
+    return np.asarray(right[:, places] / matrix.trials[rows][:, places])
 
 
 def _within(matrix: Confusion) -> tuple[Repeated, ...]:
-    return repeated(_ratios(matrix, _complete(matrix)), ["material"])
+    return repeated(_ratios(matrix, matrix.complete, matrix.presented), ["material"])
 
 
 def _both(tasks: Sequence[Confusion]) -> tuple[Repeated, ...]:
-    people = _in_every(tasks)
-    values = np.stack([_ratios(task, people) for task in tasks], axis=1)
+    people, places = in_every(tasks), shared(tasks)
+    values = np.stack([_ratios(task, people, places) for task in tasks], axis=1)
     return repeated(values, ["task", "material"])
 
 
 def _paired(first: str, second: str, tasks: Mapping[str, Confusion]) -> Paired:
-    people = _in_every([tasks[first], tasks[second]])
+    pair = [tasks[first], tasks[second]]
+    people, places = in_every(pair), shared(pair)
     if len(people) < 2:
         raise NotDefined(f"it needs two participants who did both with every material, got {len(people)}")
-    means = [_mean_ratios(tasks[task], people) for task in (first, second)]
+    if not places:
+        raise NotDefined("they present no material both")
+    means = [_mean_ratios(matrix, people, places) for matrix in pair]
     gaps = [a - b for a, b in zip(*means, strict=True)]
     test = t_against_chance(gaps, 0)
     return Paired(first, second, test, None if test.t is None else cohens_d(test.t, test.df), sign_flip(gaps, 0))
 
 
-def _mean_ratios(matrix: Confusion, people: Sequence[str]) -> list[Fraction]:
-    each = [matrix.ratios(i, i) for i in range(len(matrix.materials))]
+def _mean_ratios(matrix: Confusion, people: Sequence[str], places: Sequence[int]) -> list[Fraction]:
+    each = [matrix.ratios(i, i) for i in places]
     return [sum((ratios[label] for ratios in each), Fraction(0)) / len(each) for label in people]
 
 
@@ -163,15 +157,19 @@ def _logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
     people, right, trials = right_answers(tasks)
     if len(people) < LEAST:
         raise NotDefined(f"it needs {LEAST} participants, got {len(people)}")
-    names = next(iter(tasks.values())).materials
+    known = sorted({place for matrix in tasks.values() for place in matrix.presented})
+    names = [next(iter(tasks.values())).materials[place] for place in known]
+    right, trials = right[:, :, known], trials[:, :, known]
     for what, of, axes in (("task", list(tasks), (0, 2)), ("material", list(names), (0, 1))):
         for level, hits, total in zip(of, right.sum(axis=axes), trials.sum(axis=axes), strict=True):
             if hits in (0, total):
                 kind = "right" if hits else "wrong"
                 raise NotDefined(f"every answer to {what} {level} is {kind}: its odds have no limit")
-    levels = [np.repeat(range(len(tasks)), len(names)).tolist(), list(range(len(names))) * len(tasks)]
-    cells = mixed_logit.layout(levels)
-    found = mixed_logit.fit(right.reshape(len(people), -1), trials.reshape(len(people), -1), cells)
+    held = trials.any(axis=0)
+    cells = mixed_logit.layout([of.tolist() for of in np.nonzero(held)])
+    if np.linalg.matrix_rank(cells.fixed) < cells.fixed.shape[1]:
+        raise NotDefined("tasks and materials cannot be told apart: too few materials are presented in several tasks")
+    found = mixed_logit.fit(right[:, held], trials[:, held], cells)
     factors = [(what, of) for what, of in (("task", list(tasks)), ("material", list(names))) if len(of) > 1]
     labels = ["intercept", *(f"{level} (against {of[0]})" for _, of in factors for level in of[1:])]
     errors = np.sqrt(np.diag(found.covariance))

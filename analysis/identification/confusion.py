@@ -12,7 +12,7 @@ sums up the share of correct answers.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -27,11 +27,31 @@ from experiment.errors import DatasetError
 
 @dataclass(frozen=True)
 class Confusion:
-    """Counts of one task, shape (P, M, M + 1), by participant, presented and answered material, none being the last."""
+    """Counts of one task, shape (P, M, M + 1), by participant, presented and answered material, none being the last.
+
+    `only` are the materials that the task presents, None where it presents all; rows of others are 0, and no result.
+    """
 
     materials: tuple[str, ...]
     participants: tuple[str, ...]
     counts: NDArray[np.int64]
+    only: tuple[str, ...] | None = None
+
+    @cached_property
+    def presented(self) -> tuple[int, ...]:
+        """The places of the materials that the task presents."""
+        return tuple(i for i, name in enumerate(self.materials) if self.only is None or name in self.only)
+
+    @property
+    def absent(self) -> tuple[str, ...]:
+        """The materials that the task does not present."""
+        return tuple(name for i, name in enumerate(self.materials) if i not in self.presented)
+
+    @property
+    def complete(self) -> list[str]:
+        """The participants to whom every material of the task was presented."""
+        places = list(self.presented)
+        return [label for label, own in zip(self.participants, self.trials, strict=True) if own[places].all()]
 
     @cached_property
     def trials(self) -> NDArray[np.int64]:
@@ -41,7 +61,8 @@ class Confusion:
     def cells(self) -> Iterator[tuple[str, str, str, int, int]]:
         """Return each participant, presented and answered material ("" for none), its count and the trials."""
         for p, participant in enumerate(self.participants):
-            for i, presented in enumerate(self.materials):
+            for i in self.presented:
+                presented = self.materials[i]
                 for j, answered in enumerate((*self.materials, "")):
                     yield participant, presented, answered, int(self.counts[p, i, j]), int(self.trials[p, i])
 
@@ -79,9 +100,22 @@ class Confusion:
         return np.array(cells, dtype=np.float64)
 
     def most_confused(self) -> tuple[str, str] | None:
-        """Return the two materials most often taken for one another, or None where none was taken for another."""
-        first, second = (int(index[0]) for index in most_confused(np.nan_to_num(self.means()[:, :-1, None])))
+        """Return the two of the task most often taken for one another, or None where none was taken for another."""
+        if len(self.presented) < 2:
+            return None
+        means = np.nan_to_num(self.means()[np.ix_(self.presented, self.presented)])
+        first, second = (self.presented[int(index[0])] for index in most_confused(means[..., None]))
         return None if first == second else (self.materials[first], self.materials[second])
+
+
+def shared(tasks: Iterable[Confusion]) -> tuple[int, ...]:
+    """Return the places of the materials that each of these tasks presents."""
+    return tuple(sorted(set.intersection(*({*task.presented} for task in tasks))))
+
+
+def in_every(tasks: Sequence[Confusion]) -> list[str]:
+    """Return the participants who did every one of these tasks with each of its materials."""
+    return [label for label in tasks[0].complete if all(label in task.complete for task in tasks[1:])]
 
 
 def most_confused(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -97,7 +131,11 @@ def most_confused(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArra
 
 
 def confusion(
-    participants: Sequence[str], presented: Sequence[str], answered: Sequence[str], materials: Sequence[str]
+    participants: Sequence[str],
+    presented: Sequence[str],
+    answered: Sequence[str],
+    materials: Sequence[str],
+    only: tuple[str, ...] | None = None,
 ) -> Confusion:
     """Return the counts of one task from its trials; an answer that is not among the materials counts as none."""
     if unknown := set(presented) - set(materials):
@@ -107,7 +145,7 @@ def confusion(
     counts = np.zeros((len(labels), len(materials), len(materials) + 1), dtype=np.int64)
     for label, shown, said in zip(participants, presented, answered, strict=True):
         counts[row[label], place[shown], place.get(said, len(materials))] += 1
-    return Confusion(tuple(materials), labels, counts)
+    return Confusion(tuple(materials), labels, counts, only)
 
 
 def confusion_of(study: Study, task: str) -> Confusion:
@@ -118,7 +156,8 @@ def confusion_of(study: Study, task: str) -> Confusion:
         )
     trials = study.trials(task)
     who, presented, answered = (trials[name].tolist() for name in ("participant", "presented", "answered"))
-    return confusion(who, presented, answered, study.materials)
+    only = next(one.presented for one in study.tasks if one.id == task)
+    return confusion(who, presented, answered, study.materials, only)
 
 
 @dataclass(frozen=True)

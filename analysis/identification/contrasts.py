@@ -21,7 +21,7 @@ import numpy as np
 from scipy.special import stdtr, stdtrit
 
 from analysis.identification.beside import LEAST, LINKED, right_answers
-from analysis.identification.confusion import Confusion
+from analysis.identification.confusion import Confusion, shared
 from analysis.reading.study import Study
 from analysis.statistics import mixed_logit
 from analysis.statistics.exact import Floats, NotDefined
@@ -45,7 +45,8 @@ class Mean:
 class Contrast:
     """Log odds of `first` less those of `second`, two materials or two tasks, `within` the task or material named.
 
-    t has n - 1 degrees of freedom for each step between the materials, or the tasks, as Wald's F of both in `beside`.
+    t has n - 1 degrees of freedom for each step between the materials of the task, or the tasks of the material, as
+    Wald's F of both in `beside`.
     `p_holm` is adjusted over the pairs of one task, or, of tasks, over the pairs of all materials.
     """
 
@@ -90,7 +91,7 @@ def marginal(study: Study, tasks: Mapping[str, Confusion]) -> Marginal:
         raise NotDefined(f"it needs {LEAST} participants, got {len(people)}")
     materials = next(iter(tasks.values())).materials
     hits, total = right.sum(axis=0), trials.sum(axis=0)
-    cells = [(i, k) for i in range(len(tasks)) for k in range(len(materials))]
+    cells = [(i, k) for i, matrix in enumerate(tasks.values()) for k in matrix.presented]
     kept = [cell for cell in cells if 0 < hits[cell] < total[cell]]
     if len(kept) < 2:
         raise NotDefined(f"it needs two cells with right and wrong answers, got {len(kept)}")
@@ -107,21 +108,21 @@ def marginal(study: Study, tasks: Mapping[str, Confusion]) -> Marginal:
         for (task, material), odds, error in zip(places, found.coefficients.tolist(), errors, strict=True)
     )
     by_task = [
-        [(task, a, b, places[task, a], places[task, b]) for a, b in combinations(materials, 2)
-         if {(task, a), (task, b)} <= places.keys()]
-        for task in tasks
+        [(task, a, b, places[task, a], places[task, b], (len(matrix.presented) - 1) * df)
+         for a, b in combinations(materials, 2) if {(task, a), (task, b)} <= places.keys()]
+        for task, matrix in tasks.items()
     ]  # fmt: skip
     by_material = [
-        (material, a, b, places[a, material], places[b, material])
-        for material in materials
+        (material, a, b, places[a, material], places[b, material], (sum(one == k for _, one in cells) - 1) * df)
+        for k, material in enumerate(materials)
         for a, b in combinations(tasks, 2)
         if {(a, material), (b, material)} <= places.keys()
     ]
     return Marginal(
         len(people),
         means,
-        tuple(one for family in by_task for one in _family(family, found, (len(materials) - 1) * df)),
-        tuple(_family(by_material, found, (len(tasks) - 1) * df)),
+        tuple(one for family in by_task for one in _family(family, found)),
+        tuple(_family(by_material, found)),
         dict(zip(deviations, found.sds.tolist(), strict=True)),
         tuple(name for name, cell in zip(named, cells, strict=True) if cell not in kept),
     )
@@ -144,18 +145,18 @@ def _reach(df: int) -> float:
     return float(stdtrit(df, (1 + CONFIDENCE) / 2))
 
 
-def _family(pairs: Sequence[tuple[str, str, str, int, int]], found: mixed_logit.MixedLogit, df: int) -> list[Contrast]:
-    """Return the contrasts of cells, by their places, with P adjusted over all of them."""
-    lines, reach = [], _reach(df)
-    for within, first, second, a, b in pairs:
+def _family(pairs: Sequence[tuple[str, str, str, int, int, int]], found: mixed_logit.MixedLogit) -> list[Contrast]:
+    """Return the contrasts of cells, by their places and with their df, with P adjusted over all of them."""
+    lines = []
+    for within, first, second, a, b, df in pairs:
         gap = float(found.coefficients[a] - found.coefficients[b])
         spread = found.covariance
         error = float(np.sqrt(spread[a, a] + spread[b, b] - 2 * spread[a, b]))
-        lines.append((within, first, second, gap, error, 2 * float(stdtr(df, -abs(gap / error)))))
+        lines.append((within, first, second, gap, error, df, _reach(df), 2 * float(stdtr(df, -abs(gap / error)))))
     adjusted = holm(np.array([p for *_, p in lines])).tolist()
     return [
         Contrast(within, first, second, gap, error, gap / error, df, p, q, gap - reach * error, gap + reach * error)
-        for (within, first, second, gap, error, p), q in zip(lines, adjusted, strict=True)
+        for (within, first, second, gap, error, df, reach, p), q in zip(lines, adjusted, strict=True)
     ]
 
 
@@ -163,8 +164,8 @@ def _family(pairs: Sequence[tuple[str, str, str, int, int]], found: mixed_logit.
 class Equivalent:
     """An equivalence test of `subject` in one task or between two, `tasks`; `planned` if a protocol names its margin.
 
-    The subject is a material, a pair of materials, or "all materials". `p_holm` is adjusted over the materials, or over
-    the pairs of one task.
+    The subject is a material, a pair of materials, "all materials", or those that both tasks present. `p_holm` is
+    adjusted over the materials, or over the pairs of one task.
     """
 
     tasks: tuple[str, ...]
@@ -186,7 +187,7 @@ class Equivalences:
 MARGIN = 0.1
 """Ours: one answer in ten, the margin of what no protocol plans."""
 
-ALL = "all materials"
+ALL, SHARED = "all materials", "materials of both tasks"
 
 
 def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
@@ -213,18 +214,23 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
     between: list[Equivalent] = []
     for of in combinations(tasks, 2):
         _, right, trials = right_answers({task: tasks[task] for task in of})
+        places = shared(tasks[task] for task in of)
+        if not places:
+            said.append(f"equivalence of {' and '.join(of)} is not defined: they present no material both")
+            continue
+        right, trials = right[:, :, places], trials[:, :, places]
         both = (trials > 0).all(axis=(1, 2))
         gaps = np.subtract(*np.moveaxis(right[both] / trials[both], 1, 0))
-        between += tested(of, [(ALL, gaps.mean(axis=1))])
-        between += tested(of, list(zip(names, gaps.T, strict=True)))
+        between += tested(of, [(ALL if len(places) == len(names) else SHARED, gaps.mean(axis=1))])
+        between += tested(of, list(zip((names[place] for place in places), gaps.T, strict=True)))
     pairs: list[Equivalent] = []
     for task, matrix in tasks.items():
-        every = matrix.trials.all(axis=1)
-        ratios = matrix.counts[every, :, :-1] / matrix.trials[every][:, :, None]
+        every = matrix.trials[:, matrix.presented].all(axis=1)
+        ratios = matrix.counts[every, :, :-1] / np.maximum(matrix.trials[every], 1)[:, :, None]
         apart = [
             (f"{names[a]} and {names[b]}",
              (ratios[:, a, a] - ratios[:, b, a] + ratios[:, b, b] - ratios[:, a, b]) / 2)
-            for a, b in combinations(range(len(names)), 2)
+            for a, b in combinations(matrix.presented, 2)
         ]  # fmt: skip
         pairs += tested((task,), apart)
     return Equivalences(tuple(between), tuple(pairs), tuple(said))

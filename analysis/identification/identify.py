@@ -107,24 +107,31 @@ def identify(
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
     bits = said.told("information", lambda: information(counts.sum(axis=0)))
     bits_jackknife = said.told("information interval", lambda: _jackknife(counts, bits)) if bits else None
-    found_choice = said.told("choice", lambda: _choice(matrix, rng))
-    found_lapses = said.told("lapses", lambda: _lapses(matrix))
-    found_scaling = said.told("scaling", lambda: maps.classical(maps.from_confusions(matrix.means()[:, :-1])))
+    found_choice = said.told("choice", lambda: _choice(_whole(matrix), rng))
+    found_lapses = said.told("lapses", lambda: _lapses(_whole(matrix)))
+    found_scaling = said.told("scaling", lambda: maps.classical(maps.from_confusions(_whole(matrix).means()[:, :-1])))
     found_mantel = None
     if dissimilarities is not None:
-        found_mantel = said.told("mantel", lambda: maps.mantel(dissimilarities, _confusing(matrix), rng))
+        found_mantel = said.told("mantel", lambda: maps.mantel(dissimilarities, _confusing(_whole(matrix)), rng))
     return Identification(
         task,
         tuple(_cells(matrix, rng)),
         bits,
         bits_jackknife,
-        _detection(matrix, rng),
+        said.told("d'", lambda: _detection(_whole(matrix), rng)),
         found_choice,
         found_lapses,
         found_scaling,
         found_mantel,
         said,
     )
+
+
+def _whole(matrix: Confusion) -> Confusion:
+    """Return a matrix with every row: without one, a liking for an answer cannot be told from knowing its material."""
+    if matrix.absent:
+        raise NotDefined(f"it needs every material, and {', '.join(matrix.absent)} is not presented in this task")
+    return matrix
 
 
 def _lapses(matrix: Confusion) -> BiasedLapses:
@@ -161,7 +168,8 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
     pooled = matrix.counts.sum(axis=0)
     cells = []
     draws: dict[int, NDArray[np.int64]] = {}
-    for i, presented in enumerate(matrix.materials):
+    for i in matrix.presented:
+        presented = matrix.materials[i]
         for j, answered in enumerate(matrix.materials):
             count, trials = int(pooled[i, j]), int(pooled[i].sum())
             if not trials:
@@ -186,7 +194,7 @@ def _jackknife(counts: NDArray[np.int64], found: Information) -> Jackknife:
     return jackknife(found.transmitted, transmitted(counts.sum(axis=0) - counts))
 
 
-def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection | None:
+def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection:
     trials = matrix.trials.sum(axis=1)
     right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
     count = len(matrix.materials)

@@ -11,7 +11,7 @@ import numpy as np
 
 from analysis.documents.tables import plural
 from analysis.identification.beside import Beside, beside
-from analysis.identification.confusion import Confusion, confusion_of
+from analysis.identification.confusion import Confusion, confusion_of, in_every, shared
 from analysis.identification.contrasts import Equivalences, Marginal, equivalences, marginal
 from analysis.identification.identify import Identification, identify
 from analysis.identification.time_course import TimeCourse, course_of
@@ -214,7 +214,7 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
                     test.stars if family is None else replace(test, p=p_holm).stars,
                 )
                 for material, test, p_holm, (flip, why), flip_holm in zip(
-                    study.materials, tests[k], adjusted[k], flips[k], flipped[k], strict=True
+                    task.presented, tests[k], adjusted[k], flips[k], flipped[k], strict=True
                 )
             ),
             family,
@@ -224,11 +224,11 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
 
 
 def _tests(matrix: Confusion, guessed: Fraction) -> list[TTest]:
-    return [t_against_chance(list(matrix.ratios(i, i).values()), guessed) for i in range(len(matrix.materials))]
+    return [t_against_chance(list(matrix.ratios(i, i).values()), guessed) for i in matrix.presented]
 
 
 def _flips(matrix: Confusion, guessed: Fraction) -> list[tuple[SignFlip | None, str]]:
-    ratios = (list(matrix.ratios(i, i).values()) for i in range(len(matrix.materials)))
+    ratios = (list(matrix.ratios(i, i).values()) for i in matrix.presented)
     return [defined(partial(sign_flip, each, guessed)) for each in ratios]
 
 
@@ -249,7 +249,7 @@ def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest
     matrix = task.confusion
     confused = matrix.most_confused()
     wanted = {confused: "most confused"} if confused else {}
-    if published and set(published) <= set(matrix.materials):
+    if published and set(published) <= set(task.task.presented):
         same = confused is not None and set(published) == set(confused)
         wanted = {published: "published; most confused"} if same else {published: "published", **wanted}
     tests = []
@@ -262,10 +262,14 @@ def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest
 
 
 def _crossed(tasks: Sequence[TaskResult]) -> tuple[Cells | None, str]:
+    places = shared(task.confusion for task in tasks) if tasks else ()
+    if tasks and not places:
+        return None, "the tasks have no material in common"
     values: list[Fraction] = []
     levels: tuple[list[str], list[str]] = ([], [])
     for task in tasks:
-        for index, material in enumerate(task.confusion.materials):
+        for index in places:
+            material = task.confusion.materials[index]
             ratios = list(task.confusion.ratios(index, index).values())
             values += ratios
             levels[0].extend([task.task.id] * len(ratios))
@@ -286,22 +290,22 @@ def _components(data: Cells, tasks: Sequence[TaskResult]) -> ComponentReliabilit
 
 
 def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliability]:
-    count = len(study.materials)
     found = []
     for task in tasks:
-        people = _complete(task)
+        people = task.confusion.complete
         dropped = tuple(label for label in task.confusion.participants if label not in set(people))
         who = plural(len(people), "participant")
-        cell_ratios = [_row(task, people, i, j) for i in range(count) for j in range(count)]
+        answers = range(len(study.materials))
+        cell_ratios = [_row(task, people, i, j) for i in task.confusion.presented for j in answers]
+        correct = _correct(task, people)
         for name, rows in (
-            (f"{count * count} cells (presented x answered)", cell_ratios),
-            (f"{count} correct ratios", _correct(task, people, count)),
+            (f"{len(cell_ratios)} cells (presented x answered)", cell_ratios),
+            (plural(len(correct), "correct ratio"), correct),
         ):
             found.append(_reliability(f"{task.task.id}: {name} x {who}", task.task.id, rows, dropped))
     if len(tasks) > 1:
-        others = [set(_complete(task)) for task in tasks[1:]]
-        both = [label for label in _complete(tasks[0]) if all(label in other for other in others)]
-        rows = [row for task in tasks for row in _correct(task, both, count)]
+        both = in_every([task.confusion for task in tasks])
+        rows = [row for task in tasks for row in _correct(task, both)]
         anyone = dict.fromkeys(label for task in tasks for label in task.confusion.participants)
         dropped = tuple(label for label in anyone if label not in set(both))
         name = f"{len(rows)} correct ratios (material by task) x {plural(len(both), 'participant')} who did every task"
@@ -310,18 +314,13 @@ def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliabilit
     return found
 
 
-def _complete(task: TaskResult) -> list[str]:
-    trials = task.confusion.trials
-    return [label for index, label in enumerate(task.confusion.participants) if trials[index].all()]
-
-
 def _row(task: TaskResult, people: Sequence[str], presented: int, answered: int) -> list[Fraction]:
     ratios = task.confusion.ratios(presented, answered)
     return [ratios[label] for label in people]
 
 
-def _correct(task: TaskResult, people: Sequence[str], count: int) -> list[list[Fraction]]:
-    return [_row(task, people, index, index) for index in range(count)]
+def _correct(task: TaskResult, people: Sequence[str]) -> list[list[Fraction]]:
+    return [_row(task, people, index, index) for index in task.confusion.presented]
 
 
 def _reliability(

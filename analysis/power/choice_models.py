@@ -9,7 +9,7 @@ paper prints). Given these shares, a participant's answers to different material
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -40,8 +40,9 @@ OWN = "published"
 class Answers:
     """How participants answer in one task: mean shares, shape (M, M + 1), whose last answer is "no material named".
 
-    `spread` is the intraclass correlation of one participant's answers to a material, shape (M,): 0 when all
-    participants are alike, near 1 when each always gives the same answer.
+    A material that the task does not present has shares of 0. `spread` is the intraclass correlation of one
+    participant's answers to a material, shape (M,): 0 when all participants are alike, near 1 when each always gives
+    the same answer.
     """
 
     task: str
@@ -94,7 +95,7 @@ def guessing(protocol: Protocol, model: ChoiceModel) -> ChoiceModel:
         shares = np.full((count, count + 1), (1 - chance) / (count - 1))
         shares[:, -1] = 0.0
         np.fill_diagonal(shares, chance)
-        tasks.append(Answers(task.id, shares, own.spread))
+        tasks.append(Answers(task.id, shares * own.shares.any(axis=1, keepdims=True), own.spread))
     return ChoiceModel("guessing on average, with the same spread among participants", tuple(tasks))
 
 
@@ -118,8 +119,8 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
                 f"the tables of {printed.study}: got no number of participants and trials for task {task.id}; allowed: "
                 "a study that prints both; choose another --model"
             )
-        rows, spreads = [], []
-        for shown in ids:
+        rows: dict[str, tuple[Floats, float]] = {}
+        for shown in protocol.presented(task):
             try:
                 row = [cells[task.id, shown, said] for said in ids]
             except KeyError as missing:
@@ -141,10 +142,9 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
             else:
                 shares = np.array([*means / means.sum(), 0.0])
             variance = sum((cell.sd.value if cell.sd else 0.0) ** 2 for cell in row)
-            rows.append(shares)
             fit = _spread(shares[:-1], variance, 1 / did.trials, did.participants)
-            spreads.append(_clipped(fit, f"{task.id}, {shown}", notes))
-        tasks.append(Answers(task.id, np.array(rows), np.array(spreads)))
+            rows[shown] = shares, _clipped(fit, f"{task.id}, {shown}", notes)
+        tasks.append(_answers(task.id, rows, ids))
     where = " and ".join(dict.fromkeys(table.where for table in printed.table))
     source = f"means and standard deviations of {where} of {printed.source}"
     return ChoiceModel(source, tuple(tasks), tuple(notes))
@@ -168,9 +168,9 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
         trials = trials[trials["presented"].isin(ids)]
         columns = [trials[key].tolist() for key in ("participant", "presented", "answered")]
         answers = confusion(columns[0], columns[1], columns[2], ids)
-        rows, spreads = [], []
-        for i, shown in enumerate(ids):
-            people = answers.n(i)
+        rows: dict[str, tuple[Floats, float]] = {}
+        for shown in protocol.presented(task):
+            people = answers.n(i := ids.index(shown))
             if people < 2:
                 raise PowerError(
                     f"{folder}: task {task.id}, {shown}: got {plural(people, 'participant')}; allowed: at least "
@@ -181,10 +181,9 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
             ratios = answers.counts[present, i] / done[:, None]
             shares = ratios.mean(axis=0)
             variance = float(ratios[:, :-1].var(axis=0, ddof=1).sum())
-            rows.append(shares / shares.sum())
             fit = _spread(shares[:-1], variance, float(np.mean(1 / done)), people)
-            spreads.append(_clipped(fit, f"{task.id}, {shown}", notes))
-        tasks.append(Answers(task.id, np.array(rows), np.array(spreads)))
+            rows[shown] = shares / shares.sum(), _clipped(fit, f"{task.id}, {shown}", notes)
+        tasks.append(_answers(task.id, rows, ids))
     label = f" ({study.label})" if study.label else ""
     return ChoiceModel(f"fitted to the answers in {folder.name}{label}", tuple(tasks), tuple(notes), study.label)
 
@@ -198,12 +197,12 @@ def stated(file: Path, protocol: Protocol) -> ChoiceModel:
     """
     model = load.read(file, Stated)
     ids = [material.id for material in protocol.materials]
-    wanted = [(task.id, shown) for task in protocol.tasks for shown in ids]
+    wanted = [(task.id, shown) for task in protocol.tasks for shown in protocol.presented(task)]
     found = [(row.task, row.presented) for row in model.rows]
     if strange := [row for row in found if row not in wanted or found.count(row) > 1]:
         raise PowerError(
-            f"{file}: got a row for task {strange[0][0]}, {strange[0][1]}; allowed: each task and material of "
-            f"{protocol.study.id} once; mend it"
+            f"{file}: got a row for task {strange[0][0]}, {strange[0][1]}; allowed: each task of "
+            f"{protocol.study.id} with each material that it presents, once; mend it"
         )
     if missing := [row for row in wanted if row not in found]:
         raise _lacking(str(file), *missing[0])
@@ -215,12 +214,20 @@ def stated(file: Path, protocol: Protocol) -> ChoiceModel:
     rows = {(row.task, row.presented): row for row in model.rows}
     tasks = []
     for task in protocol.tasks:
-        named = np.array([rows[task.id, shown].answers for shown in ids])
-        shares = np.hstack([named, np.clip(1 - named.sum(axis=1, keepdims=True), 0.0, None)])
-        shares[:, -1][shares[:, -1] < ROUNDING] = 0.0
-        spread = np.array([rows[task.id, shown].spread for shown in ids])
-        tasks.append(Answers(task.id, shares / shares.sum(axis=1, keepdims=True), spread))
+        own: dict[str, tuple[Floats, float]] = {}
+        for shown in protocol.presented(task):
+            row = rows[task.id, shown]
+            left = 1 - sum(row.answers)
+            shares = np.array([*row.answers, left if left >= ROUNDING else 0.0])
+            own[shown] = shares / shares.sum(), row.spread
+        tasks.append(_answers(task.id, own, ids))
     return ChoiceModel(f"stated in {file.name}: {model.source}", tuple(tasks))
+
+
+def _answers(task: str, rows: Mapping[str, tuple[Floats, float]], ids: Sequence[str]) -> Answers:
+    """Return the answers of a task from shares and spread of each material that it presents."""
+    each = [rows.get(material, (np.zeros(len(ids) + 1), 0.0)) for material in ids]
+    return Answers(task, np.array([shares for shares, _ in each]), np.array([spread for _, spread in each]))
 
 
 ROUNDING = 1e-9

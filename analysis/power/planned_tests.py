@@ -34,6 +34,11 @@ class Design:
     tests: tuple[PlannedTest, ...]
     pairs: Mapping[str, tuple[str, str]]
 
+    def places(self, *tasks: str) -> list[int]:
+        """Return the places of the materials that each of these tasks presents."""
+        own = [task.materials or self.materials for task in self.tasks if task.id in tasks]
+        return [place for place, name in enumerate(self.materials) if all(name in of for of in own)]
+
     def sizes(self, participants: int) -> tuple[int, ...]:
         """Return the participants of each task in a study of this size: in the plan's proportion, at least one."""
         return tuple(
@@ -75,7 +80,8 @@ def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: floa
     materials = tuple(material.id for material in protocol.materials)
     changed = {} if alpha is None else {"alpha": alpha}
     tests = tuple(test.model_copy(update=changed) for test in protocol.analysis)
-    known = {task: pair for task, pair in pairs.items() if set(pair) <= set(materials)}
+    of = {task.id: protocol.presented(task) for task in protocol.tasks}
+    known = {task: pair for task, pair in pairs.items() if set(pair) <= set(of.get(task, ()))}
     return Design(materials, protocol.tasks, protocol.study.participants, tests, known)
 
 
@@ -114,7 +120,7 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
         elif test.test == "one-way ANOVA":
             found |= _one_way(number, test, planned, every)
         elif test.test == "two-way ANOVA":
-            found |= dict(_two_way(number, test, every))
+            found |= dict(_two_way(number, test, planned, every))
             found |= dict(_repeated(number, test, planned, drawn))
         elif test.test == "ICC":
             found |= _icc(number, test, planned, every, drawn)
@@ -151,31 +157,33 @@ def _t(
 ) -> Iterator[tuple[Question, Answer]]:
     chance = Fraction(1, len(planned.materials)) if test.chance is None else Fraction(repr(test.chance))
     trials = {task.id: task.repetitions for task in planned.tasks}
-    tested = {task: t_tests(_correct(every[task]), chance).p for task in test.tasks}
+    places = {task: planned.places(task) for task in test.tasks}
+    tested = {task: t_tests(_correct(every[task], places[task]), chance).p for task in test.tasks}
     if test.correction == EVERY:
         family = holm(np.concatenate(list(tested.values())))
-        adjusted_p = dict(zip(tested, np.split(family, len(tested)), strict=True))
+        ends = np.cumsum([len(p) for p in tested.values()])[:-1]
+        adjusted_p = dict(zip(tested, np.split(family, ends), strict=True))
     else:
         adjusted_p = {task: holm(p) for task, p in tested.items()}
-    materials = np.arange(len(planned.materials))
     for task in test.tasks:
-        above = _correct(every[task]).means > float(chance)
-        flips = sign_flip_tests(drawn[task][materials, materials], trials[task], chance)
+        above = _correct(every[task], places[task]).means > float(chance)
+        flips = sign_flip_tests(drawn[task][places[task], places[task]], trials[task], chance)
         asked = ((tested[task], "", False), (adjusted_p[task], "", True), (flips, FLIPS, False))
         for p, how, adjusted in asked:
-            for i, material in enumerate(planned.materials):
-                question = Question(number, test.test, (task,), f"{material}{how}", test.alpha, adjusted)
+            for i, place in enumerate(places[task]):
+                subject = f"{planned.materials[place]}{how}"
+                question = Question(number, test.test, (task,), subject, test.alpha, adjusted)
                 yield question, Answer(p=p[i], above=above[i])
 
 
 def _one_way(
     number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
 ) -> Iterator[tuple[Question, Answer]]:
-    count = len(planned.materials)
     for task in test.tasks:
-        answers = every[task][:, :count]
+        places = planned.places(task)
+        answers = every[task][np.ix_(places, places)]
         if pair := planned.pairs.get(task):
-            first, second = (planned.materials.index(material) for material in pair)
+            first, second = (places.index(planned.materials.index(material)) for material in pair)
             groups = answers[[first, second, first, second], [first, second, second, first]]
             subject = f"{pair[0]} and {pair[1]}"
             yield Question(number, test.test, (task,), subject, test.alpha), Answer(p=one_way_tests(groups).p)
@@ -187,8 +195,10 @@ def _one_way(
         yield Question(number, test.test, (task,), "most confused in each study", test.alpha), Answer(p=p)
 
 
-def _two_way(number: int, test: PlannedTest, every: Mapping[str, Ratios]) -> Iterator[tuple[Question, Answer]]:
-    correct = [_correct(every[task]) for task in test.tasks]
+def _two_way(
+    number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
+) -> Iterator[tuple[Question, Answer]]:
+    correct = [_correct(every[task], planned.places(*test.tasks)) for task in test.tasks]
     layout, cells = tasks_by_materials(correct)
     for effect, name in (("A", "task"), ("B", "material"), ("X", "task x material")):
         for same in layout.same(effect):
@@ -201,12 +211,12 @@ def _repeated(
     number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:
     """Yield ours beside the two-way ANOVA: the materials of each task by repeated measures."""
-    materials = np.arange(len(planned.materials))
     for task in planned.tasks:
         if task.id in test.tasks:
-            ratios = np.moveaxis(drawn[task.id][materials, materials] / task.repetitions, 0, -1)
+            places = planned.places(task.id)
+            ratios = np.moveaxis(drawn[task.id][places, places] / task.repetitions, 0, -1)
             studies, people = ratios.shape[:2]
-            p = np.full(studies, np.nan) if people < 2 else repeated_tests(ratios @ contrasts(len(materials)))[2]
+            p = np.full(studies, np.nan) if people < 2 else repeated_tests(ratios @ contrasts(len(places)))[2]
             yield Question(number, REPEATED, (task.id,), "material", test.alpha), Answer(p=p)
 
 
@@ -216,17 +226,16 @@ def _icc(
     form = _form(test)
     if form == VARIANCE_COMPONENTS:
         if len(test.tasks) > 1:
-            correct = [_correct(every[task]) for task in test.tasks]
+            correct = [_correct(every[task], planned.places(*test.tasks)) for task in test.tasks]
             value = variance_component_icc(*tasks_by_materials(correct), sum(cells.participants for cells in correct))
             subject = "variance components, mean over all participants"
             yield Question(number, test.test, test.tasks, subject, None), Answer(estimate=value)
     elif form is not None:
-        count = len(planned.materials)
         for task in test.tasks:
-            counts = drawn[task]
-            right = counts[np.arange(count), np.arange(count)]
-            cells = counts[:, :count].reshape(count * count, *counts.shape[2:])
-            for matrix, targets in ((f"{count * count} cells", cells), (f"{count} correct ratios", right)):
+            counts, places = drawn[task], planned.places(task)
+            right = counts[places, places]
+            cells = counts[places, : len(planned.materials)].reshape(-1, *counts.shape[2:])
+            for matrix, targets in ((f"{len(cells)} cells", cells), (f"{len(right)} correct ratios", right)):
                 value, tested = icc_tests(targets, form)
                 question = Question(number, test.test, (task,), f"{form} of {matrix}", test.alpha)
                 yield question, Answer(p=tested.p, estimate=value)
@@ -241,6 +250,5 @@ def _form(test: PlannedTest) -> str | None:
     return VARIANCE_COMPONENTS if VARIANCE_COMPONENTS in text else None
 
 
-def _correct(answers: Ratios) -> Ratios:
-    every = np.arange(len(answers.sums))
-    return answers[every, every]
+def _correct(answers: Ratios, places: list[int]) -> Ratios:
+    return answers[places, places]

@@ -85,7 +85,8 @@ def _studies(result: Power) -> Section:
     header = ("task", "presented", *result.design.materials, "none", "spread")
     rows, records = [], []
     for task in result.model.tasks:
-        for material, shares_of, spread in zip(result.design.materials, task.shares, task.spread, strict=True):
+        for place in result.design.places(task.task):
+            material, shares_of, spread = result.design.materials[place], task.shares[place], task.spread[place]
             rows.append((task.task, material, *(f"{share:.3f}" for share in shares_of), f"{spread:.3f}"))
             named = dict(zip((*result.design.materials, "none"), shares_of.tolist(), strict=True))
             records.append({"task": task.task, "presented": material, **named, "spread": float(spread)})

@@ -16,6 +16,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import combinations
 from typing import Any, Literal
 
 import numpy as np
@@ -187,8 +188,9 @@ def draw(
     level = random.standard_normal((studies, people))
     found = []
     for task, answers in zip(planned.tasks, model.tasks, strict=True):
-        counts = np.empty((len(planned.materials), studies, people), dtype=np.int64)
-        for i, spread in enumerate(answers.spread.tolist()):
+        counts = np.zeros((len(planned.materials), studies, people), dtype=np.int64)
+        for i in planned.places(task.id):
+            spread = float(answers.spread[i])
             share = float(_chance(planned, task.id)) if control else float(answers.shares[i, i])
             own = math.sqrt(alike) * level + math.sqrt(1 - alike) * random.standard_normal((studies, people))
             shares: Any = share
@@ -228,8 +230,8 @@ def _stopped(
 
     for task, counts in zip(planned.tasks, right, strict=True):
         chance = _chance(planned, task.id)
-        for material, own in zip(planned.materials, counts, strict=True):
-            name = f"{material}, {task.id}"
+        for place in planned.places(task.id):
+            name, own = f"{planned.materials[place]}, {task.id}", counts[place]
             yield name, stops(own / task.repetitions - float(chance))
             if rule != "bayes":
                 trials = task.repetitions
@@ -238,12 +240,10 @@ def _stopped(
                     return sign_flip_tests(own[:, :look], trials, chance)
 
                 yield f"{name}{FLIPS}", stops(own / trials - float(chance), flips)
-    if len(right) > 1:
-        means = [of.mean(axis=0) / task.repetitions for task, of in zip(planned.tasks, right, strict=True)]
-        names = [task.id for task in planned.tasks]
-        for a in range(len(means)):
-            for b in range(a + 1, len(means)):
-                yield f"{names[a]} - {names[b]}, paired (ours)", stops(means[a] - means[b])
+    for (one, first), (other, second) in combinations(zip(planned.tasks, right, strict=True), 2):
+        if places := planned.places(one.id, other.id):
+            gaps = first[places].mean(axis=0) / one.repetitions - second[places].mean(axis=0) / other.repetitions
+            yield f"{one.id} - {other.id}, paired (ours)", stops(gaps)
 
 
 def _mean(shares: Floats, looks: Sequence[int]) -> float:

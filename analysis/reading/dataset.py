@@ -87,7 +87,11 @@ def read(root: Path) -> Study:
             if tasks and answers != _answers(sidecar):
                 raise DatasetError(f"{beside}: Answers differ from those of other files; mend one of them")
             answers = _answers(sidecar)
-            tasks[task] = Task(task, str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", "")))
+            shown = tuple(sidecar.get("Presented", materials))
+            if task in tasks and tasks[task].presented != shown:
+                raise DatasetError(f"{beside}: Presented differs from that of other files of task {task}; mend one")
+            told = str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", ""))
+            tasks[task] = Task(task, *told, shown)
             if (session_id := sidecar.get("SessionId")) is not None:
                 for (who, other), known in session_ids.items():
                     if known == session_id:
@@ -96,7 +100,9 @@ def read(root: Path) -> Study:
                             "them"
                         )
                 session_ids[participant, task] = str(session_id)
-            rows += _events(path, participant, task, _Levels(materials, answers, facts["Origin"]), sidecar["Rows"])
+            rows += _events(
+                path, participant, task, _Levels(shown, materials, answers, facts["Origin"]), sidecar["Rows"]
+            )
     if not rows:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
     protocol, sealed = None, ""
@@ -145,6 +151,7 @@ def _sealed(plan: Path, protocol: Protocol) -> str:
 class _Levels:
     """What the cells of an events file may hold; `answers` is None where answers are materials."""
 
+    presented: tuple[str, ...]
     materials: tuple[str, ...]
     answers: tuple[str, ...] | None
     origin: str
@@ -209,6 +216,12 @@ def _sidecar(path: Path) -> dict[str, Any]:
     if not (isinstance(materials, list) and len(materials) > 1 and all(isinstance(m, str) for m in materials)):
         raise DatasetError(
             f"{path}: Materials is {materials!r}; allowed: a list of two names or more; make the dataset again"
+        )
+    shown = sidecar.get("Presented", materials)
+    if not (isinstance(shown, list) and shown and shown == [one for one in materials if one in shown]):
+        raise DatasetError(
+            f"{path}: Presented is {shown!r}; allowed: a list of some of {', '.join(materials)}, in this order; make "
+            "the dataset again"
         )
     answers = sidecar.get("Answers", [])
     if not (isinstance(answers, list) and all(answer in ANSWERS for answer in answers)):
@@ -283,12 +296,12 @@ def _events(path: Path, participant: str, task: str, levels: _Levels, count: int
 
 
 def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, object]:
-    counted, materials = cells["counted"], levels.materials
+    counted = cells["counted"]
     presented = ("presented",) if levels.answers is None else ("first", "second")
-    answers = (*(materials if levels.answers is None else levels.answers), NO_ANSWER)
+    answers = (*(levels.materials if levels.answers is None else levels.answers), NO_ANSWER)
     choices = {
         "counted": ("0", "1"),
-        **dict.fromkeys(presented, materials),
+        **dict.fromkeys(presented, levels.presented),
         "answered": answers if counted == "1" else (*answers, MISSING),
         "origin": (levels.origin,),
     }
@@ -460,9 +473,14 @@ def _tasks(studies: Sequence[Study]) -> tuple[Task, ...]:
     found: dict[str, Task] = {}
     for study in studies:
         for task in study.tasks:
-            if found.setdefault(task.id, task).title != task.title:
-                raise DatasetError(
-                    f"task {task.id}: got the titles '{found[task.id].title}' and '{task.title}'; allowed: one; "
-                    "analyse the datasets apart"
-                )
+            known = found.setdefault(task.id, task)
+            for what, one, other in (
+                ("titles", known.title, task.title),
+                ("materials", ", ".join(known.presented), ", ".join(task.presented)),
+            ):
+                if one != other:
+                    raise DatasetError(
+                        f"task {task.id}: got the {what} '{one}' and '{other}'; allowed: one; analyse the datasets "
+                        "apart"
+                    )
     return tuple(found.values())

@@ -161,11 +161,12 @@ def _few_answers(attempts: pd.DataFrame, rule: ExclusionRule) -> list[Exclusion]
 
 @dataclass(frozen=True)
 class Task:
-    """One task of the study, as its sidecars describe it."""
+    """One task of the study, as its sidecars describe it; `presented` are the materials that it presents, in order."""
 
     id: str
     title: str
     instructions: str
+    presented: tuple[str, ...]
 
 
 @dataclass(frozen=True)

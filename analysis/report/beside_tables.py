@@ -11,15 +11,17 @@ from analysis.report.plan import TWO_WAY, Standing, marked
 from analysis.statistics.participants import Repeated
 
 
-def beside_section(found: Beside, stands: Standing) -> Section:
-    """Return tests that hold of what the analyses of variance ask, or why there is none."""
+def beside_section(found: Beside, stands: Standing, common: tuple[str, ...] = ()) -> Section:
+    """Return tests that hold of what the analyses of variance ask, or why there is none, after what is `common`."""
     about = (
         "Ours take participants as the unit, where the analyses of variance take each ratio as independent. Tests "
         "against chance by sign flips, which are ours too, stand beside t."
     )
     missing = (f"There is no {name}: {reason}." for name, reason in found.statements.items())
     mark = stands.ours(TWO_WAY, *found.materials)
-    section = Section("beside", "Materials and tasks", (about, *missing), _tables(found), tuple(_records(found)))
+    section = Section(
+        "beside", "Materials and tasks", (about, *common, *missing), _tables(found), tuple(_records(found))
+    )
     return marked(section, mark)
 
 

@@ -68,18 +68,19 @@ def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
     """Draw the mean answer ratios of one task as a heat map, with mean and SD in each cell that has room for them."""
     matrix = task.confusion
     answers = (*matrix.materials, NO_ANSWER)[: len(matrix.materials) + unanswered]
-    axes.pcolormesh(matrix.means()[:, : len(answers)], cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
+    shown_means = matrix.means()[list(matrix.presented), : len(answers)]
+    axes.pcolormesh(shown_means, cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
     axes.invert_yaxis()
     room = (_width(axes) - 0.9) / len(answers)
-    for i in range(len(matrix.materials)):
+    for row in range(len(matrix.presented)):
         for j in range(len(answers)):
-            _cell(axes, task, i, j, room)
+            _cell(axes, task, row, j, room)
     letters = max(int(room / LETTER_INCHES), 6)
     slanted = any(len(word) > letters for answer in answers for word in answer.split())
     turned: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
     shown = [answer if slanted else textwrap.fill(answer, letters) for answer in answers]
     axes.set_xticks(np.arange(len(answers)) + 0.5, [short(name, 26) for name in shown], **turned)
-    names = [textwrap.fill(short(material, 26), 14) for material in matrix.materials]
+    names = [textwrap.fill(short(matrix.materials[i], 26), 14) for i in matrix.presented]
     axes.set_yticks(np.arange(len(names)) + 0.5, names)
     axes.tick_params(length=0)
     axes.set_xlabel("answered")
@@ -94,17 +95,18 @@ def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
     A material that a participant was never presented stays white.
     """
     matrix = task.confusion
-    size, answers = len(matrix.materials), len(matrix.materials) + bool(matrix.unanswered)
+    rows, answers = list(matrix.presented), len(matrix.materials) + bool(matrix.unanswered)
+    size = len(rows)
     step = (answers + 1, size + 2.2 * size / 4)
     shown = told_apart(matrix.participants, PANEL_LETTERS)
     between = ": " if max(map(len, shown)) <= PANEL_LETTERS - 5 else "\n"
     for place, index in enumerate(range(first, last)):
         x, y = place % ACROSS * step[0], place // ACROSS * step[1]
-        counts, trials = matrix.counts[index, :, :answers], matrix.trials[index]
+        counts, trials = matrix.counts[index, rows, :answers], matrix.trials[index, rows]
         ratios = np.where(trials[:, None] > 0, counts / np.maximum(trials, 1)[:, None], np.nan)
         edges = x + np.arange(answers + 1), y + np.arange(size + 1)
         axes.pcolormesh(*edges, ratios, cmap=SHADES, vmin=0, vmax=1, edgecolors="#c9ced6", linewidth=0.25)
-        right = float(np.trace(counts[:, :size]) / trials.sum())
+        right = float(counts[range(size), rows].sum() / trials.sum())
         axes.text(x, y - 0.08 * size, f"{shown[index]}{between}{right:.2f}", ha="left", va="bottom")
     axes.set_xlim(-0.1, ACROSS * step[0] - 0.9)
     axes.set_ylim(ceil((last - first) / ACROSS) * step[1] - step[1] + size + 0.1, -0.55 * size)
@@ -139,8 +141,8 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
     matrix = task.confusion
     hue = colour(index)
     named = False
-    for place, test in enumerate(task.tests):
-        result = test.result
+    for test in task.tests:
+        place, result = matrix.materials.index(test.material), test.result
         if result.mean is None:
             continue
         x = place + shift
@@ -158,7 +160,8 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
         axes.text(x, top + 0.01, task.stars(test), ha="center", va="bottom")
 
 
-def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
+def _cell(axes: Axes, task: TaskResult, row: int, j: int, room: float) -> None:
+    i = task.confusion.presented[row]
     mean, sd = task.confusion.mean(i, j), task.confusion.sd(i, j)
     whole = room >= 8 * LETTER_INCHES
     if mean is None:
@@ -166,10 +169,10 @@ def _cell(axes: Axes, task: TaskResult, i: int, j: int, room: float) -> None:
     elif room < 4.5 * LETTER_INCHES:
         return
     else:
-        stars = task.stars(task.tests[i]) if i == j and whole else ""
+        stars = task.stars(task.tests[row]) if i == j and whole else ""
         text = f"{mean:.2f}{stars}" + ("" if sd is None or not whole else f"\n± {sd:.2f}")
     ink = "white" if mean is not None and mean > DARK else "black"
-    axes.text(j + 0.5, i + 0.5, text, ha="center", va="center", color=ink)
+    axes.text(j + 0.5, row + 0.5, text, ha="center", va="center", color=ink)
 
 
 def _names(axes: Axes, materials: Sequence[str]) -> None:
@@ -398,7 +401,7 @@ def _people(tasks: Sequence[TaskResult]) -> str:
 
 
 def _participants(task: TaskResult, head: _Head) -> Iterator[Sheet]:
-    people, count = len(task.confusion.participants), len(task.confusion.materials)
+    people, count = len(task.confusion.participants), len(task.confusion.presented)
     shown = min(people, PAGES * PAGE)
     for page, first in enumerate(range(0, shown, PAGE), start=1):
         last = min(first + PAGE, shown)

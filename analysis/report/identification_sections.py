@@ -75,6 +75,7 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
     names = {
         "information": "The information",
         "information interval": "The interval of the information",
+        "d'": "The d'",
         "choice": "The similarity-choice model",
         "lapses": "The bias and lapse model",
         "scaling": "The map",

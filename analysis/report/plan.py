@@ -249,12 +249,16 @@ def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
 def _one_way(task: str, plan: PlannedTest, results: Results) -> str:
     found = [pair for pair in results.pairs if pair.task == task]
     if not found:
-        return f"{task} not run: no material was taken for another"
+        return f"{task} not run: {NEVER}"
     asked = next((pair for pair in found if names(plan.question, pair)), None)
     if asked is not None:
         return f"{task} run: {_outcome(asked)}"
     tested = " and ".join(found[0].pair)
     return f"{task} run of {tested}, which were confused most, and which the plan does not name: {_outcome(found[0])}"
+
+
+NEVER = "no two materials that it presents were taken for one another"
+"""Why a task has no one-way ANOVA."""
 
 
 def names(question: str, pair: PairTest) -> bool:

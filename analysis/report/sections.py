@@ -26,7 +26,7 @@ from analysis.published.numbers import Published
 from analysis.reading.study import Study
 from analysis.report.beside_tables import beside_section
 from analysis.report.contrast_tables import contrasts_section, equivalence_section, lapses_section
-from analysis.report.found import found_section
+from analysis.report.found import found_section, joined
 from analysis.report.identification_sections import (
     ARBITRARY,
     confusions_section,
@@ -37,6 +37,7 @@ from analysis.report.identification_sections import (
 from analysis.report.plan import (
     DESCRIPTIVE,
     EXPLORATORY,
+    NEVER,
     OURS,
     TWO_WAY,
     Standing,
@@ -146,6 +147,7 @@ def sections(
 ) -> tuple[Section, ...]:
     """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
     remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
+    alone, common = _presented(results)
     stands = standing(study, printed)
     tasks = [task.task.id for task in results.tasks]
     against = [stands.of(T, task) for task in tasks]
@@ -156,11 +158,11 @@ def sections(
         stands.results: (
             marked(confusion_section(results), *against),
             marked(tests_section(results), *against),
-            anova_section(results, remark, stands),
+            anova_section(results, (*remark, *common), stands),
             marked(icc_section(results), *icc_marks(study, stands, results)),
         ),
         "Ours": (
-            beside_section(results.beside, stands),
+            beside_section(results.beside, stands, common),
             marked(contrasts_section(results), stands.ours(TWO_WAY, *tasks)),
             marked(equivalence_section(results), f"{OURS}, {EXPLORATORY}"),
             marked(intervals_section(results), *(stands.ours(T, task) for task in tasks)),
@@ -175,10 +177,25 @@ def sections(
         "": (exclusions_section(study),),
     }
     return (
-        found_section(study, results, (*remark, *left_out(study)), stands),
+        found_section(study, results, (*remark, *alone, *common, *left_out(study)), stands),
         overview_section(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
+
+
+def _presented(results: Results) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return sentences on tasks that do not present every material, and on the materials over which tasks compare."""
+    part = [task for task in results.tasks if task.confusion.absent]
+    alone = (
+        f"Task {task.task.id} presents {', '.join(task.task.presented)} alone; answers could be any of the materials."
+        for task in part
+    )
+    if not part or len(results.tasks) < 2:
+        return tuple(alone), ()
+    every = part[0].confusion.materials
+    names = [name for name in every if all(name in task.task.presented for task in results.tasks)]
+    told = f"all of them present {joined(names)}" if names else "no material is in all of them"
+    return tuple(alone), (f"Tasks are compared over the materials that they have in common; {told}.",)
 
 
 def overview_section(study: Study, results: Results) -> Section:
@@ -196,9 +213,9 @@ def confusion_section(results: Results) -> Section:
     records: list[Mapping[str, object]] = [
         {"task": task.task.id, "presented": presented, "answered": answered, "participants": matrix.n(i),
          "trials": int(matrix.trials[:, i].sum()), "count": int(matrix.counts[:, i, j].sum()),
-         "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.stars(task.tests[i]) if i == j else ""}
-        for task in results.tasks for matrix in (task.confusion,)
-        for i, presented in enumerate(matrix.materials) for j, answered in enumerate((*matrix.materials, NO_ANSWER))
+         "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.stars(task.test(presented)) if i == j else ""}
+        for task in results.tasks for matrix in (task.confusion,) for i in matrix.presented
+        for presented in matrix.materials[i : i + 1] for j, answered in enumerate((*matrix.materials, NO_ANSWER))
     ]  # fmt: skip
     return Section("confusion", "Answer ratios", (), tuple(map(_confusion_table, results.tasks)), tuple(records))
 
@@ -224,7 +241,12 @@ def tests_section(results: Results) -> Section:
                  "p_sign_flip_holm": test.flip_holm, "least_p_sign_flip": test.flip.least if test.flip else None,
                  "stars": task.stars(test), "statement": r.statement}
             )  # fmt: skip
+        records += [
+            {"task": task.task.id, "material": material, "n": 0, "statement": f"{material} {ABSENT}"}
+            for material in task.confusion.absent
+        ]
         notes = [f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement]
+        notes += [f"{material} {ABSENT}." for material in task.confusion.absent]
         gaps = sum(test.p_holm is None for test in task.tests)
         notes += [f"Holm's m counts {plural(gaps, 'planned test')} without a P, as if P were 1."] * bool(gaps)
         notes += [
@@ -308,7 +330,7 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -
         "confused most erred in 11 to 14 %, because of that choice.",
         *(f"The {name} is not defined: {reason}." for name, reason in reasons.items()),
         *(
-            f"There is no one-way ANOVA of {task.task.id}: no material was taken for another."
+            f"There is no one-way ANOVA of {task.task.id}: {NEVER}."
             for task in results.tasks
             if task.task.id not in tested
         ),
@@ -341,12 +363,12 @@ def _confusion_table(task: TaskResult) -> Table:
     matrix = task.confusion
     answers = range(len(matrix.materials) + bool(matrix.unanswered))
     rows = []
-    for i, presented in enumerate(matrix.materials):
-        cells = []
+    for i in matrix.presented:
+        presented, cells = matrix.materials[i], []
         for j in answers:
             mean, sd = matrix.mean(i, j), matrix.sd(i, j)
             spread = "" if sd is None else f" ± {sd:.3f}"
-            cells.append(f"{number(mean)}{spread}{task.stars(task.tests[i]) if i == j else ''}")
+            cells.append(f"{number(mean)}{spread}{task.stars(task.test(presented)) if i == j else ''}")
         rows.append((presented, *cells))
     header = ("presented", *matrix.materials, NO_ANSWER)[: len(answers) + 1]
     people = len(matrix.participants)
@@ -358,8 +380,11 @@ def _confusion_table(task: TaskResult) -> Table:
     notes += _never(task)
     spread = "mean ± SD among" if people > 1 else "of"
     title = f"{task.task.title}: answer ratios, {spread} {plural(people, 'participant')}"
-    marked = frozenset((i, i + 1) for i in range(len(matrix.materials)))
+    marked = frozenset((row, i + 1) for row, i in enumerate(matrix.presented))
     return Table(title, header, tuple(rows), marked=marked, notes=tuple(notes), matrix=True)
+
+
+ABSENT = "is not presented in this task"
 
 
 def _never(task: TaskResult) -> Iterator[str]:
@@ -371,7 +396,7 @@ def _never(task: TaskResult) -> Iterator[str]:
         unnamed = shown & ~silent & (matrix.counts[:, :, i].sum(axis=1) == 0)
         to = f"{material} was presented to {shown.sum()} of {plural(len(shown), 'participant')}"
         if not shown.any():
-            yield f"{to}."
+            yield f"{material} {ABSENT}." if material in matrix.absent else f"{to}."
             continue
         for which, said in (
             (~shown, f"{to}, and not to"),

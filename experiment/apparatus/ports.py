@@ -15,7 +15,7 @@ from experiment.records.stimulus import Delivered
 if TYPE_CHECKING:
     from experiment.apparatus.panel.conditioning import Played
     from experiment.apparatus.servo.rendering import Felt
-    from experiment.synthesis.contact.block import Block, Pair
+    from experiment.synthesis.contact.block import Block
     from experiment.synthesis.tap import Ring
     from experiment.synthesis.waveforms import Stimulus
 
@@ -113,24 +113,6 @@ class Actuator(Protocol):
         `contact_ns` is when the foot touched the panel, session time, as it is known by then. Raises `ActuatorError` if
         the device cannot say.
         """
-        ...
-
-    def close(self) -> None: ...
-
-
-class ForceOutput(Protocol):
-    """What pushes the hand; it holds a force until the next one, but no longer than 2 ms."""
-
-    def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> None:
-        """Have the device hold a force: out of the block and along its face, N; never more than its limit.
-
-        It lights a lamp if the hand is too fast. `now_ns` is the machine's monotonic clock. Raises `ServoError` if the
-        device takes nothing more.
-        """
-        ...
-
-    def late_ns(self, now_ns: int) -> int:
-        """Return for how long the device has owed an answer, ns. Raises `ServoError` if it is gone."""
         ...
 
     def close(self) -> None: ...

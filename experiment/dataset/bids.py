@@ -66,9 +66,9 @@ class DatasetText:
 class TaskText:
     """What the sidecar of a task's events says.
 
-    `materials` maps each id, in order, to its description; `session_id` is the journal's, None where there is no
-    journal. `answers` are those of a comparison, each with what it names; None in a task of another kind, whose answers
-    are materials.
+    `materials` maps each id, in order, to its description, and `presented` are those of them that the task presents,
+    None where it presents all; `session_id` is the journal's, None where there is no journal. `answers` are those of a
+    comparison, each with what it names; None in a task of another kind, whose answers are materials.
     """
 
     id: str
@@ -81,6 +81,7 @@ class TaskText:
     notes: Mapping[str, object] = field(default_factory=dict)
     session_id: str | None = None
     answers: Mapping[str, str] | None = None
+    presented: tuple[str, ...] | None = None
 
 
 @dataclass(frozen=True)
@@ -196,7 +197,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     described = _described(texts, task.origin)
     for name in ("presented", "first", "second"):
         if name in described:
-            described[name]["Levels"] = dict(task.materials)
+            described[name]["Levels"] = {one: task.materials[one] for one in task.presented or task.materials}
     answers = task.materials if task.answers is None else task.answers
     described["answered"]["Levels"] = {**answers, NO_ANSWER: "no material was named"}
     sidecar: dict[str, object] = {
@@ -206,6 +207,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
         "Instructions": task.instructions,
         "StimulusPresentation": dict(task.stimulus_presentation),
         "Materials": list(task.materials),
+        **({"Presented": list(task.presented)} if task.presented else {}),
         **({"Answers": list(task.answers)} if task.answers is not None else {}),
         "Rows": len(attempts),
         **({"SessionId": task.session_id} if task.session_id else {}),

@@ -463,9 +463,10 @@ def raw_frames(journal_file: Path, steps: Sequence[FootStep | BrokenOff]) -> lis
 
 
 def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:
-    what, answers = f"{len(protocol.materials)} materials", None
+    count = len(protocol.presented(task))
+    what, answers = f"{count} material{'s' * (count > 1)}", None
     if (compared := protocol.comparison) is not None:
-        what = f"{len(protocol.presentations)} pairs of {what}, compared by their {compared.quality}"
+        what = f"{len(protocol.presentations(task))} pairs of {what}, compared by their {compared.quality}"
         answers = {answer: comparison.ANSWERS[answer] for answer in compared.answers.values()}
     return bids.TaskText(
         id=task.id,
@@ -473,6 +474,7 @@ def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: 
         description=f"{task.title}. {what}, {task.repetitions} trials each.",
         instructions=task.instruction,
         materials={m.id: m.description for m in protocol.materials},
+        presented=task.materials,
         stimulus_presentation={"SoftwareName": "palpate", "SoftwareVersion": __version__},
         origin=origin,
         session_id=session_id,

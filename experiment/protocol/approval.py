@@ -68,7 +68,7 @@ def _document(protocol: Protocol) -> dict[str, Any]:
             table = table[name] if table is not None else None
         if table is not None and (table[key] is None or table[key] is False):
             del table[key]
-    for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker",))):
+    for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker", "materials"))):
         for one in document[listed]:
             for key in younger:
                 if one[key] is None:

@@ -338,6 +338,8 @@ class Task(Confined):
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
         masker: the colour of this task's noise, or none, where it is not that of `[masker]`.
+        materials: the materials that this task presents, in their order, where these are not all; participants may
+            answer any.
     """
 
     id: Label
@@ -350,6 +352,7 @@ class Task(Confined):
     order: Order
     familiarisation: Familiarisation
     masker: Literal["none", "pink", "white"] | None = None
+    materials: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
 
 
 class TaskOrder(Confined):
@@ -494,15 +497,17 @@ class Protocol(Confined):
                 return task
         raise KeyError(task_id)
 
-    @property
-    def presentations(self) -> tuple[tuple[str, ...], ...]:
-        """What each task presents: every material by its id, or every pair of two, a material with itself included."""
-        ids = [material.id for material in self.materials]
-        return tuple(combinations_with_replacement(ids, 1 if self.comparison is None else 2))
+    def presented(self, task: Task) -> tuple[str, ...]:
+        """Return the ids of the materials that a task presents, in their order."""
+        return task.materials or tuple(material.id for material in self.materials)
+
+    def presentations(self, task: Task) -> tuple[tuple[str, ...], ...]:
+        """Return what a task presents: each of its materials, or every pair of two, one with itself included."""
+        return tuple(combinations_with_replacement(self.presented(task), 1 if self.comparison is None else 2))
 
     def trials(self, task: Task) -> int:
         """Return how many trials a participant has in a task."""
-        return task.repetitions * len(self.presentations)
+        return task.repetitions * len(self.presentations(task))
 
     @property
     def footsteps(self) -> Footstep:

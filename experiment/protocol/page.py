@@ -335,7 +335,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         (
             task.id,
             str(task.participants),
-            f"{len(protocol.presentations)} x {task.repetitions} = {protocol.trials(task)}",
+            f"{len(protocol.presentations(task))} x {task.repetitions} = {protocol.trials(task)}",
             str(protocol.trials(task) * task.participants),
         )
         for task in protocol.tasks
@@ -355,11 +355,16 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("Title", Free(task.title)),
             ("Kind of trial", task.kind),
             ("Stimuli", _STIMULUS[task.stimulus] if protocol.comparison is None else _SURFACES[task.stimulus]),
+            *((("Materials", _alone(task.materials)),) if task.materials else ()),
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
             ("Order", _order(task, presented.removesuffix("s"))),
         )
+
+
+def _alone(materials: tuple[str, ...]) -> str:
+    return f"{', '.join(map(named, materials))} alone are presented; answers may be any of the study's materials"
 
 
 _STIMULUS = {

@@ -150,11 +150,15 @@ def protocol(table: Table) -> Iterator[Broken]:
     than `exposure.session_min`. An order `max-run` is of no more than 400 trials. `answers-below` is at most the trials
     of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
 
+    `materials` of a task are some of the protocol's, each once, in their order. A task with one of them has no order
+    `max-run`. Each task of a planned `one-way ANOVA` presents two materials or more, those of a `two-way ANOVA` or
+    `ICC` have two in common, and those of an `equivalence` one, or two where it is of one task.
+
     With `[footstep]` every material has `key` and `spoken`. With `[comparison]` none has; a task whose `stimulus` is
     `virtual` needs `[comparison.virtual]`, `exposure.force_peak_n`, and `attack_hz` and `amplitude` of every material;
-    `repetitions` are even, and no order is `max-run`; `masker.probe` is left out; `answers.microphone` is false;
-    exclusion rules judge answers and withdrawals; and the planned tests are `Bradley-Terry` and `Thurstone`, or, where
-    there is a `tie_key`, `Davidson`.
+    `repetitions` are even, no order is `max-run`, and no task has `materials`; `masker.probe` is left out;
+    `answers.microphone` is false; exclusion rules judge answers and withdrawals; and the planned tests are
+    `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
     """
     yield from _kinds(table)
     yield from _unique(_tables(table, "materials"), "materials", "id")
@@ -166,6 +170,7 @@ def protocol(table: Table) -> Iterator[Broken]:
         yield Broken(("answers", "microphone"), "true: consent.voice_recordings keeps what it hears")
     yield from _participants(table)
     yield from _planned_tasks(table)
+    yield from _presented(table)
     yield from _limits(table)
     probed = _table(_table(table, "masker"), "probe").get("material")
     if probed is not None and probed not in (ids := [one.get("id") for _, one in _tables(table, "materials")]):
@@ -220,6 +225,8 @@ def _compared(table: Table) -> Iterator[Broken]:
             yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with pairs of materials")
         if (count := _number(task, "repetitions")) is not None and count % 2:
             yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
+        if task.get("materials") is not None:
+            yield Broken(("tasks", i, "materials"), "no value: a task of pairs presents every material")
     if _table(table, "masker").get("probe") is not None:
         yield Broken(("masker", "probe"), "no table: real samples play no probe")
     if _table(table, "answers").get("microphone") is True:
@@ -301,23 +308,50 @@ def _planned_tasks(table: Table) -> Iterator[Broken]:
                 yield Broken(("analysis", i, "tasks", j), f"a task of this protocol, one of: {', '.join(known)}")
 
 
+def _materials(table: Table, task: Table) -> list[str]:
+    """Return the ids of the materials that a task presents."""
+    own = _list(task, "materials") or [one.get("id") for _, one in _tables(table, "materials")]
+    return [name for name in own if isinstance(name, str)]
+
+
+def _presented(table: Table) -> Iterator[Broken]:
+    """Yield tasks that present what the protocol has not, and planned tests of too few materials."""
+    every = _materials(table, {})
+    of: list[tuple[object, set[str]]] = []
+    for i, task in _tables(table, "tasks"):
+        own = _materials(table, task)
+        of.append((task.get("id"), {*own}))
+        if own != [name for name in every if name in own]:
+            allowed = f"some of the protocol's, each once, in their order: {', '.join(every)}"
+            yield Broken(("tasks", i, "materials"), allowed)
+    for i, test in _tables(table, "analysis"):
+        kind, sets = test.get("test"), [own for name, own in of if name in _list(test, "tasks")]
+        least = 1 if kind == "equivalence" and len(sets) > 1 else 2
+        if kind == "one-way ANOVA" and any(len(one) < least for one in sets):
+            yield Broken(("analysis", i, "tasks"), "tasks that present at least 2 materials")
+        if kind in ("two-way ANOVA", "ICC", "equivalence") and sets and len(set.intersection(*sets)) < least:
+            yield Broken(("analysis", i, "tasks"), f"tasks that present at least {least} of the same materials")
+
+
 def _limits(table: Table) -> Iterator[Broken]:
     tasks, exclusion = _tables(table, "tasks"), _tables(table, "exclusion")
     session_min = _number(_table(table, "exposure"), "session_min")
     for i, task in tasks:
         longest_s = _number(_table(task, "familiarisation"), "max_s")
         count = _number(task, "repetitions")
-        most = MAX_COUNTED // max(len(_tables(table, "materials")), 1)
-        if _table(task, "order").get("kind") == "max-run" and count is not None and count > most:
+        presented = len(_materials(table, task))
+        most = MAX_COUNTED // max(presented, 1)
+        if _table(task, "order").get("kind") == "max-run" and presented == 1:
+            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with one material")
+        elif _table(task, "order").get("kind") == "max-run" and count is not None and count > most:
             allowed = f"at most {most} with order 'max-run': no more than {MAX_COUNTED} trials in all"
             yield Broken(("tasks", i, "repetitions"), allowed)
         if session_min is not None and longest_s is not None and longest_s >= session_min * 60:
             path = ("tasks", i, "familiarisation", "max_s")
             yield Broken(path, f"less than the longest session (exposure.session_min, {session_min * 60} s)")
-    repetitions = [_number(task, "repetitions") for _, task in tasks]
-    materials = len(_tables(table, "materials"))
-    presented = comb(materials + 1, 2) if _kind(table) == "comparison" else materials
-    trials = min((count for count in repetitions if count is not None), default=0) * presented
+    of = [(_number(task, "repetitions"), len(_materials(table, task))) for _, task in tasks]
+    pairs = _kind(table) == "comparison"
+    trials = min((n * (comb(m + 1, 2) if pairs else m) for n, m in of if n is not None), default=0)
     slowest = [_number(rule, "limit") for _, rule in exclusion if rule.get("when") == "speed-below"]
     for i, rule in exclusion:
         limit = _number(rule, "limit")

@@ -108,6 +108,11 @@ def is_simulated(directory: Path) -> bool:
     return _read(directory / MANIFEST).simulated
 
 
+def materials_of(directory: Path) -> frozenset[str]:
+    """Return the ids of the materials of which there are takes. Raises `RecordingError` as `sha256` does."""
+    return frozenset(take.material for take in _read(directory / MANIFEST).takes if take.material is not None)
+
+
 def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) -> Recordings:
     """Read and check the takes of the bare panel and of the materials asked for; no others are opened.
 

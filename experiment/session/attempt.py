@@ -16,7 +16,7 @@ from experiment.desk.port import INTERRUPTED, NO_ANSWER, Console, Remark, Repeat
 from experiment.errors import JournalError, SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
-from experiment.session.kind import Kind, KindDevices, Limits, Log
+from experiment.session.kind import Kind, KindDevices, Lent, Limits, Log
 from experiment.session.masker import KEYS, Masking
 from experiment.session.remarks import Remarks
 
@@ -130,9 +130,10 @@ class Attempts:
         self._log = log
         self._masking = masking
         self._limits = limits
-        self._kind = devices.kind.begin(
+        lent = Lent(
             protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log, limits=limits
         )
+        self._kind = devices.kind.begin(lent)
         self._remarks = Remarks(
             spoken=protocol.answers, kind=self._kind, console=devices.console, log=log, limits=limits
         )

@@ -6,7 +6,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
@@ -25,51 +24,21 @@ from experiment.records.entries import Footer, Purpose, Visited
 from experiment.records.progress import progress
 from experiment.session import exposure, remarks, runner, scene, visit
 from experiment.session.footstep import fidelity
+from experiment.session.kind import FarEnds
 from experiment.session.laboratory import header, open_laboratory
 from experiment.settings.characters import quoted
 from experiment.study import enrolment, people, roster
 from experiment.study.allocation import Allocation, allocated, find
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
-    from experiment.session.kind import Stimuli
-    from experiment.synthesis.tap import Surface
-    from experiment.synthesis.waveforms import Basis
-
-
-class RealEnds:
-    """Implements `FarEnds`: the devices that the rig names, and an experimenter at a console."""
+class RealEnds(FarEnds):
+    """The devices that the rig names, and an experimenter at a console."""
 
     real_time = True
     reconnect_s = 300.0
 
     def __init__(self, console: Console) -> None:
         self._console = console
-
-    def sound_device(self, opened: ExitStack) -> None:  # noqa: ARG002
-        return None
-
-    def wire_sound(self) -> None:
-        return None
-
-    def panel(self, opened: ExitStack) -> None:  # noqa: ARG002
-        return None
-
-    def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
-        return surfaces
-
-    def force(self, opened: ExitStack) -> None:  # noqa: ARG002
-        return None
-
-    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
-        return materials
-
-    def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
-        return prepare()
-
-    def tracker(self, opened: ExitStack) -> tuple[None, None]:  # noqa: ARG002
-        return None, None
 
     def check(self, tracker: Tracker, rig: Rig) -> None:
         calibration.check_reading(tracker, rig.tracker)
@@ -191,7 +160,7 @@ class _Visit:
             fidelity.refuse_what_leaves_out_too_much(
                 protocol=protocol, rig=rig, rig_folder=self.rig_file.parent, recordings=folder
             )
-            used = _keep_recordings(root, folder, protocol, planned)
+            used = _keep_recordings(root, folder, protocol)
         # Whoever runs the participant elsewhere is told of before anything is opened or asked.
         theirs = storage.participant_folder(root, participant)
         journal.check_free(theirs, participant)
@@ -401,7 +370,7 @@ def _real_recordings(root: Path, given: Path | None) -> Path:
     return folder
 
 
-def _keep_recordings(root: Path, folder: Path, protocol: Protocol, planned: scene.Scene) -> Path:
+def _keep_recordings(root: Path, folder: Path, protocol: Protocol) -> Path:
     """Return the recordings in the dataset; they are copied there at the first session that names them."""
     from experiment.recordings import manifest
 
@@ -410,7 +379,8 @@ def _keep_recordings(root: Path, folder: Path, protocol: Protocol, planned: scen
         if manifest.sha256(folder) != manifest.sha256(kept):
             raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
     else:
-        manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=planned.materials)
+        needed = scene.virtual(protocol).materials
+        manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=needed)
         with storage.new_folder(kept) as partial:
             for file in filter(Path.is_file, folder.rglob("*")):
                 storage.create(partial / file.relative_to(folder), file.read_bytes())

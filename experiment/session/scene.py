@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import Protocol, Task
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,9 +23,10 @@ if TYPE_CHECKING:
 class Scene:
     """What a task needs.
 
-    Stimuli are synthesised (`synthesis`), from the spectra of `materials`, and drive the panel (`actuator`); or the
-    experimenter lays out a real object before each trial (`place`), and no spectra are opened. The masker plays noise
-    of the colour `masker`, None for no noise, and a microphone may listen to answers (`listens`).
+    Stimuli are synthesised (`synthesis`), from the spectra of `materials`, those that the task presents and that of the
+    masker's probe, and drive the panel (`actuator`); or the experimenter lays out a real object before each trial
+    (`place`), and no spectra are opened. The masker plays noise of the colour `masker`, None for no noise, and a
+    microphone may listen to answers (`listens`).
     """
 
     synthesis: bool
@@ -46,22 +47,46 @@ def plan(*, protocol: Protocol, task_id: str) -> Scene:
     if task.masker is not None:
         whole = replace(whole, masker=None if task.masker == "none" else task.masker)
     if task.stimulus == "virtual":
-        return whole
+        return replace(whole, materials=_played(protocol, [task]))
     return replace(whole, synthesis=False, actuator=False, place=True, materials=())
 
 
 def virtual(protocol: Protocol) -> Scene:
-    """Return what a task with virtual stimuli of every material needs."""
-    # A virtual surface rings by a closed form: it needs no recording.
-    recorded = protocol.comparison is None
+    """Return what all tasks with virtual stimuli need together, or one that presented every material."""
+    every = [task.model_copy(update={"materials": None}) for task in protocol.tasks]
     return Scene(
-        synthesis=recorded,
+        synthesis=protocol.comparison is None,
         actuator=True,
         place=False,
-        materials=tuple(material.id for material in protocol.materials) if recorded else (),
+        materials=_played(protocol, [task for task in protocol.tasks if task.stimulus == "virtual"] or every),
         masker=protocol.masker.noise,
         listens=protocol.answers.microphone,
     )
+
+
+def played(protocol: Protocol) -> list[Scene]:
+    """Return the scene of a task with virtual stimuli, for each choice of materials that one presents."""
+    virtual_ids = [task.id for task in protocol.tasks if task.stimulus == "virtual"]
+    each = [plan(protocol=protocol, task_id=one) for one in virtual_ids] or [virtual(protocol)]
+    return list({scene.materials: scene for scene in each}.values())
+
+
+def _played(protocol: Protocol, tasks: Sequence[Task]) -> tuple[str, ...]:
+    """Return the materials of which these tasks play recordings; a virtual surface rings by a closed form."""
+    if protocol.comparison is not None:
+        return ()
+    probe = protocol.masker.probe
+    wanted = {material for task in tasks for material in protocol.presented(task)}
+    wanted |= {probe.material for task in tasks if probe is not None and task.masker != "none"}
+    return tuple(material.id for material in protocol.materials if material.id in wanted)
+
+
+def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
+    """Return a scene with the materials instead that are recorded and not its own; errors as `load_spectra`."""
+    from experiment.recordings import manifest
+
+    recorded = manifest.materials_of(recordings).difference(scene.materials)
+    return replace(scene, materials=tuple(one.id for one in protocol.materials if one.id in recorded))
 
 
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:

@@ -81,7 +81,7 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
     if task_id not in known:
         raise ScheduleError(f"no task '{task_id}' in study {protocol.study.id}; its tasks: {', '.join(known)}")
     task = known[task_id]
-    presented = protocol.presentations
+    presented = protocol.presentations(task)
     draws = Draws("order of trials", approval.names_draws(protocol), participant, task_id, seed)
     match task.order.kind:
         case "full-random":
@@ -111,7 +111,7 @@ def _in_either_order(pairs: Sequence[tuple[str, ...]], draws: Draws) -> list[tup
 def block_trials(protocol: Protocol, task_id: str) -> int:
     """Return the trials in a block of a task: each material or pair once if the order is blocked, else the whole."""
     task = protocol.task(task_id)
-    return len(protocol.presentations) if task.order.kind == "blocked-random" else protocol.trials(task)
+    return len(protocol.presentations(task)) if task.order.kind == "blocked-random" else protocol.trials(task)
 
 
 def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> list[str]:

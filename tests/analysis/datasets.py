@@ -47,10 +47,11 @@ def write_dataset(
     tasks: Sequence[str] = ("virtual", "real"),
     session_ids: Mapping[tuple[str, str], str] | None = None,
     answers: Sequence[str] | None = None,
+    presented: Mapping[str, tuple[str, ...]] | None = None,
 ) -> Path:
     """A dataset of participant -> task -> rows of its events; `session_ids` of participant and task.
 
-    With `answers` its trials are comparisons.
+    With `answers` its trials are comparisons; `presented` are the materials of tasks that do not present all.
     """
     text = DatasetText(
         study=study,
@@ -76,6 +77,7 @@ def write_dataset(
                 origin=origin,
                 session_id=(session_ids or {}).get((label, task)),
                 answers=None if answers is None else {answer: f"the {answer}" for answer in answers},
+                presented=(presented or {}).get(task),
             )
             write_files(events(root, label, said, [{**row, "origin": origin} for row in rows]))
     return root

@@ -15,7 +15,8 @@ from analysis.reading.dataset import read
 from analysis.reading.study import Exclusion
 from experiment.dataset.bids import LABELS
 from experiment.errors import DatasetError
-from tests.analysis.datasets import balanced, trial, write_dataset
+from experiment.records.events import NO_ANSWER
+from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 from tests.conftest import Palpate
 
 
@@ -44,6 +45,20 @@ def test_a_reason_that_a_spreadsheet_would_compute_is_quoted(repository_root: Pa
     found = _frame(files(replace(study, exclusions=(rule,)))["exclusions.csv"])
     assert list(found["reason"]) == ["'=HYPERLINK(A1)"]
     assert found["trial"].isna().all()
+
+
+def test_a_task_has_no_column_and_no_row_of_a_material_that_it_does_not_present(tmp_path: Path) -> None:
+    rows = trials([("sand", "snow"), ("glass", "glass")])
+    sessions = {"1": {"virtual": rows, "real": balanced(1)}}
+    root = write_dataset(tmp_path / "data", sessions, presented={"virtual": ("glass", "sand")})
+    tables = {path.name: path.read_bytes() for path in export([root], tmp_path / "out")}
+    wide = _frame(tables["wide.csv"])
+    own = [name for name in wide.columns if name.startswith(("virtual_", "real_"))]
+    assert own == ["virtual_glass", "virtual_sand", "real_glass", "real_sand", "real_snow"]
+    assert wide["virtual_sand"].tolist() == [0.0]
+    long = _frame(tables["long.csv"])
+    assert set(long.loc[long["task"] == "virtual", "presented"]) == {"glass", "sand"}
+    assert set(long.loc[long["task"] == "virtual", "answered"]) == {*MATERIALS, NO_ANSWER}
 
 
 def test_every_row_is_labelled(okamoto: dict[str, bytes]) -> None:

@@ -176,3 +176,17 @@ def test_what_cannot_be_practised_is_refused_and_leaves_nothing(
 def test_practice_and_a_rehearsal_stand_apart(tmp_path: Path, one: Path, palpate: Palpate) -> None:
     code, _, err = palpate("run", shipped("okamoto2012.toml"), "--practice", "--dataset", one)
     assert (code, "holds practice of something else (label REHEARSAL there, PRACTICE asked for" in err) == (2, True)
+
+
+def test_a_task_that_presents_one_material_is_practised_and_analysed(tmp_path: Path, palpate: Palpate) -> None:
+    (tmp_path / "small.toml").write_text(
+        SMALL.replace('stimulus = "real"', 'stimulus = "real"\nmaterials = ["cork"]'), "utf-8"
+    )
+    code, screen = practise(tmp_path, "small.toml", "--task", "two", stop_after=TRIALS)
+    assert (code, "The session is complete: 2 answers." in screen) == (0, True), screen
+    root = tmp_path / "participants" / "practice-small"
+    order = journal.read(storage.journal_path(root, "01", "two")).header.order
+    assert [trial.presented for trial in order] == [("cork",)] * 2
+    assert verify(root).refused == 0
+    code, out, err = palpate("analyse", root, "--no-figures", "--out", tmp_path / "tables")
+    assert (code, "felt is not presented in this task." in out) == (0, True), err

@@ -134,6 +134,24 @@ def test_any_five_materials_are_rehearsed_to_the_end_and_told_apart(tmp_path: Pa
     assert stats.binomtest(sum(right), len(right), 0.2, alternative="greater").pvalue < 1e-4
 
 
+def test_tasks_that_present_some_of_the_materials_are_rehearsed_and_analysed(tmp_path: Path, palpate: Palpate) -> None:
+    file = tmp_path / "some.toml"
+    text = SMALL.replace('kind = "max-run", max_run = 2', 'kind = "full-random"')
+    for kind, only in (("virtual", "felt"), ("real", "cork")):
+        text = text.replace(f'stimulus = "{kind}"', f'stimulus = "{kind}"\nmaterials = ["{only}"]')
+    file.write_text(text[: text.rindex("[[analysis]]")], "utf-8")
+    root = tmp_path / "rehearsed"
+    code, out, err = palpate("rehearse", file, "--participants", 3, "--out", root)
+    assert code == 0, err
+    assert "no material is in all of them" in " ".join(out.split())
+    for task, only, trials in (("one", "felt", 3), ("two", "cork", 2)):
+        rows = counted(root, task)
+        assert {row["presented"] for row in rows} == {only}
+        assert {row["answered"] for row in rows} <= {"felt", "cork", "none"}
+        assert len(rows) == 3 * trials
+    assert verify(root).refused == 0
+
+
 def test_stimuli_were_shaped_by_the_table_that_is_kept_beside_the_journal(one: Path) -> None:
     path = storage.journal_path(one, "01", "virtual")
     rig = rigs.load(storage.rig_path(path))

@@ -66,7 +66,7 @@ def decode(message: bytes) -> tuple[int, Pair, bool] | None:
 
 
 class ForceDevice:
-    """Implements `ForceOutput`."""
+    """What pushes the hand; it holds a force until the next one, but no longer than 2 ms."""
 
     def __init__(self, address: str, *, limit_n: float) -> None:
         """Connect to the device at `host:port`; no force is ever larger than the limit, N.
@@ -92,9 +92,10 @@ class ForceDevice:
         """How often the device said that it had dropped its force."""
 
     def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> None:
-        """Have the device hold a force, N, bounded by the limit; `now_ns` is the machine's monotonic clock.
+        """Have the device hold a force: out of the block and along its face, N; never more than its limit.
 
-        Raises `ServoError` if the device takes nothing more.
+        It lights a lamp if the hand is too fast. `now_ns` is the machine's monotonic clock. Raises `ServoError` if the
+        device takes nothing more.
         """
         message = encode(self._sequence, bounded(force_n, self._limit_n), fast=fast)
         try:

@@ -43,9 +43,10 @@ BEYOND = 1.5
 class Fidelity:
     """The budgets of one material at each speed, mm/s, and what stands beside them, as shares of the rms asked for.
 
-    `nearest_m_s2` is the dissimilarity (6) to the most similar of the other materials, at each speed. `other_reading`
-    is how far the other reading of equation (7) lies there, empty where the rig takes accelerations. `interpolation`
-    and `averaging` are the largest over the speeds recorded; None where too few speeds or takes were.
+    `nearest_m_s2` is the dissimilarity (6) to the most similar of the other materials of the scene, at each speed,
+    empty where there is none. `other_reading` is how far the other reading of equation (7) lies there, empty where the
+    rig takes accelerations. `interpolation` and `averaging` are the largest over the speeds recorded; None where too
+    few speeds or takes were.
     """
 
     speeds_mm_s: tuple[float, ...]
@@ -70,8 +71,10 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
     return tuple(np.geomspace(slowest, fastest, SPEEDS).tolist())
 
 
-def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> dict[str, Fidelity]:
-    """Return the fidelity of each material that virtual stimuli are made of, by its id.
+def fidelity(
+    *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
+) -> dict[str, Fidelity]:
+    """Return the fidelity of each material that a scene plays, by its id.
 
     Raises `RecordingError` if a recording is missing or unusable, and `RigError` if the response table is.
     """
@@ -79,7 +82,6 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
     from experiment.recordings import manifest
     from experiment.synthesis import budget
 
-    scene = scenes.virtual(protocol)
     taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
@@ -96,7 +98,7 @@ def fidelity(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
         found[material] = Fidelity(
             speeds_mm_s=speeds,
             budgets=tuple(each for each, _ in told),
-            nearest_m_s2=tuple(_nearest_m_s2(material, spectra, v) for v in speeds),
+            nearest_m_s2=tuple(_nearest_m_s2(material, spectra, v) for v in speeds) if len(spectra) > 1 else (),
             other_reading=tuple(
                 budget.other_reading(stimulus, shaped=shaped, response=one.drive.response)
                 for stimulus, one, (_, shaped) in zip(stimuli, played, told, strict=True)
@@ -125,17 +127,27 @@ def carried_hz(rig: Rig, rig_folder: Path) -> tuple[float, float] | None:
 
 
 def judged(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> str:
-    """Return in words what a rig leaves out of a study's recordings at most.
+    """Return in words what a rig leaves out at most of what tasks of a study present.
 
     Raises `RigError` for more than the protocol allows, which says how much, and otherwise as `fidelity`.
     """
     carries_hz = carried_hz(rig, rig_folder)
-    found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
-    if told := refusal(protocol, rig, found, carries_hz):
+    _, worst = _every(protocol, rig, rig_folder, recordings, carries_hz)
+    if told := refusal(protocol, rig, worst, carries_hz):
         raise RigError(told)
-    worst = most_left_out(found, carries_hz)
     known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
     return known if carries_hz else f"{UNKNOWN}; where all are carried, {known}"
+
+
+def _every(
+    protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, carries_hz: tuple[float, float] | None
+) -> tuple[dict[tuple[str, ...], dict[str, Fidelity]], MostLeftOut]:
+    """Return the fidelity of each choice of materials that a task plays, and what is left out at most of any."""
+    found = {
+        scene.materials: fidelity(scene=scene, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+        for scene in scenes.played(protocol)
+    }
+    return found, max((most_left_out(one, carries_hz) for one in found.values()), key=attrgetter("share"))
 
 
 def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> None:
@@ -178,9 +190,9 @@ def most_left_out(found: dict[str, Fidelity], carries_hz: tuple[float, float] | 
     return MostLeftOut(budget.left_out, told, " and ".join(remedy for *_, remedy in counting))
 
 
-def refusal(protocol: Protocol, rig: Rig, found: dict[str, Fidelity], carries_hz: tuple[float, float] | None) -> str:
-    """Return why no participant is run on a rig with this fidelity; empty where the protocol allows it."""
-    most, worst = protocol.footsteps.synthesis.left_out_max, most_left_out(found, carries_hz)
+def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> str:
+    """Return why no participant is run on a rig that leaves out so much; empty where the protocol allows it."""
+    most = protocol.footsteps.synthesis.left_out_max
     if most is None or (worst.share <= most and carries_hz is not None):
         return ""
     allowed = f"allowed: {most:.4g} of it, by footstep.synthesis.left_out_max"
@@ -368,13 +380,14 @@ class ErrorBudget:
         return [*told, "timing: a tracker with less noise or more frames, or a shorter latency of the output"]
 
 
-def error_budget(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> ErrorBudget:
-    """Return the error budget of a study's recordings on a rig; errors as in `fidelity`."""
+def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> ErrorBudget:
+    """Return the error budget of what a task plays on a rig, refused for any task; errors as in `fidelity`."""
     carries_hz = carried_hz(rig, rig_folder)
-    found = fidelity(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+    every, worst = _every(protocol, rig, rig_folder, recordings, carries_hz)
+    found = every[scenes.plan(protocol=protocol, task_id=task_id).materials]
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"
-    return ErrorBudget(found, aims_ms, carries_hz, schedules, refusal(protocol, rig, found, carries_hz))
+    return ErrorBudget(found, aims_ms, carries_hz, schedules, refusal(protocol, rig, worst, carries_hz))
 
 
 WIDTH = 100
@@ -414,7 +427,7 @@ def _percent(share: float) -> str:
 
 
 def _of(values: tuple[float, ...], shown: Callable[[float], str]) -> str:
-    return _between(min(values), max(values), shown)
+    return _between(min(values), max(values), shown) if values else "none"
 
 
 def _between(low: float, high: float, shown: Callable[[float], str]) -> str:

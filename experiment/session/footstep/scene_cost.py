@@ -214,7 +214,7 @@ def plan(
     heard = (*sound(scene, protocol, rig), f"ports     {ports(scene, rig)}")
     heard += (f"process   {process}",) if process else ()
     if scene.synthesis:
-        budget = error_budget(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+        budget = error_budget(task_id=task_id, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
         needs, left_out = _virtual(scene, protocol, rig, recordings, budget)
         return TaskPlan(task_id, title, (*heard, *needs), left_out, budget)
     needs = (*heard, f"parts     {', '.join(ALWAYS)}", "steps     laying out the real object before each trial")
@@ -317,6 +317,11 @@ def _virtual(
     held = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     needs = [f"parts     {', '.join(ALWAYS)}, synthesis, actuator", f"imports   {', '.join(STIMULUS_MODULES)}"]
     left_out = [Omission("steps", "laying out a real object before each trial", None, None, "nothing")]
+    others = scenes.besides(scene=scene, protocol=protocol, recordings=recordings)
+    if others.materials:
+        load = partial(scenes.load_spectra, scene=others, protocol=protocol, recordings=recordings)
+        nothing = "nothing: no trial of this task presents them"
+        left_out.append(Omission("materials", f"spectra of {', '.join(others.materials)}", *measured(load), nothing))
     for material, basis in scenes.prepare_stimuli(held, protocol=protocol, output_rate_hz=rate_hz).items():
         off = percent(*budget.materials[material].range(lambda one: one.total))
         way = "basis waveforms" if rig.actuator.shaping is None else "voltages, prepared where they fit"

@@ -19,15 +19,14 @@ from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from experiment.clock import Clock, lasted_ms
 from experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
-from experiment.desk.port import Console
 from experiment.errors import RecordingError, TrackerError, TrackerStopped
 from experiment.protocol.models import ExclusionRule, Protocol
-from experiment.records.entries import Header, PlannedTrial, Trace, TrackerOpened
+from experiment.records.entries import PlannedTrial, Trace, TrackerOpened
 from experiment.records.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen, Stimuli
+from experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Stimuli
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -65,10 +64,8 @@ class FootstepDevices:
     actuator: Actuator | None
     materials: Mapping[str, Basis] | None
 
-    def begin(
-        self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log, limits: Limits
-    ) -> Footsteps:
-        return Footsteps(self, protocol=protocol, header=header, console=console, clock=clock, log=log, limits=limits)
+    def begin(self, lent: Lent) -> Footsteps:
+        return Footsteps(self, lent)
 
 
 def open_footsteps(
@@ -150,29 +147,20 @@ class _Parted:
     error: TrackerError
 
 
-class Footsteps:
-    """Implements `Kind`: each attempt is one step of the foot."""
+class Footsteps(Kind):
+    """Each attempt is one step of the foot."""
 
-    def __init__(
-        self,
-        devices: FootstepDevices,
-        *,
-        protocol: Protocol,
-        header: Header,
-        console: Console,
-        clock: Clock,
-        log: Log,
-        limits: Limits,
-    ) -> None:
-        """Set up before the first attempt; arguments as in `KindDevices.begin`."""
+    def __init__(self, devices: FootstepDevices, lent: Lent) -> None:
+        """Set up before the first attempt."""
+        protocol, clock, limits = lent.protocol, lent.clock, lent.limits
         step = protocol.footsteps.step
         self._protocol = protocol
-        self._trials = len(header.order)
-        self._place = scene.plan(protocol=protocol, task_id=header.task).place
+        self._trials = len(lent.header.order)
+        self._place = scene.plan(protocol=protocol, task_id=lent.header.task).place
         self._devices = devices
-        self._console = console
+        self._console = lent.console
         self._clock = clock
-        self._log = log
+        self._log = lent.log
         self._limits = limits
         # The protocol's rules give every material of a footstep its key.
         self._answers = {m.key or "": Meaning(m.id, _spoken(m.id, m.spoken[0])) for m in protocol.materials}
@@ -264,18 +252,6 @@ class Footsteps:
     def answers(self, planned: PlannedTrial) -> dict[str, Meaning]:  # noqa: ARG002
         """Return the materials of the study by their keys; in every trial the same."""
         return self._answers
-
-    @property
-    def keys(self) -> Mapping[str, str]:
-        """There are none."""
-        return {}
-
-    def press(self, key: str) -> None:
-        """Do nothing: there are no further keys."""
-
-    def rest(self) -> str:
-        """Return nothing: a stimulus has ended when its question is asked."""
-        return ""
 
     def measured(self) -> Measured:
         """Return the foot's height in the last seconds, mm, and how the last step went."""

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock
-from experiment.desk.messages import Measured
-from experiment.desk.port import Console
 from experiment.protocol.models import Protocol
-from experiment.records.entries import Header, PlannedTrial
+from experiment.records.entries import PlannedTrial
 from experiment.records.tapping import FIRST, SECOND, PairLaidOut
-from experiment.session.kind import FarEnds, KindDevices, Limits, Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -24,17 +22,8 @@ if TYPE_CHECKING:
 class ComparisonDevices:
     """Implements `KindDevices`: real samples need no device."""
 
-    def begin(
-        self,
-        *,
-        protocol: Protocol,
-        header: Header,  # noqa: ARG002
-        console: Console,
-        clock: Clock,
-        log: Log,  # noqa: ARG002
-        limits: Limits,
-    ) -> Comparisons:
-        return Comparisons(protocol=protocol, console=console, clock=clock, limits=limits)
+    def begin(self, lent: Lent) -> Comparisons:
+        return Comparisons(lent)
 
 
 def open_comparisons(
@@ -56,27 +45,24 @@ def open_comparisons(
     return open_surfaces(protocol=protocol, rig=rig, clock=clock, stream=stream, ends=ends, opened=opened)
 
 
-@dataclass(kw_only=True)
-class Comparisons:
-    """Implements `Kind`: each attempt is one pair of samples before the participant.
+@dataclass
+class Comparisons(Kind):
+    """Each attempt is one pair of samples before the participant.
 
     The participant tries both, and changes from one to the other, as often as they wish; the question is asked from the
     moment at which both are laid out, and response times count from it.
     """
 
-    protocol: Protocol
-    console: Console
-    clock: Clock
-    limits: Limits
+    lent: Lent
     _laid: PairLaidOut | None = field(default=None, init=False)
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
         """Have the samples of the pair laid out, the one that is presented first at the first place."""
-        if self.limits.over():
+        if self.lent.limits.over():
             return
-        self.console.place(trial=planned.trial, presented=planned.presented)
+        self.lent.console.place(trial=planned.trial, presented=planned.presented)
         self._laid = PairLaidOut(
-            trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=self.clock.now_ns()
+            trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=self.lent.clock.now_ns()
         )
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
@@ -90,29 +76,6 @@ class Comparisons:
         """Return what each key names: the first or the second sample of this pair, or neither."""
         first, second = planned.presented
         words = {FIRST: f"the first ({first})", SECOND: f"the second ({second})"}
-        return {key: Meaning(one, words.get(one, "neither")) for key, one in self.protocol.comparisons.answers.items()}
-
-    @property
-    def keys(self) -> Mapping[str, str]:
-        """There are none."""
-        return {}
-
-    def press(self, key: str) -> None:
-        """Do nothing: there are no further keys."""
-
-    def rest(self) -> str:
-        """Return nothing: nothing was felt from a device."""
-        return ""
-
-    def measured(self) -> Measured:
-        """Return that nothing is measured."""
-        return Measured()
-
-    @property
-    def probe(self) -> None:
-        """There is none: no device plays anything."""
-        return
-
-    def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
-        """Return at once: there is no device that could fall silent."""
-        return
+        return {
+            key: Meaning(one, words.get(one, "neither")) for key, one in self.lent.protocol.comparisons.answers.items()
+        }

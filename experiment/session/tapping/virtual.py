@@ -16,12 +16,11 @@ from experiment.apparatus.tracker import calibration
 from experiment.apparatus.tracker.landing import QUIETEST_MM
 from experiment.clock import Clock, day
 from experiment.desk.messages import Lamp, Measured
-from experiment.desk.port import Console
 from experiment.errors import RigError, TrackerStopped
 from experiment.protocol.models import Protocol, Virtual
-from experiment.records.entries import Header, PlannedTrial
+from experiment.records.entries import PlannedTrial
 from experiment.records.tapping import WORDS, Changed, PairLaidOut, Place
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen
 from experiment.session.tapping.taps import Lying, Taps
 from experiment.synthesis import tap
 from experiment.synthesis.contact.block import Block
@@ -47,32 +46,21 @@ class SurfaceDevices:
     noise_mm: float
     opened: ExitStack
 
-    def begin(
-        self, *, protocol: Protocol, header: Header, console: Console, clock: Clock, log: Log, limits: Limits
-    ) -> VirtualSurfaces:
+    def begin(self, lent: Lent) -> VirtualSurfaces:
         taps = Taps(
             servo=self.servo,
             actuator=self.actuator,
             block=self.block,
             noise_mm=self.noise_mm,
-            clock=clock,
-            console=console,
-            log=log,
-            limits=limits,
+            clock=lent.clock,
+            console=lent.console,
+            log=lent.log,
+            limits=lent.limits,
         )
         self.opened.callback(taps.close)
         # For practice, without a vibration: nothing lies there before the first trial.
         self.servo.render(self.block)
-        return VirtualSurfaces(
-            rings=self.rings,
-            taps=taps,
-            protocol=protocol,
-            trials=len(header.order),
-            console=console,
-            clock=clock,
-            log=log,
-            limits=limits,
-        )
+        return VirtualSurfaces(self.rings, taps, lent)
 
 
 def open_surfaces(
@@ -141,9 +129,9 @@ def block(virtual: Virtual, *, tracker_hz: int) -> Block:
     return Block((k, k), (c, c), (m, m), into=(-1.0, 0.0), nominal_s=round(1e6 / tracker_hz) * 1e-6)
 
 
-@dataclass(kw_only=True)
-class VirtualSurfaces:
-    """Implements `Kind`: each attempt is one pair of surfaces, of which one is rendered at a time.
+@dataclass
+class VirtualSurfaces(Kind):
+    """Each attempt is one pair of surfaces, of which one is rendered at a time.
 
     The question is asked from the moment at which the first can be tapped, and response times count from it. `rings`
     are the surfaces' vibrations, by their materials' ids.
@@ -151,12 +139,7 @@ class VirtualSurfaces:
 
     rings: Mapping[str, Rings]
     taps: Taps
-    protocol: Protocol
-    trials: int
-    console: Console
-    clock: Clock
-    log: Log
-    limits: Limits
+    lent: Lent
     _ready: PairLaidOut | None = field(default=None, init=False)
     _pair: PairLaidOut | None = field(default=None, init=False)
     _at: int = field(default=0, init=False)
@@ -165,9 +148,9 @@ class VirtualSurfaces:
         """Say that a pair comes. Raises `TrackerStopped` if what renders it has failed."""
         if self.taps.failed is not None:
             raise TrackerStopped(str(self.taps.failed))
-        if self.limits.over():
+        if self.lent.limits.over():
             return
-        self.console.arm(trial=planned.trial, attempt=attempt, trials=self.trials)
+        self.lent.console.arm(trial=planned.trial, attempt=attempt, trials=len(self.lent.header.order))
         self._ready = PairLaidOut(trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=0)
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
@@ -175,18 +158,18 @@ class VirtualSurfaces:
         pair, self._ready = self._ready, None
         if pair is None:
             raise RuntimeError("no pair is watched before it was made ready")
-        self._pair = pair.model_copy(update={"laid_ns": self.clock.now_ns()})
+        self._pair = pair.model_copy(update={"laid_ns": self.lent.clock.now_ns()})
         self._lay(0)
         return Seen(self._pair, answerable_ns=self._pair.laid_ns)
 
     def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:  # noqa: ARG002
         """Return what each key names; which surface is which, nobody at the desk has to know."""
-        return {key: Meaning(one, WORDS[one]) for key, one in self.protocol.comparisons.answers.items()}
+        return {key: Meaning(one, WORDS[one]) for key, one in self.lent.protocol.comparisons.answers.items()}
 
     @property
     def keys(self) -> Mapping[str, str]:
         """The key that changes to the other surface."""
-        return {self.protocol.surfaces.switch_key: f"change to the {PLACES[1 - self._at]} surface"}
+        return {self.lent.protocol.surfaces.switch_key: f"change to the {PLACES[1 - self._at]} surface"}
 
     def press(self, key: str) -> None:  # noqa: ARG002
         """Change to the other surface, and put that on record."""
@@ -194,8 +177,8 @@ class VirtualSurfaces:
             raise RuntimeError("no surface is changed before one was rendered")
         self._lay(1 - self._at)
         place, material = PLACES[self._at], self._pair.presented[self._at]
-        self.log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
-        self.console.show(f"The {place} surface is there now.")
+        self.lent.log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
+        self.lent.console.show(f"The {place} surface is there now.")
 
     def rest(self) -> str:
         """Render nothing more; return why what was felt does not count, or nothing."""
@@ -211,7 +194,7 @@ class VirtualSurfaces:
         if felt is None:
             return Measured(too_fast=False, lamps=(Lamp(name="hand", good=False, words="no frame yet"),))
         fast = self.taps.too_fast
-        words = f"faster than {self.protocol.surfaces.fastest_mm_s:g} mm/s" if fast else "slow enough"
+        words = f"faster than {self.lent.protocol.surfaces.fastest_mm_s:g} mm/s" if fast else "slow enough"
         return Measured(
             trace=felt.height_mm[-1:],
             trace_unit="mm",
@@ -219,11 +202,6 @@ class VirtualSurfaces:
             hand_mm=felt.height_mm[-1],
             lamps=(Lamp(name="hand", good=not fast, words=words),),
         )
-
-    @property
-    def probe(self) -> None:
-        """There is none: the rules refuse a probe in a study of comparisons."""
-        return
 
     def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
         """Open the servo anew."""

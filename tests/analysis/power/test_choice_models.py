@@ -142,6 +142,22 @@ def test_a_file_without_one_of_the_rows_is_refused(tmp_path: Path, protocol: Pro
         choice_models.find(str(file), protocol)
 
 
+def test_a_file_has_rows_of_what_each_task_presents(tmp_path: Path, protocol: Protocol) -> None:
+    tasks = (protocol.tasks[0].model_copy(update={"materials": MATERIALS[:2]}), protocol.tasks[1])
+    some = protocol.model_copy(update={"tasks": tasks})
+    file = tmp_path / "model.toml"
+    file.write_text(FILE, "utf-8")
+    with pytest.raises(
+        PowerError, match=r"task virtual, polypropylene; allowed: each task .* material that it presents"
+    ):
+        choice_models.stated(file, some)
+    head, *rows = FILE.split("[[rows]]")
+    file.write_text("[[rows]]".join([head, *rows[:2], *rows[4:]]), "utf-8")
+    virtual, real = choice_models.stated(file, some).tasks
+    assert virtual.shares == pytest.approx(np.array([[0.4, 0.3, 0.2, 0.1, 0.0]] * 2 + [[0.0] * 5] * 2))
+    assert (virtual.spread.tolist(), real.spread.tolist()) == ([0.1, 0.1, 0.0, 0.0], [0.1] * 4)
+
+
 def test_guessing_is_chance(protocol: Protocol) -> None:
     model = choice_models.find("okamoto2012", protocol)
     for answers, own in zip(choice_models.guessing(protocol, model).tasks, model.tasks, strict=True):

@@ -35,7 +35,7 @@ def protocol() -> Protocol:
     return shipped_protocol.model_copy(update={"analysis": (*shipped_protocol.analysis, ICC_FORM)})
 
 
-def study(root: Path, counts: dict[str, np.ndarray]) -> Study:
+def study(root: Path, counts: dict[str, np.ndarray], presented: Mapping[str, tuple[str, ...]] | None = None) -> Study:
     """The dataset of these answers, as `analyse` reads it from disk."""
     said = (*MATERIALS, NO_ANSWER)
     sessions: dict[str, dict[str, Sequence[Mapping[str, object]]]] = {}
@@ -48,7 +48,7 @@ def study(root: Path, counts: dict[str, np.ndarray]) -> Study:
                 for _ in range(cells[i, j, person])
             ]
             sessions.setdefault(f"{person:02d}", {})[task] = trials(answers)
-    return dataset.read(write_dataset(root, sessions, materials=MATERIALS, origin="REHEARSAL"))
+    return dataset.read(write_dataset(root, sessions, materials=MATERIALS, origin="REHEARSAL", presented=presented))
 
 
 def expected(results: Results, question: Question) -> float | None:
@@ -111,6 +111,38 @@ def test_every_number_is_that_of_analyse(tmp_path: Path, protocol: Protocol, par
                 assert math.isnan(values[number]), question
             else:
                 assert values[number] == pytest.approx(wanted, rel=1e-10, abs=1e-10), question
+
+
+def test_a_task_that_presents_some_of_the_materials_is_simulated_and_tested_as_it_is_analysed(
+    tmp_path: Path, protocol: Protocol
+) -> None:
+    some = {"virtual": ("copy paper", "aluminum foil", "typing paper"), "real": ("aluminum foil", "typing paper")}
+    tasks = tuple(task.model_copy(update={"materials": some[task.id]}) for task in protocol.tasks)
+    study_of = protocol.model_copy(update={"tasks": tasks})
+    printed = published.load("okamoto2012")
+    assert printed is not None
+    design = planned_tests.design(study_of, printed.pairs())
+    assert design.places("virtual", "real") == [1, 3]
+    for model in (chosen := choice_models.find("published", study_of), choice_models.guessing(study_of, chosen)):
+        assert [answers.shares.sum(axis=1).round(9).tolist() for answers in model.tasks] == [[1, 1, 0, 1], [0, 1, 0, 1]]
+        random = np.random.default_rng(3)
+        drawn = {
+            task.id: draw(answers, trials=10, participants=size, studies=1, random=random)
+            for task, answers, size in zip(tasks, model.tasks, design.sizes(6), strict=True)
+        }
+        assert [cells.sum(axis=(1, 2))[:, 0].tolist() for cells in drawn.values()] == [[10, 10, 0, 10], [0, 10, 0, 10]]
+        made = study(tmp_path / str(id(model)), {task: cells[:, :, 0] for task, cells in drawn.items()}, some)
+        results = compute(made, printed.pairs())
+        answered = planned_tests.answer(design, drawn)
+        # t, Holm and sign flips of 3 and 2 materials.
+        assert sum(question.test == "t against chance" for question in answered) == 15
+        for question, answer in answered.items():
+            wanted, values = expected(results, question), answer.estimate if question.alpha is None else answer.p
+            assert values is not None
+            if wanted is None:
+                assert math.isnan(values[0]), question
+            else:
+                assert values[0] == pytest.approx(wanted, rel=1e-10, abs=1e-10), question
 
 
 @pytest.mark.filterwarnings("ignore")

@@ -113,3 +113,30 @@ def test_the_same_seed_gives_the_same_and_looks_are_checked() -> None:
     for looks in ((5,), (9, 5), (2, 5), (5, 5), (5, 2000)):
         with pytest.raises(PowerError, match=r"--looks: got .*; allowed: two or more rising numbers"):
             run(DESIGN, own, study="s", rule="pocock", looks=looks, alike=0.3, studies=60, seed=3)
+
+
+def test_tasks_are_looked_at_over_the_materials_that_both_present() -> None:
+    """Everybody is right in 0.9 of trials: were copy paper compared with a material of no trial, tasks would differ."""
+
+    def asked(*real: str) -> dict[str, float]:
+        only = {"virtual": ("copy paper", "aluminum foil"), "real": real}
+        tasks = tuple(task.model_copy(update={"materials": only[task.id]}) for task in OKAMOTO.tasks)
+        planned = planned_tests.design(OKAMOTO.model_copy(update={"tasks": tasks}), {})
+        right = draw(planned, model(0.9, 0.1), 10, 20, 0.5, False, np.random.default_rng(1))
+        assert [[bool(own.any()) for own in of] for of in right] == [
+            [name in only[task.id] for name in planned.materials] for task in tasks
+        ]
+        found = run(
+            planned, model(0.9, 0.1), study="s", rule="pocock", looks=(5, 10), alike=0.5, studies=200, seed=1,
+            tick=lambda: None,
+        )  # fmt: skip
+        return {one.subject: sum(one.found) for one in found.outcomes}
+
+    both = asked("aluminum foil", "typing paper")
+    assert {name for name in both if "flips" not in name} == {
+        "copy paper, virtual", "aluminum foil, virtual", "aluminum foil, real", "typing paper, real",
+        "virtual - real, paired (ours)",
+    }  # fmt: skip
+    assert both["virtual - real, paired (ours)"] < 0.12
+    assert both["typing paper, real"] > 0.99
+    assert "virtual - real, paired (ours)" not in asked("typing paper")

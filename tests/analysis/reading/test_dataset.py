@@ -11,7 +11,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from analysis.reading.dataset import read
+from analysis.reading.dataset import read, read_pooled
 from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
 from experiment.settings.characters import hidden
@@ -37,6 +37,40 @@ def test_what_was_written_is_read(dataset: Path) -> None:
     assert len(study.trials("real")) == 12
     assert study.exclusions == ()
     assert [part.protocol for part in study.parts] == [None]
+
+
+SOME: dict[str, tuple[str, ...]] = {"virtual": ("glass", "sand")}
+
+
+def test_what_a_task_presents_is_read_and_nothing_else_may_stand_in_its_rows(tmp_path: Path) -> None:
+    sessions = {"01": {"virtual": trials([("glass", "snow")]), "real": balanced(2)}}
+    study = read(write_dataset(tmp_path / "some", sessions, presented=SOME))
+    assert [task.presented for task in study.tasks] == [("glass", "sand"), MATERIALS]
+    wrong = {"01": {"virtual": trials([("glass", "snow"), ("snow", "snow")])}}
+    with pytest.raises(DatasetError, match="line 3: presented: got 'snow'; allowed: glass, sand; mend the row"):
+        read(write_dataset(tmp_path / "wrong", wrong, presented=SOME))
+
+
+@pytest.mark.parametrize("told", ['["snow", "sand"]', '["ice"]', "[]", '"sand"'])
+def test_a_sidecar_that_presents_what_cannot_be_is_refused(tmp_path: Path, told: str) -> None:
+    root = write_dataset(tmp_path / "data", {"02": {"virtual": trials([("glass", "snow")])}}, presented=SOME)
+    document = json.loads((root / SIDECAR).read_text("utf-8"))
+    (root / SIDECAR).write_text(json.dumps(document | {"Presented": json.loads(told)}), "utf-8")
+    with pytest.raises(DatasetError, match="allowed: a list of some of glass, sand, snow, in this order"):
+        read(root)
+
+
+def test_sessions_of_one_task_present_the_same(tmp_path: Path) -> None:
+    rows = {"virtual": trials([("glass", "snow")])}
+    root = write_dataset(tmp_path / "data", {"01": rows, "02": rows}, presented=SOME)
+    document = json.loads((root / SIDECAR).read_text("utf-8"))
+    (root / SIDECAR).write_text(json.dumps(document | {"Presented": ["glass"]}), "utf-8")
+    with pytest.raises(DatasetError, match="Presented differs from that of other files of task virtual; mend one"):
+        read(root)
+    other = write_dataset(tmp_path / "other", {"03": {"virtual": balanced(1)}})
+    write_dataset(root, {"01": rows, "02": rows}, presented=SOME)
+    with pytest.raises(DatasetError, match="task virtual: got the materials 'glass, sand' and 'glass, sand, snow'"):
+        read_pooled([root, other])
 
 
 def test_numbers_and_missing_values_are_read(tmp_path: Path) -> None:

@@ -76,7 +76,10 @@ def test_dashes_where_every_answer_is_right_have_their_reason(tmp_path: Path) ->
         line
         for line in anova_section(results, (), Standing(frozenset(), frozenset(), {})).paragraphs
         if line.startswith("There is no one-way")
-    ] == [f"There is no one-way ANOVA of {task}: no material was taken for another." for task in ("virtual", "real")]
+    ] == [
+        f"There is no one-way ANOVA of {task}: no two materials that it presents were taken for one another."
+        for task in ("virtual", "real")
+    ]
 
 
 def test_a_variance_component_icc_that_cannot_be_is_said(tmp_path: Path) -> None:

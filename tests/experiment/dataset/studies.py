@@ -87,8 +87,13 @@ def make_study(
     sessions: int = 2,
     kept_months: int | None = None,
     voices: bool = False,
+    further: dict[str, str] | None = None,
+    keys: str = "capt",
 ) -> MadeStudy:
-    """Make a study in a folder; the first `sessions` participants do their first task."""
+    """Make a study in a folder; the first `sessions` participants do their first task.
+
+    In its protocol the `further` texts stand in place of others, and `keys` are pressed in a session.
+    """
     folder.mkdir(parents=True)
     file = folder / "study.toml"
     text = shipped("okamoto2012.toml").read_text("utf-8")
@@ -100,7 +105,7 @@ def make_study(
             "voice_recordings = false": "voice_recordings = true",
             'mode = "oral"': 'mode = "oral"\nmicrophone = true',
         }
-    for old, new in ({'id = "okamoto2012"': f'id = "{study}"'} | changed).items():
+    for old, new in ({'id = "okamoto2012"': f'id = "{study}"'} | changed | (further or {})).items():
         assert old in text
         text = text.replace(old, new)
     file.write_text(text, "utf-8")
@@ -118,7 +123,7 @@ def make_study(
     kept = approval.seal_path(storage.protocol_path(made.root))
     storage.write_bytes(kept, approval.seal_path(file).read_bytes())
     for one in made.tasks[:sessions]:
-        made.run(made.header(one.participant, one.tasks[0]))
+        made.run(made.header(one.participant, one.tasks[0]), keys)
     if sessions:
         build.build(made.root)
     return made

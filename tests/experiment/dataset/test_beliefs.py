@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import shutil
 from pathlib import Path
 
@@ -45,6 +46,27 @@ def test_what_is_wrong_is_refused_by_name(made: MadeStudy, wrong: Wrong, tmp_pat
     else:
         with pytest.raises(PalpateError, match=wrong.said):
             build.build(study.root)
+
+
+def test_a_journal_presents_what_its_task_presents(tmp_path: Path) -> None:
+    some = '["copy paper", "typing paper"]'
+    further = {f'stimulus = "{kind}"': f'stimulus = "{kind}"\nmaterials = {some}' for kind in ("virtual", "real")} | {
+        "limit = 4": "limit = 2"
+    }
+    study = make_study(tmp_path / "study", further=further, enrolled=3, sessions=1, keys="cp")
+    assert len(beliefs.believed(study.root).sessions) == 1
+    events = sorted((study.root / "sub-01").rglob("*_events.json"))
+    told = json.loads(events[0].read_text("utf-8"))
+    assert (told["Presented"], len(told["Materials"])) == (["copy paper", "typing paper"], 4)
+    assert list(told["presented"]["Levels"]) == told["Presented"]
+    assert list(told["answered"]["Levels"])[:4] == told["Materials"]
+    assert "2 materials, 1 trials each" in told["TaskDescription"]
+    asked = study.header("02", study.tasks[1].tasks[0])
+    foreign = asked.order[0].model_copy(update={"presented": ("aluminum foil",)})
+    study.run(asked.model_copy(update={"order": (foreign, *asked.order[1:])}), "ap")
+    said = f"trials with aluminum foil; allowed: copy paper, typing paper, which task {asked.task} presents"
+    with pytest.raises(PalpateError, match=said):
+        beliefs.believed(study.root)
 
 
 @pytest.mark.parametrize("command", ["build", "anchor"])

@@ -47,7 +47,7 @@ def test_form_is_that_of_rfc_8785() -> None:
             for name in tables:
                 table = table[name]
             del table[key]
-        for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker",))):
+        for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker", "materials"))):
             document[listed] = [
                 {key: held for key, held in one.items() if key not in younger or held} for one in document[listed]
             ]
@@ -154,3 +154,5 @@ def test_a_seal_that_was_given_before_a_key_was_there_holds_on(repository_root: 
     assert sha256(study.model_copy(update={"footstep": footstep})) != sha256(study)
     quiet = study.tasks[0].model_copy(update={"masker": "none"})
     assert sha256(study.model_copy(update={"tasks": (quiet, *study.tasks[1:])})) != sha256(study)
+    fewer = study.tasks[0].model_copy(update={"materials": ("copy paper",)})
+    assert sha256(study.model_copy(update={"tasks": (fewer, *study.tasks[1:])})) != sha256(study)

@@ -61,6 +61,11 @@ BROKEN = [
     (changed(comparing(), ("comparison", "first_key"), "0"), "answers.no_answer_key", "a key of its own"),
     (changed(comparing(), ("comparison", "first_key"), "+"), "comparison.first_key", "which set the masker's level"),
     (
+        changed(comparing(), ("tasks", 0, "materials"), ("felt",)),
+        "tasks[0].materials",
+        "no value: a task of pairs presents every material",
+    ),
+    (
         changed(
             comparing(),
             ("exclusion",),
@@ -135,9 +140,9 @@ def test_a_footstep_study_still_needs_what_its_answers_are_called(key: str, name
 def test_it_presents_every_pair_and_a_material_with_itself() -> None:
     pairs = {"felt felt", "felt cork", "felt tin", "cork cork", "cork tin", "tin tin"}
     study = protocol(repetitions=4)
-    assert {" ".join(pair) for pair in study.presentations} == pairs
+    assert {" ".join(pair) for pair in study.presentations(study.tasks[0])} == pairs
     assert study.trials(study.tasks[0]) == 24
-    assert small.protocol().presentations == (("felt",), ("cork",))
+    assert (plain := small.protocol()).presentations(plain.tasks[0]) == (("felt",), ("cork",))
 
 
 @pytest.mark.parametrize("tie_key", [None, "3"])
@@ -175,7 +180,7 @@ def test_the_shipped_study_is_that_of_the_paper() -> None:
     """Live and Virtual Tapping Experiments: five surfaces, random pairs of them, 120 trials, seven subjects."""
     study = files.load(files.shipped("wellman1995.toml"))
     assert (study.study.participants, study.masker.noise) == (7, "white")
-    assert len(study.presentations) == 15
+    assert len(study.presentations(study.tasks[0])) == 15
     assert [(task.id, study.trials(task)) for task in study.tasks] == [("live", 120), ("virtual", 120)]
     virtual = study.surfaces
     assert (virtual.rate_hz, virtual.stiffness_n_m, virtual.damping_n_s_m) == (2500, 2500.0, 100.0)

@@ -82,7 +82,7 @@ def others(annotation: Any, value: Any) -> tuple[Any, ...]:
 KEPT = changed(changed(document(), ("consent", "kept_months"), 18), ("answers", "microphone"), True)
 PROBED = changed(KEPT, ("masker", "probe"), {"material": "felt", "speed_mm_s": 200.0})
 LIMITED = changed(PROBED, ("footstep", "synthesis", "left_out_max"), 0.25)
-MASKED = changed(LIMITED, ("tasks", 0, "masker"), "white")
+MASKED = changed(changed(LIMITED, ("tasks", 0, "masker"), "white"), ("tasks", 1, "materials"), ("cork",))
 SAME = {"test": "equivalence", "tasks": ("one",), "question": "Are felt and cork told apart?", "margin": 0.125}
 PLANNED = {**MASKED, "analysis": (*MASKED["analysis"], SAME)}
 FULL = Protocol.model_validate(changed(PLANNED, ("analysis", 0, "correction"), "materials"))

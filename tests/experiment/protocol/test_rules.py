@@ -29,7 +29,55 @@ def with_tasks(count: int) -> dict[str, Any]:
     return {**study, "tasks": tasks}
 
 
+T = {"test": "t against chance", "tasks": ("one",), "chance": 0.5, "question": "?"}
+SAME = {"test": "equivalence", "margin": 0.1, "question": "?"}
+
+
+def presenting(*materials: object, other: tuple[str, ...] = (), analysis: dict[str, Any] = T) -> dict[str, Any]:
+    """The small protocol, whose task `one` is not of an order `max-run` and presents these, and `two` the `other`."""
+    study = changed(document(), ("tasks", 0, "order"), {"kind": "full-random"})
+    study = changed(study, ("tasks", 0, "materials"), materials)
+    if other:
+        study = changed(study, ("tasks", 1, "materials"), other)
+    return {**study, "analysis": (analysis,)}
+
+
 BROKEN = [
+    *(
+        (presenting(*wrong), "tasks[0].materials", "some of the protocol's, each once, in their order: felt, cork")
+        for wrong in (("tin",), ("felt", "tin"), ("cork", "felt"), ("cork", "cork"))
+    ),
+    (
+        changed(presenting("cork"), ("tasks", 0, "order"), {"kind": "max-run", "max_run": 9}),
+        "tasks[0].order.kind",
+        "one of: full-random, blocked-random, with one material",
+    ),
+    (
+        {**presenting("cork"), "exclusion": ({**FEW, "limit": 4},)},
+        "exclusion[0].limit",
+        "at most 3, the trials of the shortest task",
+    ),
+    (
+        presenting("cork", analysis={"test": "one-way ANOVA", "tasks": ("one",), "question": "?"}),
+        "analysis[0].tasks",
+        "tasks that present at least 2 materials",
+    ),
+    (
+        presenting("cork", analysis={"test": "two-way ANOVA", "tasks": ("one", "two"), "question": "?"}),
+        "analysis[0].tasks",
+        "tasks that present at least 2 of the same materials",
+    ),
+    (
+        presenting("cork", analysis={"test": "ICC", "tasks": ("one",), "form": "ICC(2,1)", "question": "?"}),
+        "analysis[0].tasks",
+        "at least 2 of the same materials",
+    ),
+    (
+        presenting("cork", other=("felt",), analysis={**SAME, "tasks": ("one", "two")}),
+        "analysis[0].tasks",
+        "at least 1 of the same materials",
+    ),
+    (presenting("cork", analysis={**SAME, "tasks": ("one",)}), "analysis[0].tasks", "at least 2 of the same materials"),
     (with_rules({**FEW, "limit": 5}), "exclusion[0].limit", "at most 4, the trials of the shortest task"),
     (with_rules(SLOW, FAST), "exclusion[1].limit", "greater than the limit of the rule 'speed-below'"),
     (with_rules({**GONE, "limit": 1}), "exclusion[0].limit", "no value: 'withdrawn' needs no limit"),
@@ -84,6 +132,10 @@ BROKEN = [
 ]
 KEPT = [
     document(),
+    presenting("cork", analysis=T),
+    presenting("felt", "cork", other=("cork",)),
+    presenting("felt", "cork", other=("cork",), analysis={**SAME, "tasks": ("one", "two")}),
+    presenting("felt", "cork", analysis={**SAME, "tasks": ("two",)}),
     with_rules(FEW, GONE, LOST, SLOW, {**FAST, "limit": 31}, UNPLAYED),
     with_rules({**UNPLAYED, "action": "exclude-trial"}),
     with_tasks(6),

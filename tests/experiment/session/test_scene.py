@@ -20,7 +20,7 @@ from experiment.apparatus.rig import Rig
 from experiment.clock import ManualClock
 from experiment.protocol import files
 from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import Probe, Protocol
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.session import scene
 from experiment.session.footstep import scene_cost
@@ -55,6 +55,46 @@ def test_a_real_task_needs_no_synthesis_no_actuator_and_no_spectra(protocol: Pro
     assert (real.synthesis, real.actuator, real.place, real.materials) == (False, False, True, ())
     virtual = scene.plan(protocol=protocol, task_id="virtual")
     assert (virtual.synthesis, virtual.actuator, virtual.place, len(virtual.materials)) == (True, True, False, 4)
+
+
+def presenting(protocol: Protocol, **materials: tuple[str, ...]) -> Protocol:
+    """The protocol whose tasks present these materials."""
+    tasks = (task.model_copy(update={"materials": materials.get(task.id)}) for task in protocol.tasks)
+    return protocol.model_copy(update={"tasks": tuple(tasks)})
+
+
+def test_a_task_holds_the_spectra_of_what_it_presents_and_of_the_maskers_probe(protocol: Protocol) -> None:
+    some = presenting(protocol, virtual=("copy paper", "polypropylene"), real=("typing paper",))
+    assert scene.plan(protocol=some, task_id="virtual").materials == ("copy paper", "polypropylene")
+    assert scene.plan(protocol=some, task_id="real").materials == ()
+    assert [one.materials for one in scene.played(some)] == [("copy paper", "polypropylene")]
+    assert scene.virtual(some).materials == ("copy paper", "polypropylene"), "no virtual task plays typing paper"
+    probe = Probe(material="aluminum foil", speed_mm_s=200.0)
+    probed = some.model_copy(update={"masker": some.masker.model_copy(update={"probe": probe})})
+    assert scene.plan(protocol=probed, task_id="virtual").materials == ("copy paper", "aluminum foil", "polypropylene")
+    quiet = probed.model_copy(update={"tasks": (probed.tasks[0].model_copy(update={"masker": "none"}),)})
+    assert scene.plan(protocol=quiet, task_id="virtual").materials == ("copy paper", "polypropylene")
+    real = protocol.model_copy(update={"tasks": protocol.tasks[1:]})
+    assert len(scene.virtual(real).materials) == len(protocol.materials), "what a task without stimuli leaves out"
+
+
+def test_the_plan_measures_the_spectra_that_a_task_does_not_present(protocol: Protocol, recordings: Path) -> None:
+    rig_file = shipped("rigs/rehearsal.toml")
+    here: dict[str, Any] = {"rig": rigs.load(rig_file), "rig_folder": rig_file.parent, "recordings": recordings}
+    only = scene_cost.plan(protocol=presenting(protocol, virtual=("polypropylene",)), task_id="virtual", **here)
+    (held,) = (need for need in only.needs if need.startswith("material"))
+    assert held.startswith("material  polypropylene: ")
+    (others,) = (omission for omission in only.left_out if omission.kind == "materials")
+    assert others.what == "spectra of copy paper, aluminum foil, typing paper"
+    assert others.costs == "nothing: no trial of this task presents them"
+    # 2,500 amplitudes in double precision at each of the speeds are the least that a spectrum takes.
+    assert others.saves_kb is not None
+    assert others.saves_kb > 3 * 2500 * 8 * len(protocol.footsteps.synthesis.speeds_mm_s) / 1000
+    assert only.budget is not None
+    assert list(only.budget.materials) == ["polypropylene"]
+    text = only.text()
+    assert "  off the nearest material, (6)  none" in text
+    assert "copy paper" not in text.partition("error budget")[2]
 
 
 def test_a_session_of_the_real_task_imports_none_of_their_modules(repository_root: Path, tmp_path: Path) -> None:

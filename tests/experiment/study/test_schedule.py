@@ -17,7 +17,7 @@ from scipy.stats import chisquare
 
 from experiment.errors import ScheduleError
 from experiment.protocol.models import Protocol
-from experiment.study.schedule import Draws, constrained, count_orders, nth_order, schedule
+from experiment.study.schedule import Draws, block_trials, constrained, count_orders, nth_order, schedule
 from tests.experiment.protocol.small import changed, document, okamoto2012
 
 COUNTS = st.lists(st.integers(0, 4), max_size=4).map(tuple).filter(lambda counts: sum(counts) <= 8)
@@ -60,6 +60,26 @@ def test_ranks_are_exactly_the_orders_that_satisfy_the_constraint(counts: tuple[
     assert total == len(satisfying)
     # All different, so a rank drawn evenly is an order drawn evenly.
     assert {nth_order(counts, max_run=max_run, rank=rank) for rank in range(total)} == satisfying
+
+
+@settings(deadline=None)
+@given(
+    st.sets(st.sampled_from("abcdeg"), min_size=1),
+    st.integers(1, 6),
+    st.sampled_from(["full-random", "blocked-random", "max-run"]),
+    st.integers(0, 2**32),
+)
+def test_each_material_that_a_task_presents_comes_as_often_as_planned_and_no_other(
+    only: set[str], repetitions: int, kind: str, seed: int
+) -> None:
+    if kind == "max-run" and len(only) == 1:
+        kind = "full-random"
+    study = with_order(kind, 2 if kind == "max-run" else None, repetitions, materials=6)
+    task = study.tasks[0].model_copy(update={"materials": tuple(sorted(only))})
+    study = study.model_copy(update={"tasks": (task, *study.tasks[1:])})
+    assert Counter(drawn(study, seed=seed)) == dict.fromkeys(only, repetitions)
+    assert study.trials(task) == len(only) * repetitions
+    assert block_trials(study, "one") == (len(only) if kind == "blocked-random" else len(only) * repetitions)
 
 
 @pytest.mark.parametrize(

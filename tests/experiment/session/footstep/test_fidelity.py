@@ -16,6 +16,7 @@ from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from experiment.rehearsal.footstep import recorded_takes
+from experiment.session import scene
 from experiment.session.footstep.fidelity import (
     ErrorBudget,
     Fidelity,
@@ -52,7 +53,8 @@ def volts() -> Rig:
 
 @pytest.fixture(scope="module")
 def found(protocol: Protocol, recordings: Path, volts: Rig) -> dict[str, Fidelity]:
-    return fidelity(protocol=protocol, rig=volts, rig_folder=RIGS, recordings=recordings)
+    whole = scene.virtual(protocol)
+    return fidelity(scene=whole, protocol=protocol, rig=volts, rig_folder=RIGS, recordings=recordings)
 
 
 def allowing(protocol: Protocol, left_out_max: float | None) -> Protocol:
@@ -100,9 +102,10 @@ def test_a_rig_is_refused_for_what_no_output_carries(
 ) -> None:
     carries_hz = carried_hz(volts, RIGS)
     assert carries_hz == (10.0, 600.0), "the ends of the shipped table"
-    assert refusal(protocol, volts, found, carries_hz) == ""
-    assert refusal(allowing(protocol, 0.35), volts, found, carries_hz) == ""
-    told = refusal(allowing(protocol, 0.3), volts, found, carries_hz)
+    worst = most_left_out(found, carries_hz)
+    assert refusal(protocol, volts, worst, carries_hz) == ""
+    assert refusal(allowing(protocol, 0.35), volts, worst, carries_hz) == ""
+    told = refusal(allowing(protocol, 0.3), volts, worst, carries_hz)
     # Both ends of the table are at fault, and the lower one more.
     assert re.match(
         r"rig 'headless': got 34\.\d% \(rms\) of copy paper at 193 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
@@ -127,6 +130,25 @@ def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(protocol: 
     given["rig"] = plain.model_copy(update={"actuator": measured})
     # As much as the rig in volts, whose table ends there, but for what its gain limit holds back.
     assert re.match(r"at most 34\.\d% \(rms\) of copy paper at 193", judged(protocol=allowing(protocol, 0.35), **given))
+
+
+def test_a_rig_is_judged_by_what_some_task_presents(
+    protocol: Protocol, volts: Rig, found: dict[str, Fidelity], recordings: Path
+) -> None:
+    def presenting(*of: tuple[str, ...] | None) -> Protocol:
+        tasks = zip(("virtual", "again"), of, strict=False)
+        made = (protocol.task("virtual").model_copy(update={"id": name, "materials": own}) for name, own in tasks)
+        return allowing(protocol, 0.3).model_copy(update={"tasks": (*made, protocol.task("real"))})
+
+    given: dict[str, Any] = {"rig": volts, "rig_folder": RIGS, "recordings": recordings}
+    worst = {name: max(one.left_out for one in of.budgets) for name, of in found.items()}
+    assert worst["copy paper"] > 0.3 > worst["polypropylene"]
+    assert "of polypropylene at" in judged(protocol=presenting(("polypropylene",)), **given)
+    for fails in (presenting(None), presenting(("polypropylene",), ("copy paper",))):
+        with pytest.raises(RigError, match="of copy paper at 193"):
+            judged(protocol=fails, **given)
+        # What is refused for one task is refused for the study, whose participants do them all.
+        assert "of copy paper at 193" in error_budget(task_id="virtual", protocol=fails, **given).refused
 
 
 def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
@@ -155,7 +177,8 @@ def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol,
 
 
 def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, volts: Rig, recordings: Path) -> None:
-    budget = error_budget(protocol=allowing(protocol, 0.3), rig=volts, rig_folder=RIGS, recordings=recordings)
+    given: dict[str, Any] = {"rig": volts, "rig_folder": RIGS, "recordings": recordings}
+    budget = error_budget(task_id="virtual", protocol=allowing(protocol, 0.3), **given)
     text = "\n".join(budget.lines())
     assert budget.carries_hz == (10.0, 600.0)
     for field, name, remedy in causes(budget.carries_hz):

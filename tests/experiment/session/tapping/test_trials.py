@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import cast
 
 import pytest
 
@@ -14,16 +15,17 @@ from experiment.records import transcript
 from experiment.records.entries import Answer, Armed, Correction, Redo
 from experiment.records.progress import progress
 from experiment.records.tapping import PairLaidOut
-from experiment.session.kind import Meaning
+from experiment.session.kind import Lent, Log, Meaning
 from experiment.session.tapping.trials import Comparisons
 from tests.experiment.protocol.tapping import protocol
 from tests.experiment.session.scripted import START_NS, Endless, ScriptedConsole
-from tests.experiment.session.tapping.bench import ORDER, console, contents, run
+from tests.experiment.session.tapping.bench import ASKED, ORDER, console, contents, run
 
 
 def kind(study: Protocol) -> Comparisons:
-    clock = ManualClock(START_NS)
-    return Comparisons(protocol=study, console=ScriptedConsole(clock, ()), clock=clock, limits=Endless())
+    clock, unused = ManualClock(START_NS), cast("Log", None)
+    desk = ScriptedConsole(clock, ())
+    return Comparisons(Lent(protocol=study, header=ASKED, console=desk, clock=clock, log=unused, limits=Endless()))
 
 
 def test_both_samples_are_laid_out_then_the_question_is_asked(tmp_path: Path) -> None:
