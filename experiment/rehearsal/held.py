@@ -76,13 +76,13 @@ def _open(asked: Asked) -> None:
         # The process waits for nobody, so its priority is no matter.
         real_time = False
 
-        def sound_device(self, opened: ExitStack) -> str | None:  # type: ignore[override]  # noqa: ARG002
+        def sound_device(self, opened: ExitStack) -> str | None:  # noqa: ARG002
             return asked.device
 
-        def panel(self, opened: ExitStack) -> str | None:  # type: ignore[override]  # noqa: ARG002
+        def panel(self, opened: ExitStack) -> str | None:  # noqa: ARG002
             return asked.address
 
-        def tracker(self, opened: ExitStack) -> tuple[str | None, None]:  # type: ignore[override]  # noqa: ARG002
+        def tracker(self, opened: ExitStack) -> tuple[str | None, None]:  # noqa: ARG002
             return asked.port, None
 
         def check(self, tracker: Tracker, rig: rigs.Rig) -> None:

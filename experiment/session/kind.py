@@ -105,7 +105,7 @@ class Seen:
 
 
 class Kind(Protocol):
-    """The trials of one session, one attempt after the other."""
+    """The trials of one session, one attempt after the other; what follows `answers` a kind may leave as it is here."""
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         """Lay out and arm an attempt; `answered_ns` is the session time of the answer just before, None without one.
@@ -132,31 +132,31 @@ class Kind(Protocol):
     @property
     def keys(self) -> Mapping[str, str]:
         """Further keys while a question is open, and what each does; none where nothing can be done."""
-        ...
+        return {}
 
-    def press(self, key: str) -> None:
+    def press(self, key: str) -> None:  # noqa: ARG002
         """Do what one of `keys` stands for. Raises `PalpateError`."""
-        ...
+        return
 
     def rest(self) -> str:
         """Have nothing felt from now on: the question is answered, or is none any more.
 
         Return why the attempt does not count after all, or nothing. It may be called again.
         """
-        ...
+        return ""
 
     def measured(self) -> Measured:
         """Return what is measured now; it may be called from any thread."""
-        ...
+        return Measured()
 
     @property
     def probe(self) -> Callable[[], None] | None:
         """What plays the masker's probe once, after it is on record; None where the protocol or the task has none."""
-        ...
+        return None
 
-    def reconnect(self, timeout_s: float) -> None:
+    def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
         """Wait until the device that fell silent is back. Raises `TrackerStopped` if it is not back in time."""
-        ...
+        return
 
 
 class KindDevices(Protocol):
@@ -173,6 +173,7 @@ class FarEnds(Protocol):
     """What stands at the far ends of a session's ports.
 
     A session calls these in the order in which it opens its parts; what `opened` is given is closed in reverse order.
+    Where nothing else is said here, the devices are those that the rig names, and nothing is changed.
     """
 
     @property
@@ -185,37 +186,37 @@ class FarEnds(Protocol):
         """How long the session waits for a device that fell silent, s; then it is paused."""
         ...
 
-    def sound_device(self, opened: ExitStack) -> str | None:
+    def sound_device(self, opened: ExitStack) -> str | None:  # noqa: ARG002
         """Return the audio device to open; None for the one that the rig names."""
-        ...
+        return None
 
     def wire_sound(self) -> None:
         """Lay what cables the audio device needs, now that the stream on it is open."""
-        ...
+        return
 
-    def panel(self, opened: ExitStack) -> str | None:
+    def panel(self, opened: ExitStack) -> str | None:  # noqa: ARG002
         """Set the panel up; return where its actuator answers, or None for the address that the rig names."""
-        ...
+        return None
 
     def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
         """Return what is presented for each material, by its id: itself, unless a rehearsal controls for it."""
-        ...
+        return materials
 
     def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
         """Return what `prepare` prepares, or what it did for an earlier session of the same rehearsal."""
-        ...
+        return prepare()
 
     def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
         """Return how each virtual surface rings, by its material's id, unless a rehearsal controls for it."""
-        ...
+        return surfaces
 
-    def force(self, opened: ExitStack) -> str | None:
+    def force(self, opened: ExitStack) -> str | None:  # noqa: ARG002
         """Set up what pushes the hand; return where it answers, or None for the address that the rig names."""
-        ...
+        return None
 
-    def tracker(self, opened: ExitStack) -> tuple[str | None, ClockMap | None]:
+    def tracker(self, opened: ExitStack) -> tuple[str | None, ClockMap | None]:  # noqa: ARG002
         """Return the tracker's port, None for the one that the rig names, and its clock where that is known."""
-        ...
+        return None, None
 
     def check(self, tracker: Tracker, rig: Rig) -> None:
         """Refuse a tracker that cannot be used, before anybody is on the panel. Raises `TrackerError`."""

@@ -6,7 +6,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from experiment import storage
 from experiment.apparatus import rig as rigs
@@ -25,20 +24,14 @@ from experiment.records.entries import Footer, Purpose, Visited
 from experiment.records.progress import progress
 from experiment.session import exposure, remarks, runner, scene, visit
 from experiment.session.footstep import fidelity
+from experiment.session.kind import FarEnds
 from experiment.session.laboratory import header, open_laboratory
 from experiment.settings.characters import quoted
 from experiment.study import enrolment, people, roster
 from experiment.study.allocation import Allocation, allocated, find
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
-    from experiment.session.kind import Stimuli
-    from experiment.synthesis.tap import Surface
-    from experiment.synthesis.waveforms import Basis
-
-
-class RealEnds:
+class RealEnds(FarEnds):
     """Implements `FarEnds`: the devices that the rig names, and an experimenter at a console."""
 
     real_time = True
@@ -46,30 +39,6 @@ class RealEnds:
 
     def __init__(self, console: Console) -> None:
         self._console = console
-
-    def sound_device(self, opened: ExitStack) -> None:  # noqa: ARG002
-        return None
-
-    def wire_sound(self) -> None:
-        return None
-
-    def panel(self, opened: ExitStack) -> None:  # noqa: ARG002
-        return None
-
-    def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
-        return surfaces
-
-    def force(self, opened: ExitStack) -> None:  # noqa: ARG002
-        return None
-
-    def presented(self, materials: dict[str, Basis]) -> dict[str, Basis]:
-        return materials
-
-    def stimuli(self, prepare: Callable[[], Stimuli]) -> Stimuli:
-        return prepare()
-
-    def tracker(self, opened: ExitStack) -> tuple[None, None]:  # noqa: ARG002
-        return None, None
 
     def check(self, tracker: Tracker, rig: Rig) -> None:
         calibration.check_reading(tracker, rig.tracker)
