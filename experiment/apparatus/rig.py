@@ -495,11 +495,6 @@ class TrackerRig(Confined):
         """Return how many readings a frame has: 2 if the tracker is planar."""
         return 1 if self.along_calibration is None else 2
 
-    @property
-    def frame_bytes(self) -> int:
-        """Return the length of a frame."""
-        return FRAME_BYTES[self.readings]
-
     def height_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
         """Return the height above the panel of each reading, mm; that of the outermost points beyond them."""
         heights_mm: NDArray[np.float64] = np.interp(counts, *self._points)

@@ -200,7 +200,7 @@ def along(heard: Heard, settings: TrackerRig) -> tuple[Check, ...]:
     low_mm, high_mm = min(calibrated_mm), max(calibrated_mm)
     held = (heard.along_mm <= low_mm) | (heard.along_mm >= high_mm)
     found = judged(
-        "tracker along the face",
+        "tracker along",
         float(held.mean()) <= calibration.HELD_PART,
         f"{np.std(heard.along_mm):.3f} mm at {np.median(heard.along_mm):.1f} mm along the face",
         allowed=f"{low_mm:g} to {high_mm:g} mm",

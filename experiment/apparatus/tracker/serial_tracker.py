@@ -30,7 +30,7 @@ import numpy as np
 from experiment.apparatus import host
 from experiment.apparatus.tracker import clock_map as clock_maps
 from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
-from experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples
+from experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples
 from experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, identity_of, port_of, reason
 from experiment.clock import Clock, MonotonicClock
 from experiment.errors import TrackerError, TrackerStopped
@@ -104,8 +104,9 @@ class SerialTracker:
         self._falling_pause_ns = max(FALLING_NS - round(1e9 / settings.rate_hz), 0)
         self._calm_pause_ns = min(LONGEST_PAUSE_NS, int(SILENCE_PART * settings.stall_ms * 1e6))
         # What a pause brings, and as much again: a read that brings no more found no backlog.
-        self._calm_bytes = settings.frame_bytes * (2 + 2 * self._calm_pause_ns * settings.rate_hz // 1_000_000_000)
-        self._most_bytes = int(KEPT_S * settings.rate_hz) * settings.frame_bytes
+        frame_bytes = FRAME_BYTES[settings.readings]
+        self._calm_bytes = frame_bytes * (2 + 2 * self._calm_pause_ns * settings.rate_hz // 1_000_000_000)
+        self._most_bytes = int(KEPT_S * settings.rate_hz) * frame_bytes
         self._stall_ms = round(SIMULATED_STALL_S * 1e3) if self._clock.simulated else settings.stall_ms
         self._slice_s = self._stall_ms * 1e-3 * USABLE / SLICES
         self._counts = LinkCounts()
@@ -313,7 +314,7 @@ class SerialTracker:
         return TrackerStopped(f"tracker at {self._name}: the port has gone ({reason(error)}); plug the device in again")
 
     def _silent(self) -> TrackerStopped:
-        if len(self._raw) > self._settings.frame_bytes:
+        if len(self._raw) > FRAME_BYTES[self._settings.readings]:
             return TrackerStopped(
                 f"tracker at {self._name}: {len(self._raw)} bytes, but no good frame for {self._stall_ms} ms; "
                 f"see that the device sends palpate's frames at {self._settings.baud} baud, {self._decoder.kind}"
