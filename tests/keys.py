@@ -11,7 +11,7 @@ import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any, get_args, get_origin
 
 from experiment.apparatus.rig import Rig
 from experiment.protocol.models import Protocol
@@ -95,6 +95,8 @@ def held(annotation: Any) -> tuple[type[Confined] | None, bool]:
     for argument in get_args(annotation):
         if isinstance(argument, type) and issubclass(argument, Confined):
             return argument, Ellipsis in get_args(annotation)
+        if get_origin(argument) is tuple:
+            return held(argument)
     return None, False
 
 

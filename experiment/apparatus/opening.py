@@ -242,6 +242,7 @@ def open_servo(
     where, hand = address or device.address, port or rig.tracker.port
     if REHEARSAL in (where, hand):
         raise RigError(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
+    along = rig.tracker.along_calibration or ()
     orders = Orders(
         port=hand,
         baud=rig.tracker.baud,
@@ -249,6 +250,8 @@ def open_servo(
         stall_ms=rig.tracker.stall_ms,
         counts=tuple(float(point.counts) for point in rig.tracker.calibration),
         mm=tuple(point.mm for point in rig.tracker.calibration),
+        along_counts=tuple(float(point.counts) for point in along),
+        along_mm=tuple(point.mm for point in along),
         address=where,
         answer_ms=device.answer_ms,
         limit_n=limit_n,

@@ -306,7 +306,8 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
             return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
         bears, told = settings.judged(protocol.surfaces, settings.of(rig.servo, rig=rig.rig.name))
         refusal = RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
-        return told, None if bears else refusal
+        planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
+        return f"{told} The tracker {planar} pushes along the face.", None if bears else refusal
     folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
     most = protocol.footstep.synthesis.left_out_max
     allowed = "sets no limit" if most is None else f"allows {most:.4g}"

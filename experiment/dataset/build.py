@@ -34,6 +34,12 @@ LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same
 happens where time goes back by more than a frame."""
 
+FOOT_COLUMNS = {
+    "foot_height": "Height of the sole above the panel.",
+    "foot_along": "Place of the sole along the face, as the planar tracker was calibrated.",
+}
+"""What a trace of the foot tells; the second stands where the tracker was planar."""
+
 ORIGINS: dict[entries.Purpose, bids.Origin] = {
     "STUDY": "PARTICIPANT",
     "PILOT": "PILOT",
@@ -407,7 +413,8 @@ def _played(stimulus: Stimulus | None) -> dict[str, object]:
 def _write_foot(root: Path, session: _Session, origin: bids.Origin) -> None:
     """Write the foot's height on a grid of the rig's rate that begins anew with each step; between steps it is n/a.
 
-    A device's clock that drifts leaves a place empty now and then, or puts two of its frames in one.
+    Where the tracker was planar, the place along the face stands beside it. A device's clock that drifts leaves a place
+    empty now and then, or puts two of its frames in one.
     """
     if not session.steps:
         return
@@ -416,24 +423,28 @@ def _write_foot(root: Path, session: _Session, origin: bids.Origin) -> None:
     rate_hz = rig.tracker.rate_hz
     parts_of_steps = raw_frames(session.path, [placed.step for placed in session.steps])
     places: list[NDArray[np.float64]] = []
-    heights: list[NDArray[np.float64]] = []
+    read_mm: list[NDArray[np.float64]] = []
     for placed, part in zip(session.steps, parts_of_steps, strict=True):
-        _, decoded = frames.Decoder(near_us=int(placed.at_us)).feed(part)
+        _, decoded = frames.Decoder(near_us=int(placed.at_us), readings=rig.tracker.readings).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
-        heights.append(rig.tracker.height_mm(decoded.counts) - placed.zero_mm)
+        heights_mm, along_mm = rig.tracker.height_mm(decoded.counts), rig.tracker.along_mm(decoded.along)
+        read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
     onward = np.diff(np.concatenate(places))
     # Time goes back where the session continued after the wall clock was set back: what was there already stays.
     cuts = np.flatnonzero((onward > LONGEST_GAP_S * rate_hz) | (onward < -1)) + 1
-    parts = (np.split(np.concatenate(whole), cuts) for whole in (places, heights))
+    parts = (np.split(np.concatenate(whole), cuts) for whole in (places, read_mm))
     for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
         place = (on_grid - on_grid.min()).astype(np.int64)
-        grid = np.full(int(place.max()) + 1, np.nan)
+        grid = np.full((int(place.max()) + 1, rig.tracker.readings), np.nan)
         grid[place] = mm
         recording = f"recording-foot{number if number > 1 else ''}_physio.tsv.gz"
         bids.write_physio(
             bids.beh_path(root, header.participant, header.task, recording),
-            {"foot_height": bids.PhysioColumn(grid, "Height of the sole above the panel.", "mm", 3)},
+            {
+                name: bids.PhysioColumn(mm, text, "mm", 3)
+                for mm, (name, text) in zip(grid.T, FOOT_COLUMNS.items(), strict=False)
+            },
             rate_hz=rate_hz,
             start_s=round(float(on_grid.min()) / rate_hz, 6),
             task=header.task,

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -135,7 +136,10 @@ class SimulatedPerson:
 
 @dataclass(kw_only=True)
 class Practised:
-    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says."""
+    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says.
+
+    What is not written here is the desk's own.
+    """
 
     desk: Console
     participant: SimulatedPerson
@@ -144,35 +148,11 @@ class Practised:
         self._said = ""
         self._wished = ""
 
-    def attend(self, session: Attended | None) -> None:
-        self.desk.attend(session)
-
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        self.desk.at(step=step, steps=steps)
-
-    def agree(self, *, text: str, yes: str, no: str) -> bool:
-        return self.desk.agree(text=text, yes=yes, no=no)
-
-    def write(self, *, text: str) -> str:
-        return self.desk.write(text=text)
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        self.desk.wait(why=why, until_ns=until_ns, clock=clock)
-
-    def goes_on(self, *, why: str) -> bool:
-        return self.desk.goes_on(why=why)
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.desk, name)
 
     def _tell(self, words: str) -> None:
         self.desk.show(f"The participant says: {words}.")
-
-    def show(self, text: str) -> None:
-        self.desk.show(text)
-
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        self.desk.familiarise(instruction=instruction, min_s=min_s, max_s=max_s)
-
-    def instruct(self, *, instruction: str) -> None:
-        self.desk.instruct(instruction=instruction)
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
@@ -184,15 +164,6 @@ class Practised:
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
         said = self.desk.say(words=words, take=take, takes=takes, why=why)
         return said and self.participant.say(words=words, take=take, takes=takes, why=why)
-
-    def waiting(self) -> None:
-        self.desk.waiting()
-
-    def chosen_ago_ns(self) -> int:
-        return self.desk.chosen_ago_ns()
-
-    def heard(self, *, words: str) -> None:
-        self.desk.heard(words=words)
 
     def rest(self, *, why: str) -> None:
         self.desk.rest(why=why)
@@ -222,15 +193,3 @@ class Practised:
             # What the participant wished for has been done; they go on from there.
             self._said = ""
         return said
-
-    def confirm(self, *, key: str, meaning: str) -> bool:
-        return self.desk.confirm(key=key, meaning=meaning)
-
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.desk.confirmed(trial=trial, answer=answer)
-
-    def debrief(self) -> Remark | None:
-        return self.desk.debrief()
-
-    def ignored(self) -> str:
-        return self.desk.ignored()

@@ -60,6 +60,8 @@ def measured(seconds: float) -> None:
                 limit_n=LIMIT_N,
                 rate_hz=RATE_HZ,
                 fastest_mm_s=175.0,
+                along_counts=tuple(float(point.counts) for point in tracker.along_calibration or ()),
+                along_mm=tuple(point.mm for point in tracker.along_calibration or ()),
             )
             servo = ServoProcess(orders, MonotonicClock())
             servo.render(BLOCK)

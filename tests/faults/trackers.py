@@ -509,7 +509,7 @@ Spoiler = Callable[[list[bytes], np.random.Generator], list[bytes]]
 def flipped(frames: list[bytes], rng: np.random.Generator) -> list[bytes]:
     """One to eight bits of each frame are flipped."""
     times = rng.integers(1, 9, len(frames)).tolist()
-    places = iter(rng.integers(0, FRAME_BYTES * 8, sum(times)).tolist())
+    places = iter(rng.integers(0, FRAME_BYTES[1] * 8, sum(times)).tolist())
     spoilt = []
     for frame, flips in zip(frames, times, strict=True):
         bits = bytearray(frame)
@@ -522,21 +522,21 @@ def flipped(frames: list[bytes], rng: np.random.Generator) -> list[bytes]:
 
 def cut(frames: list[bytes], rng: np.random.Generator) -> list[bytes]:
     """Each frame loses its beginning, or its end."""
-    places = rng.integers(1, FRAME_BYTES, len(frames)).tolist()
+    places = rng.integers(1, FRAME_BYTES[1], len(frames)).tolist()
     return [frame[at:] if at % 2 else frame[:at] for frame, at in zip(frames, places, strict=True)]
 
 
 def spliced(frames: list[bytes], rng: np.random.Generator) -> list[bytes]:
     """Each frame has the end of another."""
-    places = rng.integers(1, FRAME_BYTES, len(frames)).tolist()
+    places = rng.integers(1, FRAME_BYTES[1], len(frames)).tolist()
     others = rng.integers(0, len(frames), len(frames)).tolist()
     return [frame[:at] + frames[other][at:] for frame, at, other in zip(frames, places, others, strict=True)]
 
 
 def replaced(frames: list[bytes], rng: np.random.Generator) -> list[bytes]:
     """Bytes at random, as of another device or baud rate, in place of frames; a 0x00 ends them as it ends a frame."""
-    data = rng.bytes(FRAME_BYTES * len(frames))
-    return [data[at : at + FRAME_BYTES - 1] + b"\0" for at in range(0, len(data), FRAME_BYTES)]
+    data = rng.bytes(FRAME_BYTES[1] * len(frames))
+    return [data[at : at + FRAME_BYTES[1] - 1] + b"\0" for at in range(0, len(data), FRAME_BYTES[1])]
 
 
 SPOILERS: dict[str, Spoiler] = {

@@ -26,7 +26,7 @@ class Faults:
 
     def __call__(self, sent: bytes, number: int) -> tuple[bytes, Callable[[SerialLine], object] | None]:
         """Return the frames from `number` on as they are sent, and what then happens to the line; see `foot.Fails`."""
-        frames = [sent[at : at + FRAME_BYTES] for at in range(0, len(sent), FRAME_BYTES)]
+        frames = [sent[at : at + FRAME_BYTES[1]] for at in range(0, len(sent), FRAME_BYTES[1])]
         fails = self.end < number + len(frames)
         left = b"".join(_spoilt(frames[: max(int(self.end) - number, 0)] if fails else frames, number, self))
         if not fails:

@@ -71,6 +71,8 @@ def ordered(line: SerialLine, device: ForceDeviceProcess) -> Orders:
         limit_n=3.0,
         rate_hz=2500,
         fastest_mm_s=175.0,
+        along_counts=tuple(float(point.counts) for point in HAND.along_calibration or ()),
+        along_mm=tuple(point.mm for point in HAND.along_calibration or ()),
     )
 
 

@@ -234,15 +234,15 @@ BUDGET_MS = 50.0
 """Time between an answer and the next trial's arming that the experimenter does not notice, ms."""
 
 
-def session_bytes(*, trials: int, rate_hz: int) -> int:
-    """Return what a session writes at most."""
-    return math.ceil(trials * (COPIES * ARMED_S * rate_hz * FRAME_BYTES + JOURNAL_BYTES))
+def session_bytes(*, trials: int, rate_hz: int, readings: int = 1) -> int:
+    """Return what a session writes at most, with so many readings in a frame."""
+    return math.ceil(trials * (COPIES * ARMED_S * rate_hz * FRAME_BYTES[readings] + JOURNAL_BYTES))
 
 
-def space(folder: Path, *, trials: int, rate_hz: int) -> Check:
+def space(folder: Path, *, trials: int, rate_hz: int, readings: int = 1) -> Check:
     """Return whether the dataset's disk has room for a session; its folder need not exist yet."""
     name, there = "disk space", _there(folder)
-    needed = session_bytes(trials=trials, rate_hz=rate_hz)
+    needed = session_bytes(trials=trials, rate_hz=rate_hz, readings=readings)
     try:
         free = shutil.disk_usage(there).free
     except OSError as error:

@@ -45,6 +45,8 @@ NOISE_TIMES = 2.0
 class Heard:
     """What a tracker sent while it was listened to: n samples with their device times, and frames of the link.
 
+    `along_mm` is what a planar one sent besides, shape (n,); None of others.
+
     `delay_ms` says by how much each of m reads came after the line of the clock map, which the session will have.
     """
 
@@ -53,6 +55,7 @@ class Heard:
     delay_ms: NDArray[np.float64]
     link: LinkCounts
     clock_map: ClockMap
+    along_mm: NDArray[np.float64] | None = None
 
 
 def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Heard:
@@ -65,6 +68,7 @@ def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Hear
     mapped = tracker.clock_map
     if mapped is None:
         raise TrackerError("tracker: got samples without a clock map; allowed: one from the first on; mend its driver")
+    along_mm = [read.along_mm for read in reads if read.along_mm is not None]
     delay_ms = [(read.arrived_ns - mapped.session_ns(int(read.device_us[-1]))) / 1e6 for read in reads]
     return Heard(
         device_us=np.concatenate([read.device_us for read in reads]),
@@ -72,6 +76,7 @@ def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Hear
         delay_ms=np.array(delay_ms),
         link=tracker.counts.since(before),
         clock_map=mapped,
+        along_mm=np.concatenate(along_mm) if along_mm else None,
     )
 
 
@@ -88,6 +93,7 @@ def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Che
         arrival(heard, settings),
         reading(tracker, settings),
         noise(heard, settings),
+        *along(heard, settings),
     )
 
 
@@ -184,6 +190,23 @@ def noise(heard: Heard, settings: TrackerRig) -> Check:
         remedy="see that nothing moves above the panel; see to the sensor's cable and supply, or run palpate "
         "calibrate tracker",
     )
+
+
+def along(heard: Heard, settings: TrackerRig) -> tuple[Check, ...]:
+    """Return whether a planar sensor reads inside its calibration along the face; nothing of others."""
+    if heard.along_mm is None:
+        return ()
+    calibrated_mm = [point.mm for point in settings.along_calibration or ()]
+    low_mm, high_mm = min(calibrated_mm), max(calibrated_mm)
+    held = (heard.along_mm <= low_mm) | (heard.along_mm >= high_mm)
+    found = judged(
+        "tracker along",
+        float(held.mean()) <= calibration.HELD_PART,
+        f"{np.std(heard.along_mm):.3f} mm at {np.median(heard.along_mm):.1f} mm along the face",
+        allowed=f"{low_mm:g} to {high_mm:g} mm",
+        remedy="see that the sensor is in its place, or add points to tracker.along_calibration",
+    )
+    return (found,)
 
 
 PEAK = 0.05

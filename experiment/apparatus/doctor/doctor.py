@@ -72,7 +72,8 @@ def examine(
     else:
         yield from _rig(rig, rig_path, protocol, clock)
     folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
-    yield checks.space(folder, trials=_trials(protocol), rate_hz=rig.tracker.rate_hz if rig else HIGHEST_RATE_HZ)
+    rate_hz, readings = (rig.tracker.rate_hz, rig.tracker.readings) if rig else (HIGHEST_RATE_HZ, 1)
+    yield checks.space(folder, trials=_trials(protocol), rate_hz=rate_hz, readings=readings)
     with host.raised() as got:
         yield Check("priority", "green", f"{got}; as sessions have it")
         for check in _devices(rig, protocol, clock, simulate) if rig is not None else ():

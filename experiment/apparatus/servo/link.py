@@ -26,10 +26,9 @@ from experiment.apparatus.servo.process import Line, Orders
 from experiment.apparatus.servo.rendering import Felt, Rendered, Touch
 from experiment.apparatus.tracker import clock_map as clock_maps
 from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
-from experiment.apparatus.tracker.frames import Decoder
 from experiment.clock import Clock, MonotonicClock, monotonic_ns
 from experiment.errors import ServoError, TrackerStopped
-from experiment.synthesis.contact.block import Block
+from experiment.synthesis.contact.block import Block, Pair
 
 SLICE_S = 0.05
 """A read waits no longer for the hand, s."""
@@ -65,7 +64,7 @@ class ServoProcess:
     def _begin(self) -> None:
         ours, theirs = socket.socketpair()
         self._line = Line(ours)
-        self._decoder = Decoder(period_us=1e6 / self._orders.tracker_hz)
+        self._decoder = self._orders.decoder()
         self._state: ClockState | None = None
         self._speed = Rendered()
         self._waiting: Felt | None = None
@@ -85,7 +84,7 @@ class ServoProcess:
             self.close()
             raise ServoError(
                 f"servo: no frame of the tracker at {self._orders.port} for {STARTS_S:g} s; see that the device is "
-                "powered, connected and sampling"
+                f"powered, connected and sampling, {self._decoder.kind}"
             )
         self.render(self._block)
 
@@ -114,8 +113,7 @@ class ServoProcess:
             raise ServoError("servo: its process has ended; nothing is pushed; resume the session") from None
         ended = ""
         touches: list[Touch] = []
-        times: list[int] = []
-        heights: list[float] = []
+        places: list[tuple[int, Pair]] = []
         for kind, content, sent_ns in heard:
             if kind == process.SAMPLES:
                 self._decoder, frames = self._decoder.feed(content)
@@ -128,8 +126,7 @@ class ServoProcess:
                         if self._state is None
                         else step(self._state, newest_us, at_ns)
                     )
-                    times += frames.device_us.tolist()
-                    heights += np.interp(frames.counts, self._orders.counts, self._orders.mm).tolist()
+                    places += self._orders.places(frames)
             elif kind == process.TOUCH:
                 touches.append(Touch(*process.TOUCHED.unpack(content)))
             elif kind == process.COUNTS:
@@ -138,15 +135,11 @@ class ServoProcess:
                 ended = content.decode()
         if ended:
             raise ServoError(ended)
-        if self._state is None or not times:
+        if self._state is None or not places:
             return None
-        return self._felt(times, heights, touches, self._state.map())
-
-    def _felt(self, times: list[int], heights: list[float], touches: list[Touch], clock: ClockMap) -> Felt:
-        for us, mm in zip(times, heights, strict=True):
-            self._speed, _ = rendering.step(None, self._speed, us, (mm, 0.0))
-        fast = self._speed.speed_mm_s > self._orders.fastest_mm_s
-        return Felt(tuple(times), tuple(heights), tuple(touches), clock, fast)
+        for us, place_mm in places:
+            self._speed, _ = rendering.step(None, self._speed, us, place_mm)
+        return _felt(places, touches, self._state.map(), self._speed.speed_mm_s > self._orders.fastest_mm_s)
 
     def reconnect(self) -> None:
         """Start the process anew, with the same block. Raises `ServoError` if a part cannot be opened."""
@@ -202,15 +195,17 @@ class ServoHere:
         clock = self._tracker.clock_map
         if clock is None:
             return None
-        times, heights = samples.device_us.tolist(), samples.height_mm.tolist()
+        along = np.zeros(samples.height_mm.size) if samples.along_mm is None else samples.along_mm
+        mm = zip(samples.height_mm.tolist(), along.tolist(), strict=True)
+        places = list(zip(samples.device_us.tolist(), mm, strict=True))
         touches: list[Touch] = []
         with self._lock:
-            for us, mm in zip(times, heights, strict=True):
-                self._at, touched = rendering.step(self._block, self._at, us, (mm, 0.0))
+            for us, place_mm in places:
+                self._at, touched = rendering.step(self._block, self._at, us, place_mm)
                 touches += touched
                 self._push()
             fast = self._at.speed_mm_s > self._orders.fastest_mm_s
-        return Felt(tuple(times), tuple(heights), tuple(touches), clock, fast)
+        return _felt(places, touches, clock, fast)
 
     def _push(self) -> None:
         """Hand the device what it does not push already."""
@@ -231,3 +226,8 @@ class ServoHere:
         """Take the force away."""
         self._device.close()
         self.stop()
+
+
+def _felt(places: list[tuple[int, Pair]], touches: list[Touch], clock: ClockMap, fast: bool) -> Felt:
+    times, heights = tuple(us for us, _ in places), tuple(mm for _, (mm, _) in places)
+    return Felt(times, heights, tuple(touches), clock, fast)

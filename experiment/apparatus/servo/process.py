@@ -37,10 +37,10 @@ from experiment.apparatus import host
 from experiment.apparatus.servo import rendering
 from experiment.apparatus.servo.device import ForceDevice
 from experiment.apparatus.servo.rendering import Rendered
-from experiment.apparatus.tracker.frames import Decoder
+from experiment.apparatus.tracker.frames import Decoder, Frames
 from experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
 from experiment.errors import PalpateError, ServoError
-from experiment.synthesis.contact.block import Block
+from experiment.synthesis.contact.block import Block, Pair
 
 SILENT_NS = 2_000_000
 """After so long without what a force rests on there is none, ns."""
@@ -63,7 +63,8 @@ SIGKILL_PENDING = 1 << 8
 class Orders:
     """What the process is told when it begins; keys as in the rig file and the protocol.
 
-    `counts` and `mm` are the points of the tracker's calibration. No force is larger than `limit_n`.
+    `counts` and `mm` are the points of the tracker's calibration, `along_counts` and `along_mm` those of a planar one
+    along the face. No force is larger than `limit_n`.
     """
 
     port: str
@@ -77,6 +78,21 @@ class Orders:
     limit_n: float
     rate_hz: int
     fastest_mm_s: float
+    along_counts: tuple[float, ...] = ()
+    along_mm: tuple[float, ...] = ()
+
+    def decoder(self) -> Decoder:
+        """Return what reads the tracker's frames, from the first on."""
+        return Decoder(period_us=1e6 / self.tracker_hz, readings=2 if self.along_mm else 1)
+
+    def places(self, frames: Frames) -> list[tuple[int, Pair]]:
+        """Return each frame's device time, and where the hand was: its height, and its place along the face, mm.
+
+        A tracker that is not planar has the hand at zero along the face.
+        """
+        heights = np.interp(frames.counts, self.counts, self.mm)
+        along = np.interp(frames.along, self.along_counts, self.along_mm) if self.along_mm else np.zeros(heights.size)
+        return list(zip(frames.device_us.tolist(), zip(heights.tolist(), along.tolist(), strict=True), strict=True))
 
 
 class Line:
@@ -175,7 +191,7 @@ class Servo:
         self._device = ForceDevice(orders.address, limit_n=orders.limit_n)
         self._port = SerialPort(orders.port, orders.baud)
         self._port.discard()
-        self._decoder = Decoder(period_us=1e6 / orders.tracker_hz)
+        self._decoder = orders.decoder()
         self._block: Block | None = None
         self._at = Rendered()
         self._arrived_ns = 0
@@ -232,10 +248,9 @@ class Servo:
             self._line.tell(SAMPLES, data, arrived_ns)
             if frames.device_us.size:
                 self._arrived_ns = arrived_ns
-                heights = np.interp(frames.counts, self._orders.counts, self._orders.mm)
-                for us, mm in zip(frames.device_us.tolist(), heights.tolist(), strict=True):
+                for us, place_mm in self._orders.places(frames):
                     pushed = self._at.state is not None
-                    self._at, touches = rendering.step(self._block, self._at, us, (mm, 0.0))
+                    self._at, touches = rendering.step(self._block, self._at, us, place_mm)
                     self.counts["unbelievable"] += pushed and self._at.state is None
                     for touch in touches:
                         self._line.tell(TOUCH, TOUCHED.pack(*touch), now_ns)

@@ -1,18 +1,20 @@
 """What a tracker gives, samples of the foot's position and counts of the link, and the wire format that brings them.
 
 For the author of firmware; some is in `firmware/` beside this file. The device samples the sensor at a steady rate and
-sends one frame a sample, 12 bytes:
+sends one frame a sample, 12 bytes, or 14 if it is planar:
 
     field      type    meaning
     sequence   uint16  rises by one with every sample, sent or not; 65535 is followed by 0
     device_us  uint32  the device's clock when the sample was taken, microseconds, wraps every 71.6 min
-    counts     uint16  the sensor's reading, raw
+    counts     uint16  the sensor's reading of the height, raw
+    along      uint16  of a planar tracker alone: the reading along the face, raw
     crc        uint16  CRC-16/IBM-3740 (polynomial 0x1021, initial value 0xFFFF, neither reflected nor inverted;
-                       "123456789" gives 0x29B1) of the eight bytes before it
+                       "123456789" gives 0x29B1) of the bytes before it
 
-Fields are little-endian and without padding. The ten bytes are stuffed by COBS (Cheshire and Baker 1999, "Consistent
-overhead byte stuffing", IEEE/ACM Trans. Networking 7(2)), which makes eleven without a zero, and 0x00 ends the frame.
-A frame takes 120 bits at 8N1, so a rate of 5 kHz needs 600 kbaud or more.
+Fields are little-endian and without padding. The ten bytes, or twelve, are stuffed by COBS (Cheshire and Baker 1999,
+"Consistent overhead byte stuffing", IEEE/ACM Trans. Networking 7(2)), which makes one more without a zero, and 0x00
+ends the frame. It takes 120 bits at 8N1, or 140, so a rate of 5 kHz needs 600 kbaud, or 700. Frames of the other kind
+count as damaged.
 
 How the stream is counted:
 
@@ -58,6 +60,7 @@ class Samples:
             the frames of frames.py has its driver encode them, for a session keeps its traces so.
         ends: where in `raw` each sample's frame ends, int64, shape (n,).
         arrived_ns: session time at which the last of them came, ns.
+        along_mm: place along the face, mm, float64, shape (n,); None where the tracker is not planar.
     """
 
     device_us: NDArray[np.int64]
@@ -65,14 +68,16 @@ class Samples:
     raw: bytes
     ends: NDArray[np.int64]
     arrived_ns: int
+    along_mm: NDArray[np.float64] | None = None
 
     def cut(self, count: int) -> tuple[Samples, Samples]:
         """Return the first `count` of them, and the others."""
         end = int(self.ends[count - 1]) if count else 0
-        us, mm, ends = self.device_us, self.height_mm, self.ends
+        us, mm, ends, along = self.device_us, self.height_mm, self.ends, self.along_mm
+        first, others = (None, None) if along is None else (along[:count], along[count:])
         return (
-            Samples(us[:count], mm[:count], self.raw[:end], ends[:count], self.arrived_ns),
-            Samples(us[count:], mm[count:], self.raw[end:], ends[count:] - end, self.arrived_ns),
+            Samples(us[:count], mm[:count], self.raw[:end], ends[:count], self.arrived_ns, first),
+            Samples(us[count:], mm[count:], self.raw[end:], ends[count:] - end, self.arrived_ns, others),
         )
 
 
@@ -94,7 +99,7 @@ class LinkCounts(NamedTuple):
 
 
 FRAME_BYTES = frame_runs.FRAME_BYTES
-"""Length of a frame, the closing 0x00 included."""
+"""Length of a frame of so many readings, the closing 0x00 included."""
 
 LONGEST_PAUSE_US = 60_000_000
 """Longest jump across a wrap of the device's clock that is still taken for a wrap, microseconds."""
@@ -106,9 +111,8 @@ STRETCH_PART = 0.02
 """...and this part of the time since the frame before, for a resonator and a rate that is not quite that of the rig."""
 
 _MOST_AT_ONCE = 8192
-_STUFFED_BYTES = FRAME_BYTES - 1
-_SAMPLE = struct.Struct("<HIH")
-_BODY = struct.Struct("<HIHH")
+_SAMPLE = {readings: struct.Struct("<HI" + "H" * readings) for readings in (1, 2)}
+_BODY = {readings: struct.Struct(sample.format + "H") for readings, sample in _SAMPLE.items()}
 _CRC_START = 0xFFFF
 _SEQUENCES = 1 << 16
 _CLOCK = 1 << 32
@@ -119,7 +123,8 @@ class Frames(NamedTuple):
 
     Attributes:
         device_us: unwrapped device time of each frame, microseconds, int64, shape (n,), strictly rising.
-        counts: raw readings, uint16, shape (n,).
+        counts: raw readings of the height, uint16, shape (n,).
+        along: raw readings along the face, uint16, shape (n,); of frames with one reading shape (0,).
         ends: where in the piece each frame ended (offset of the byte after its 0x00), int64, shape (n,); 0 or less
             for one that had waited since the piece before.
         link: frames counted in this piece.
@@ -128,14 +133,15 @@ class Frames(NamedTuple):
 
     device_us: NDArray[np.int64]
     counts: NDArray[np.uint16]
+    along: NDArray[np.uint16]
     ends: NDArray[np.int64]
     link: LinkCounts
     restarted: bool
 
 
-def encode(sequence: int, device_us: int, counts: int) -> bytes:
-    """Return one frame, 12 bytes; the sequence number is taken modulo 2^16, device time (microseconds) modulo 2^32."""
-    sample = _SAMPLE.pack(sequence % _SEQUENCES, device_us % _CLOCK, counts)
+def encode(sequence: int, device_us: int, *readings: int) -> bytes:
+    """Return the frame of one reading or two; numbers are taken modulo 2^16, device time (microseconds) modulo 2^32."""
+    sample = _SAMPLE[len(readings)].pack(sequence % _SEQUENCES, device_us % _CLOCK, *readings)
     stuffed: bytes = cobs.encode(sample + crc_hqx(sample, _CRC_START).to_bytes(2, "little"))
     return stuffed + b"\0"
 
@@ -154,7 +160,8 @@ class Decoder(NamedTuple):
         damaged: damaged stretches since the last good frame.
         restarted: the device restarted; nothing more is read.
         period_us: time from frame to frame, microseconds, if it is known.
-        held: number, clock, reading and end of a frame that waits for the next to follow it.
+        held: number, clock, readings and end of a frame that waits for the next to follow it.
+        readings: of a frame: 1, or 2 of a planar tracker.
     """
 
     near_us: int = _CLOCK // 2
@@ -166,31 +173,31 @@ class Decoder(NamedTuple):
     damaged: int = 0
     restarted: bool = False
     period_us: float | None = None
-    held: tuple[int, int, int, int] | None = None
+    held: tuple[int, int, tuple[int, ...], int] | None = None
+    readings: int = 1
+
+    @property
+    def kind(self) -> str:
+        """Return in words which frames are read, and by which key of the rig file."""
+        has = "a" if self.readings == 2 else "no"
+        return f"{FRAME_BYTES[self.readings]} bytes a frame: the rig file has {has} tracker.along_calibration"
 
     def skipped(self) -> Decoder:
         """Return the decoder after bytes were thrown away: the gap they leave is not counted as lost."""
-        return Decoder(
-            near_us=self.near_us,
-            sequence=self.sequence,
-            device_us=self.device_us,
-            gap_expected=self.sequence is not None,
-            restarted=self.restarted,
-            period_us=self.period_us,
-        )
+        return self._replace(tail=b"", aligned=False, gap_expected=self.sequence is not None, damaged=0, held=None)
 
     def feed(self, data: bytes) -> tuple[Decoder, Frames]:
         """Return the decoder for the next piece of the stream, and what this one, of any length, held.
 
         It never raises, whatever the bytes.
         """
-        stream = self.tail + data
+        stream, body, each = self.tail + data, _BODY[self.readings], FRAME_BYTES[self.readings]
         pieces = stream.split(b"\0")
-        tail = pieces.pop()[:FRAME_BYTES]
+        tail = pieces.pop()[:each]
         sequence, us, aligned, gap_expected = self.sequence, self.device_us, self.aligned, self.gap_expected
         damaged, restarted, held = self.damaged, self.restarted, self.held
         device_us: list[int] = []
-        counts: list[int] = []
+        readings: list[int] = []
         ends: list[int] = []
         lost = damaged_here = repeated = 0
         end = -len(self.tail)
@@ -201,22 +208,22 @@ class Decoder(NamedTuple):
             tried = at >= try_at and len(pieces) - at >= frame_runs.FEWEST
             if tried and sequence is not None and held is None and not restarted:
                 begin = end + len(self.tail)
-                run = frame_runs.decode(stream[begin : begin + _MOST_AT_ONCE * FRAME_BYTES])
+                run = frame_runs.decode(stream[begin : begin + _MOST_AT_ONCE * each], self.readings)
                 run_us = _run_us(run, sequence, us, self.period_us)
                 wait = frame_runs.FEWEST if run_us.size >= frame_runs.FEWEST else 2 * wait
                 try_at = at + run_us.size + wait
                 if run_us.size:
                     at += run_us.size
                     device_us += run_us.tolist()
-                    counts += run.reading[: run_us.size].tolist()
-                    ends += range(end + FRAME_BYTES, end + FRAME_BYTES * run_us.size + 1, FRAME_BYTES)
+                    readings += run.readings[: run_us.size].ravel().tolist()
+                    ends += range(end + each, end + each * run_us.size + 1, each)
                     sequence, us, end = int(run.number[run_us.size - 1]), device_us[-1], ends[-1]
                     aligned, gap_expected, damaged = True, False, 0
                     continue
             piece = pieces[at]
             at += 1
             end += len(piece) + 1
-            sample = _sample(piece)
+            sample = _sample(piece, body)
             if sample is None:
                 if piece and aligned:
                     damaged += 1
@@ -257,33 +264,34 @@ class Decoder(NamedTuple):
                             lost += skipped - damaged
                         gap_expected = False
                         device_us.append(us)
-                        counts.append(reading)
+                        readings += reading
                         ends.append(ended)
                 damaged = 0
+        raw = np.array(readings, dtype=np.uint16).reshape(-1, self.readings)
         frames = Frames(
             np.array(device_us, dtype=np.int64),
-            np.array(counts, dtype=np.uint16),
+            raw[:, 0],
+            raw[:, 1:].ravel(),
             np.array(ends, dtype=np.int64),
             LinkCounts(len(device_us), lost, damaged_here, repeated),
             restarted,
         )
         if held is not None:
             held = (*held[:3], held[3] - end - len(tail))
-        return Decoder(
-            self.near_us, sequence, us, tail, aligned, gap_expected, damaged, restarted, self.period_us, held
-        ), frames
+        rest = aligned, gap_expected, damaged, restarted, self.period_us, held, self.readings
+        return Decoder(self.near_us, sequence, us, tail, *rest), frames
 
 
-def _sample(piece: bytes) -> tuple[int, int, int] | None:
-    """Return sequence number, clock and reading; None where the stretch between two 0x00 is no frame."""
-    if len(piece) != _STUFFED_BYTES:
+def _sample(piece: bytes, fields: struct.Struct) -> tuple[int, int, tuple[int, ...]] | None:
+    """Return sequence number, clock and readings; None where the stretch between two 0x00 is no such frame."""
+    if len(piece) != fields.size + 1:
         return None
     try:
         body = cobs.decode(piece)
     except cobs.DecodeError:
         return None
-    number, clock_us, reading, crc = _BODY.unpack(body)
-    return (number, clock_us, reading) if crc_hqx(body[: _SAMPLE.size], _CRC_START) == crc else None
+    number, clock_us, *reading, crc = fields.unpack(body)
+    return (number, clock_us, tuple(reading)) if crc_hqx(body[:-2], _CRC_START) == crc else None
 
 
 def _run_us(run: Run, sequence: int, us: int, period_us: float | None) -> NDArray[np.int64]:
@@ -304,5 +312,5 @@ def _fits(sequence: int, us: int, number: int, clock_us: int, period_us: float) 
     return abs(forward_us - steps * period_us) <= stray_us
 
 
-def _follows(held: tuple[int, int, int, int], number: int, clock_us: int) -> bool:
+def _follows(held: tuple[int, int, tuple[int, ...], int], number: int, clock_us: int) -> bool:
     return number == (held[0] + 1) % _SEQUENCES and (clock_us - held[1]) % _CLOCK <= LONGEST_PAUSE_US

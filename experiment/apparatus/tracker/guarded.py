@@ -37,15 +37,16 @@ def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | No
     driver = _driver(rig)
     with _blamed(named, "open"):
         tracker = driver(where, rig.tracker, clock=clock, clock_map=clock_map)
-    return GuardedTracker(tracker, named)
+    return GuardedTracker(tracker, named, planar=rig.tracker.readings == 2)
 
 
 class GuardedTracker:
     """Implements `Tracker` on top of a driver that may raise anything; `named` is its name in the rig file."""
 
-    def __init__(self, tracker: Tracker, named: str) -> None:
+    def __init__(self, tracker: Tracker, named: str, *, planar: bool = False) -> None:
         self._tracker = tracker
         self._named = named
+        self._planar = planar
         self._counts = LinkCounts()
         self._newest: Samples | None = None
 
@@ -79,6 +80,8 @@ class GuardedTracker:
                 raise TypeError(f"got {samples!r:.60}, not Samples")
             if not samples.device_us.shape == samples.height_mm.shape == samples.ends.shape != (0,):
                 raise ValueError("device_us, height_mm and ends are not of one length, at least 1")
+            if self._planar and (samples.along_mm is None or samples.along_mm.shape != samples.ends.shape):
+                raise ValueError("along_mm, of a planar tracker, is not of that length")
             _check(samples, self._newest)
             self._newest = samples
             return samples
@@ -104,8 +107,9 @@ def _check(samples: Samples, before: Samples | None) -> None:
     us, mm, ends = samples.device_us, samples.height_mm, samples.ends
     if us.ndim != 1 or us.dtype.kind != "i" or ends.dtype.kind != "i" or mm.dtype.kind != "f":
         raise ValueError(f"got arrays of {us.dtype}, {mm.dtype} and {ends.dtype}, not rows of int, float and int")
-    if not np.isfinite(mm).all():
-        raise ValueError(f"got a height of {mm[~np.isfinite(mm)][0]} mm")
+    for name, read in (("height", mm), ("place along the face", samples.along_mm)):
+        if read is not None and not np.isfinite(read).all():
+            raise ValueError(f"got a {name} of {read[~np.isfinite(read)][0]} mm")
     times = us if before is None else np.concatenate([before.device_us[-1:], us])
     later = times[1:] > times[:-1]
     if not later.all():

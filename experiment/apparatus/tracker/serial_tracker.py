@@ -104,8 +104,9 @@ class SerialTracker:
         self._falling_pause_ns = max(FALLING_NS - round(1e9 / settings.rate_hz), 0)
         self._calm_pause_ns = min(LONGEST_PAUSE_NS, int(SILENCE_PART * settings.stall_ms * 1e6))
         # What a pause brings, and as much again: a read that brings no more found no backlog.
-        self._calm_bytes = FRAME_BYTES * (2 + 2 * self._calm_pause_ns * settings.rate_hz // 1_000_000_000)
-        self._most_bytes = int(KEPT_S * settings.rate_hz) * FRAME_BYTES
+        frame_bytes = FRAME_BYTES[settings.readings]
+        self._calm_bytes = frame_bytes * (2 + 2 * self._calm_pause_ns * settings.rate_hz // 1_000_000_000)
+        self._most_bytes = int(KEPT_S * settings.rate_hz) * frame_bytes
         self._stall_ms = round(SIMULATED_STALL_S * 1e3) if self._clock.simulated else settings.stall_ms
         self._slice_s = self._stall_ms * 1e-3 * USABLE / SLICES
         self._counts = LinkCounts()
@@ -200,7 +201,7 @@ class SerialTracker:
 
     def _open(self, port: str) -> None:
         self._port = SerialPort(port, self._settings.baud)
-        self._decoder = Decoder(period_us=1e6 / self._settings.rate_hz)
+        self._decoder = Decoder(period_us=1e6 / self._settings.rate_hz, readings=self._settings.readings)
         self._clock_state: ClockState | None = None
         self._failure: Exception | None = None
         self._closing = False
@@ -295,7 +296,8 @@ class SerialTracker:
             self._pace(newest_us, float(heights_mm[-1]))
             # The bytes of a frame that had waited may have gone out before.
             ends = np.maximum(kept + frames.ends, 0)
-            samples = Samples(frames.device_us, heights_mm, self._raw, ends, now_ns)
+            along_mm = self._settings.along_mm(frames.along)
+            samples = Samples(frames.device_us, heights_mm, self._raw, ends, now_ns, along_mm)
             self._queued_bytes += len(self._raw)
             self._arrivals.put(_Arrival(samples, self._link))
             self._raw, self._link = b"", None
@@ -312,10 +314,10 @@ class SerialTracker:
         return TrackerStopped(f"tracker at {self._name}: the port has gone ({reason(error)}); plug the device in again")
 
     def _silent(self) -> TrackerStopped:
-        if len(self._raw) > FRAME_BYTES:
+        if len(self._raw) > FRAME_BYTES[self._settings.readings]:
             return TrackerStopped(
                 f"tracker at {self._name}: {len(self._raw)} bytes, but no good frame for {self._stall_ms} ms; "
-                f"see that the device sends palpate's frames at {self._settings.baud} baud"
+                f"see that the device sends palpate's frames at {self._settings.baud} baud, {self._decoder.kind}"
             )
         return TrackerStopped(
             f"tracker at {self._name}: no frame for {self._stall_ms} ms; "

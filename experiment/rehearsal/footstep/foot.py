@@ -58,7 +58,8 @@ class Trajectory:
     lines between them are the truth. On the passage that leads to contact it crosses 20 mm at `gate_top_us` and 10 mm
     at `gate_bottom_us`, with the mean speed `speed_mm_s` between them. `contact_us` is infinity if it never reaches the
     panel. At `lift_us` it leaves the panel again, 0.22 s or more after contact; a step that never lands ends there.
-    `hesitation` is what came before it, and `noise_seed` names the sensor's noise during this step.
+    `hesitation` is what came before it, and `noise_seed` names the sensor's noise during this step. `along_mm` is where
+    it is along the face at each knot, for a planar tracker; None stays at zero.
     """
 
     us: NDArray[np.float64]
@@ -70,6 +71,7 @@ class Trajectory:
     speed_mm_s: float
     hesitation: Hesitation
     noise_seed: int
+    along_mm: NDArray[np.float64] | None = None
 
     @property
     def duration_us(self) -> float:
@@ -79,6 +81,10 @@ class Trajectory:
         """Return the height at each time, mm, shape (n,); before and after the step that of its ends."""
         height_mm: NDArray[np.float64] = np.interp(us, self.us, self.height_mm)
         return height_mm
+
+    def along_at(self, us: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+        """Return the place along the face at each time, as `at`."""
+        return np.zeros(us.size) if self.along_mm is None else np.interp(us, self.us, self.along_mm)
 
 
 def trajectory(
@@ -161,7 +167,7 @@ def _descent(rng: np.random.Generator, start_mm: float, speed_mm_s: float) -> tu
     """Return the way from rest to the panel with the wanted speed through the gate, and the speed at contact, mm/s."""
     aim_mm = -rng.uniform(10.0, 25.0)
     s = np.linspace(0.0, 1.0, 2001)
-    height_mm = start_mm + (aim_mm - start_mm) * _progress(s)
+    height_mm = start_mm + (aim_mm - start_mm) * progress(s)
     pace = s + sum(
         share / (2 * np.pi * k) * (np.sin(2 * np.pi * k * s + phase) - np.sin(phase))
         for k, share, phase in zip((1, 2, 3), rng.uniform(0.0, 0.15, 3), rng.uniform(0.0, 2 * np.pi, 3), strict=True)
@@ -182,13 +188,14 @@ def _landing(rng: np.random.Generator, contact_mm_s: float) -> Curve:
     return time_s, -dent_mm - sag_mm * (1 - np.exp(-time_s / settling_s))
 
 
-def _progress(s: NDArray[np.float64]) -> NDArray[np.float64]:
+def progress(s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far a minimum jerk reach is at each part of its time, of 1, shape (n,)."""
     return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def _minimum_jerk(from_mm: float, to_mm: float, duration_s: float) -> Curve:
     time_s = _times(duration_s)
-    return time_s, from_mm + (to_mm - from_mm) * _progress(time_s / time_s[-1])
+    return time_s, from_mm + (to_mm - from_mm) * progress(time_s / time_s[-1])
 
 
 def _unhurried(from_mm: float, to_mm: float, speed_mm_s: float) -> Curve:
@@ -228,16 +235,16 @@ sent, and what then happens to the line, after which the device sends nothing, e
 
 @dataclass(frozen=True)
 class _Step:
-    """A step in samples of the device: its frame 0 is sample `first`."""
+    """A step in samples of the device: its frame 0 is sample `first`; `readings` are of shape (n, 1) or (n, 2)."""
 
     trajectory: Trajectory
     fails: Fails | None
     first: int
-    sensed_mm: NDArray[np.float64]
+    readings: NDArray[np.int64]
 
     @property
     def end(self) -> int:
-        return self.first + self.sensed_mm.size
+        return self.first + len(self.readings)
 
 
 class Foot:
@@ -294,12 +301,12 @@ class Foot:
         rate_hz = self._tracker.rate_hz
         wanted = -(-start_us * rate_hz // 1_000_000)
         times_us = np.arange(int(trajectory.duration_us * rate_hz / 1e6) + 1) * (1e6 / rate_hz)
-        noise_mm = np.random.default_rng(trajectory.noise_seed).normal(0.0, self._noise_mm, times_us.size)
-        sensed_mm = trajectory.at(times_us) + self._sole_mm + noise_mm
+        noise = np.random.default_rng(trajectory.noise_seed)
+        readings = self._sensed(trajectory.at(times_us), trajectory.along_at(times_us), noise)
         with self._changed:
             self._between_mm = self._rest_mm
             first = max(wanted, self._free_sample, self._next_sample)
-            self._last = _Step(trajectory, fails, first, sensed_mm)
+            self._last = _Step(trajectory, fails, first, readings)
             self._free_sample = self._last.end
             self._steps.append(self._last)
             self._changed.notify_all()
@@ -374,7 +381,7 @@ class Foot:
                 return
             step = self._steps[0]
         watched = int(step.trajectory.lift_us * self._tracker.rate_hz / 1e6) + 1
-        self._send(step.first, step.sensed_mm[:watched], step, wait=True)
+        self._send(step.first, step.readings[:watched], step, wait=True)
         self._done()
 
     def _send_due(self) -> None:
@@ -391,10 +398,10 @@ class Foot:
                 end = begin if resting or step is None else min(step.end, due)
                 self._next_sample = end
             if resting or step is None:
-                noise_mm = self._rest_noise.normal(0.0, self._noise_mm, end - first)
-                self._send(first, self._between_mm + self._sole_mm + noise_mm, None, wait=False)
+                still_mm = np.full(end - first, self._between_mm)
+                self._send(first, self._sensed(still_mm, 0.0 * still_mm, self._rest_noise), None, wait=False)
             else:
-                self._send(first, step.sensed_mm[first - step.first : end - step.first], step, wait=False)
+                self._send(first, step.readings[first - step.first : end - step.first], step, wait=False)
                 if end == step.end:
                     self._done()
 
@@ -403,17 +410,25 @@ class Foot:
             self._steps.popleft()
             self._changed.notify_all()
 
-    def _send(self, first: int, sensed_mm: NDArray[np.float64], step: _Step | None, *, wait: bool) -> None:
+    def _sensed(
+        self, height_mm: NDArray[np.float64], along_mm: NDArray[np.float64], noise: np.random.Generator
+    ) -> NDArray[np.int64]:
+        """Return what the sensor reads at n places, shape (n, 1), or (n, 2) if it is planar."""
+        noise_mm = noise.normal(0.0, self._noise_mm, (self._tracker.readings, height_mm.size))
+        counts = [self._tracker.counts(height_mm + self._sole_mm + noise_mm[0])]
+        counts += [self._tracker.along_counts(along_mm + each_mm) for each_mm in noise_mm[1:]]
+        return np.column_stack(counts)
+
+    def _send(self, first: int, readings: NDArray[np.int64], step: _Step | None, *, wait: bool) -> None:
         """Send the samples from `first` on; `step` is the one they belong to."""
-        readings = self._tracker.counts(sensed_mm)
-        count = readings.size
+        count = len(readings)
         if count >= frame_runs.FEWEST:
             numbers = self._sequence + np.arange(count)
             us = np.rint((first + np.arange(count)) * 1_000_000 / self._tracker.rate_hz).astype(np.int64)
             sent = frame_runs.encode(frame_runs.Run(numbers, us, readings))
         else:
             each = enumerate(readings.tolist())
-            sent = b"".join(encode(self._sequence + i, self._time_us(first + i), reading) for i, reading in each)
+            sent = b"".join(encode(self._sequence + i, self._time_us(first + i), *read) for i, read in each)
         self._sequence += count
         ends = None
         if step is not None and step.fails is not None:

@@ -1,15 +1,17 @@
 """SIMULATED hand: how it taps, at the far end of the tracker's line; `footstep.foot` is its sensor and firmware.
 
 A tap is a minimum jerk reach that aims below the face, so that it meets the face at speed, and is stopped there by the
-fingers' own compliance: the hand yields exponentially, presses for a moment, and is lifted. The hand is not pushed by
-the simulated force: its path is given. Speeds are ours, below the 175 mm/s of Wellman and Howe but for a few.
+fingers' own compliance: the hand yields exponentially, presses for a moment, and is lifted. Meanwhile it moves a little
+along the face, by a minimum jerk reach until it is lifted and another one back, which a planar tracker sees. The hand
+is not pushed by the simulated force: its path is given. Speeds are ours, below the 175 mm/s of Wellman and Howe but for
+a few.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from experiment.rehearsal.footstep.foot import Trajectory
+from experiment.rehearsal.footstep.foot import Trajectory, progress
 
 REST_MM = 8.0
 """Where the hand waits above the face, mm. Ours."""
@@ -19,6 +21,9 @@ SPEED_MEDIAN_MM_S, SPEED_SIGMA = 110.0, 0.2
 
 YIELDS_S, PRESSES_S, LIFTS_S = 0.006, 0.04, 0.08
 """How fast the fingers yield, how long they press, and how long the lift takes, s. Ours."""
+
+SLIDES_MM = 2.0
+"""Standard deviation of how far it moves along the face, either way, mm. Ours."""
 
 _KNOT_S = 0.00025
 
@@ -30,13 +35,15 @@ def tap(rng: np.random.Generator, speed_mm_s: float | None = None) -> Trajectory
     # Minimum jerk over 2 REST_MM has its largest speed, 15/8 of the mean, at the face.
     falls_s = 15 / 8 * 2 * REST_MM / speed_mm_s
     s = np.arange(0.0, 0.5, _KNOT_S / falls_s)
-    down_s, down_mm = s * falls_s, REST_MM - 2 * REST_MM * _progress(s)
+    down_s, down_mm = s * falls_s, REST_MM - 2 * REST_MM * progress(s)
     after_s = np.arange(0.0, PRESSES_S, _KNOT_S)
     press_mm = -speed_mm_s * YIELDS_S * (1 - np.exp(-after_s / YIELDS_S))
     s = np.arange(0.0, 1.0, _KNOT_S / LIFTS_S)
-    lift_mm = press_mm[-1] + (REST_MM - press_mm[-1]) * _progress(s)
+    lift_mm = press_mm[-1] + (REST_MM - press_mm[-1]) * progress(s)
     contact_s, lifted_s = falls_s / 2, falls_s / 2 + PRESSES_S
     time_s = np.concatenate([down_s, contact_s + after_s, lifted_s + s * LIFTS_S])
+    noise_seed, slides_mm = int(rng.integers(2**63)), float(rng.normal(0.0, SLIDES_MM))
+    there, back = progress(np.minimum(time_s / lifted_s, 1.0)), progress(np.maximum(time_s - lifted_s, 0.0) / LIFTS_S)
     return Trajectory(
         us=time_s * 1e6,
         height_mm=np.concatenate([down_mm, press_mm, lift_mm]),
@@ -46,9 +53,6 @@ def tap(rng: np.random.Generator, speed_mm_s: float | None = None) -> Trajectory
         lift_us=float(time_s[-1]) * 1e6,
         speed_mm_s=speed_mm_s,
         hesitation="none",
-        noise_seed=int(rng.integers(2**63)),
+        noise_seed=noise_seed,
+        along_mm=slides_mm * (there - back),
     )
-
-
-def _progress(s: np.ndarray[tuple[int], np.dtype[np.float64]]) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    return s**3 * (10 - 15 * s + 6 * s**2)

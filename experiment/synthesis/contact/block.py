@@ -76,10 +76,11 @@ class Block:
         return self._axis(1)
 
     @cached_property
-    def ready(self) -> tuple[float, float, float, float, bool, Carry, Carry]:
-        """`pulls`, the pushes along normal and face, `clamps`, and what a nominal step does to both."""
+    def ready(self) -> tuple[float, float, float, float, bool, bool, float, Carry, Carry]:
+        """`pulls`, the pushes along normal and face, `clamps`, `held`, and a nominal step and what it does to both."""
+        pushes = self.normal.push_m_s2, self.along.push_m_s2
         carried = carry(self.normal, self.nominal_s), carry(self.along, self.nominal_s)
-        return *self.pulls, self.normal.push_m_s2, self.along.push_m_s2, self.clamps, *carried
+        return *self.pulls, *pushes, self.clamps, self.held, self.nominal_s, *carried
 
     @cached_property
     def half_turn_s(self) -> float:
@@ -141,6 +142,9 @@ class Motion(NamedTuple):
     since_s: float = 0.0
     owed_s: float = 0.0
 
+
+new = tuple.__new__
+"""Makes a `Motion` of its values in half the time of its own name: what a step of a servo makes most."""
 
 Kind = Literal["touch", "deepest", "release"]
 

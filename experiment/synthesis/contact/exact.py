@@ -9,7 +9,7 @@ from __future__ import annotations
 from math import inf, sqrt
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.contact.block import ENTERING, FREE, RETURNING, Block, Motion, Switch, pull_m_s2
+from experiment.synthesis.contact.block import ENTERING, FREE, RETURNING, Block, Motion, Switch, new, pull_m_s2
 from experiment.synthesis.contact.oscillator import (
     Oscillator,
     carry,
@@ -30,33 +30,32 @@ def advance(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Switch
     """
     phase, x, u, y, v, since, owed = at
     if phase and dt_s < block.half_turn_s:
-        b, a2, push, beside, clamps, normal, along = block.ready
-        if dt_s != block.nominal_s:
-            normal, along = carry(block.normal, dt_s), carry(block.along, dt_s)
-        # `moved`, written out: a call costs as much as the arithmetic.
-        kept, of_y, of_speed, s, w, pull = normal
-        x1 = kept * x + (of_y * x + s * u + w * push)
-        u1 = kept * u + (of_speed * u - pull * x + s * push)
-        if phase == RETURNING or (u > 0 and u1 > 0):
-            if clamps:
-                end = b * x1 + a2 * u1
-                before, after = b * u + a2 * (push - b * x - a2 * u), b * u1 + a2 * (push - end)
-            else:
-                end, before, after = x1, u, u1
-            # Half a period ahead, what is above zero was below it only if it had a minimum; a held block has none.
-            if end > 0 and (block.held or not before < 0 < after):
-                kept, of_y, of_speed, s, w, pull = along
-                wanted = dt_s - owed
-                total = since + wanted
-                return Motion(
-                    phase,
-                    x1,
-                    u1,
-                    kept * y + (of_y * y + s * v + w * beside),
-                    kept * v + (of_speed * v - pull * y + s * beside),
-                    total,
-                    (total - since) - wanted,
-                ), ()
+        b, a2, push, beside, clamps, held, nominal_s, normal, along = block.ready
+        if held:
+            x1, u1, y1, v1 = x + dt_s * u, u, y + dt_s * v, v
+        else:
+            if dt_s != nominal_s:
+                normal, along = carry(block.normal, dt_s), carry(block.along, dt_s)
+            # `moved`, written out: a call costs as much as the arithmetic.
+            kept, of_y, of_speed, s, w, pull = normal
+            x1 = kept * x + (of_y * x + s * u + w * push)
+            u1 = kept * u + (of_speed * u - pull * x + s * push)
+            kept, of_y, of_speed, s, w, pull = along
+            y1 = kept * y + (of_y * y + s * v + w * beside)
+            v1 = kept * v + (of_speed * v - pull * y + s * beside)
+        end = b * x1 + a2 * u1 if clamps else x1
+        # Half a period ahead, what is above zero was below it only if it had a minimum; a held block has none.
+        if (
+            end > 0
+            and (phase == RETURNING or (u > 0 and u1 > 0))
+            and (
+                held
+                or not (b * u + a2 * (push - b * x - a2 * u) < 0 < b * u1 + a2 * (push - end) if clamps else u < 0 < u1)
+            )
+        ):
+            wanted = dt_s - owed
+            total = since + wanted
+            return new(Motion, (phase, x1, u1, y1, v1, total, (total - since) - wanted)), ()
     return _eventful(block, at, dt_s)
 
 

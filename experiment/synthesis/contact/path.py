@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.contact.block import ENTERING, FREE, Advance, Block, Motion, Pair, Switch, pull_m_s2
+from experiment.synthesis.contact.block import ENTERING, FREE, Advance, Block, Motion, Pair, Switch, new, pull_m_s2
 from experiment.synthesis.contact.exact import advance
 
 
@@ -112,7 +112,7 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, ad
             phase, deep, rate, along, aside, since, owed = at
             rate += change_x * into_x + change_y * into_y
             aside += change_y * into_x - change_x * into_y
-            at = Motion(phase, deep, rate, along, aside, since, owed)
+            at = new(Motion, (phase, deep, rate, along, aside, since, owed))
             b, a2 = block.pulls
             if not (phase and deep > 0 and b * deep + a2 * rate > 0):
                 at, began = _turned(block, at)

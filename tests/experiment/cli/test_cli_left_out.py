@@ -54,6 +54,22 @@ def test_check_refuses_it_below_the_boards_page(tmp_path: Path, recordings: Path
     assert re.search(TOLD, json.loads(told.stdout)["rig"]["refused"])
 
 
+def test_check_says_whether_a_virtual_block_pushes_along_its_face(tmp_path: Path) -> None:
+    text = shipped("rigs/tapping.toml").read_text("utf-8")
+    one = tmp_path / "one.toml"
+    one.write_text(
+        text.replace("tracker.along_calibration", "tracker.calibration").replace(
+            "counts = 0\nmm = -30.0\n\n[[tracker.calibration]]\ncounts = 60000\nmm = 30.0", "counts = 60001\nmm = 40.1"
+        ),
+        "utf-8",
+    )
+    for rig, told in (
+        (shipped("rigs/tapping.toml"), "The tracker is planar: the block pushes along the face."),
+        (one, "The tracker is not planar: nothing pushes along the face."),
+    ):
+        assert call("check", shipped("wellman1995.toml"), "--rig", rig).stdout.rstrip().endswith(told)
+
+
 def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> None:
     result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", recordings)
     assert result.exit_code == 0

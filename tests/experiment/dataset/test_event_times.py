@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from experiment.session.footstep.trials import FootstepDevices
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
+RIG = shipped("rigs/rehearsal.toml")
 TRIALS = 8
 LOST = 5
 """The step, from 0, in which the tracker is unplugged."""
@@ -43,8 +45,9 @@ BATCH = 4
 class Wandering:
     """Implements `Tracker`: its clock is off by `drift_ppm`; reads come late, one in a hundred by up to 31 ms."""
 
-    def __init__(self, clock: ManualClock, drift_ppm: float) -> None:
-        self._clock = clock
+    def __init__(self, clock: ManualClock, drift_ppm: float, *along: int) -> None:
+        """Begin; `along` is what a planar one reads along the face in every frame."""
+        self._clock, self._along = clock, along
         self._ns_per_us = 1000 * (1 + drift_ppm * 1e-6)
         self._rng = np.random.default_rng(5)
         self.counts = LinkCounts()
@@ -85,7 +88,7 @@ class Wandering:
         if len(self._boots_ns) == 1 and len(self.contacts_ns) > LOST and height_mm[-1] < 5:
             self.contacts_ns.pop()
             raise TrackerStopped("tracker: the port has gone")
-        raw = [encode(int(one) // 1000, int(one), 30_000) for one in us]
+        raw = [encode(int(one) // 1000, int(one), 30_000, *self._along) for one in us]
         return Samples(us, height_mm, b"".join(raw), np.cumsum([len(frame) for frame in raw]), arrived_ns)
 
     def reconnect(self, timeout_s: float) -> None:
@@ -111,9 +114,15 @@ class Wandering:
         return us, self._arrived_ns
 
 
-def run(dataset_root: Path, clock: ManualClock, tracker: Wandering, keys: str, trials: int) -> Footer:
+def run(
+    dataset_root: Path,
+    clock: ManualClock,
+    tracker: Wandering,
+    keys: str,
+    trials: int,
+    rig_file: Path = RIG,
+) -> Footer:
     """A session of the real task, or what remains of it."""
-    rig_file = shipped("rigs/rehearsal.toml")
     order = tuple(PlannedTrial(trial=n, presented=("copy paper",)) for n in range(1, trials + 1))
     changed = {"order": order, "task": "real", "block_trials": trials, "rig_sha256": rig.sha256(rig.load(rig_file))}
     devices = attempt.Devices(
@@ -189,10 +198,37 @@ def test_a_wall_clock_that_was_set_back_before_a_session_went_on_overwrites_no_f
     assert run(tmp_path, second, Wandering(second, 0.0), "cc", 5).reason == "complete"
     session = build._session(path, journal.read(path))
     build._write_foot(tmp_path, session, "REHEARSAL")
-    frames = [placed.step.trace.length // FRAME_BYTES for placed in session.steps]
+    frames = [placed.step.trace.length // FRAME_BYTES[1] for placed in session.steps]
     # Four steps were before the pause, two after. Each has a place of its own.
     assert len(frames) == 6
     found = heights(tmp_path)
     assert list(found.values()) == [sum(frames[:4]), sum(frames[4:])]
     start_s, again_s = found
     assert again_s - start_s == pytest.approx(-before_s, abs=4.0)
+
+
+def test_a_planar_trace_keeps_the_place_along_the_face_as_a_column(tmp_path: Path) -> None:
+    clock, rig_file = ManualClock(START_NS), tmp_path / "planar.toml"
+    points = [
+        f"[[tracker.along_calibration]]\ncounts = {counts}\nmm = {mm}\n" for counts, mm in ((1000, -5), (2000, 5))
+    ]
+    rig_file.write_text("\n".join([RIG.read_text("utf-8"), *points]), "utf-8")
+    shutil.copy(RIG.with_name("rehearsal-response.csv"), tmp_path)
+    root = tmp_path / "dataset"
+    assert run(root, clock, Wandering(clock, 0.0, 1725), "cc", 2, rig_file).reason == "complete"
+    path = storage.journal_path(root, "01", "real")
+    session = build._session(path, journal.read(path))
+    build._write_foot(root, session, "REHEARSAL")
+    (table,) = root.glob("sub-01/beh/*_physio.tsv.gz")
+    sidecar = json.loads(table.with_name(table.name.removesuffix(".tsv.gz") + ".json").read_text())
+    assert sidecar["Columns"] == ["foot_height", "foot_along"]
+    assert sidecar["foot_along"] == {
+        "Description": "Place of the sole along the face, as the planar tracker was calibrated.",
+        "Units": "mm",
+    }
+    with gzip.open(table, "rt") as file:
+        rows = [row.split() for row in file]
+    known = [row for row in rows if row != ["n/a", "n/a"]]
+    # 1725 counts are 2.25 mm, and every frame has its row.
+    assert {along for _, along in known} == {"2.250"}
+    assert len(known) == sum(placed.step.trace.length // FRAME_BYTES[2] for placed in session.steps)

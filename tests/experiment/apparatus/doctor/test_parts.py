@@ -48,6 +48,16 @@ def test_a_sensor_that_says_the_same_in_every_frame_is_stuck(spread_mm: float, s
     assert ("stuck" in found.remedy) == (verdict == "red")
 
 
+@pytest.mark.parametrize(("along_mm", "verdict"), [(0.0, "green"), (29.9, "green"), (-30.0, "red"), (30.0, "red")])
+def test_a_planar_sensor_at_the_end_of_its_calibration_along_the_face_is_red(along_mm: float, verdict: str) -> None:
+    tapping = rig.load(shipped("rigs/tapping.toml")).tracker
+    (found,) = devices.along(replace(heard(np.arange(3), []), along_mm=np.full(3, along_mm)), tapping)
+    assert (found.name, found.verdict) == ("tracker along", verdict)
+    assert found.measured == f"0.000 mm at {along_mm:.1f} mm along the face"
+    assert found.allowed == "-30 to 30 mm"
+    assert devices.along(heard(np.arange(3), []), RIG.tracker) == ()
+
+
 def test_one_sample_is_no_rate() -> None:
     assert devices.rate(heard(np.arange(1), []), RIG.tracker).verdict == "red"
 

@@ -64,7 +64,7 @@ def code(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
 
 
 def framed(code: ctypes.CDLL, sequence: int, device_us: int, counts: int) -> bytes:
-    frame = ctypes.create_string_buffer(FRAME_BYTES)
+    frame = ctypes.create_string_buffer(FRAME_BYTES[1])
     code.frame_encode(frame, sequence, device_us, counts)
     return frame.raw
 

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import threading
+from math import inf
+from pathlib import Path
 from typing import cast
+
+import numpy as np
+import pytest
 
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.servo.link import ServoHere
 from experiment.apparatus.servo.process import Orders
+from experiment.apparatus.tracker.clock_map import ClockMap
+from experiment.apparatus.tracker.frames import Samples
 from experiment.errors import TrackerStopped
-from experiment.rehearsal.wires.force_device import ForceDeviceProcess
+from experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
+from experiment.synthesis.contact.block import Block
+from tests.rig.pushes import pushed
 
 
 class RestingHand:
@@ -25,6 +34,39 @@ class RestingHand:
 
     def close(self) -> None:
         self.closed.set()
+
+
+class SlidingHand:
+    """What of `Tracker` the servo uses: a hand that came down to 1 mm inside, and then slid by 2 mm, in one read."""
+
+    clock_map = ClockMap(anchor_us=0, anchor_ns=0)
+
+    def __init__(self, *, planar: bool) -> None:
+        height_mm = np.concatenate([np.linspace(2.0, -1.0, 76), np.full(100, -1.0)])
+        along_mm = np.concatenate([np.zeros(76), np.linspace(0.02, 2.0, 100)])
+        us = 400 * np.arange(height_mm.size)
+        self._read = Samples(us, height_mm, b"", us, 0, along_mm if planar else None)
+
+    def read(self) -> Samples:
+        return self._read
+
+    def close(self) -> None:
+        """There is nothing to close."""
+
+
+@pytest.mark.parametrize("planar", [True, False])
+def test_a_planar_hand_is_pushed_along_the_face_too(tmp_path: Path, planar: bool) -> None:
+    record = tmp_path / "pushed.bin"
+    with ForceDeviceProcess(record) as device:
+        orders = Orders("", 1, 2500, 2000, (0.0, 1.0), (0.0, 1.0), device.address, 100.0, 3.0, 2500, 175.0)
+        servo = ServoHere(orders, cast("Tracker", SlidingHand(planar=planar)))
+        servo.render(Block((800.0, 500.0), (5.0, 3.0), (inf, inf), into=(-1.0, 0.0)))
+        assert servo.read() is not None
+        servo.close()
+    last = [push for push in pushed(record) if push.why == PUSHED and push.out_n > 0][-1]
+    # -K y - C dy/dt, with 2 mm at 50 mm/s; out of the block K r alone, for the hand goes no deeper.
+    along_n = -500.0 * 2e-3 - 3.0 * 0.05 if planar else 0.0
+    assert (last.out_n, last.along_n) == pytest.approx((0.8, along_n), rel=1e-5)
 
 
 def test_a_servo_that_is_stopped_ends_the_read_that_waits_for_the_hand() -> None:

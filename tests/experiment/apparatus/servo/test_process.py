@@ -7,7 +7,7 @@ import json
 import socket
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from math import inf, nan
 from types import SimpleNamespace
 
@@ -38,10 +38,13 @@ class World:
     sent: int = 0
     counts: Callable[[int, int], int | None] = lambda _now_ns, counts: counts
     """What a reading is sent as; None for no frame."""
+    slides_mm_s: float | None = None
+    """How fast the hand goes along the face; None for a tracker that is not planar."""
     gone: bool = False
     stalls: bool = False
     reads_long: bool = False
     dead: bool = False
+    planar: bool = False
     pushed: list[tuple[int, Pair]] = field(default_factory=list)
     dropped: int = 0
 
@@ -60,7 +63,9 @@ class World:
             at_ns = BEGINS_NS + self.sent * PERIOD_NS
             mm = max(2.0 - (at_ns - BEGINS_NS) * 1e-7, -2.0)
             counts = self.counts(at_ns, round((mm + 20.0) * 1000))
-            data += b"" if counts is None else encode(self.sent, at_ns // 1000, counts)
+            slid_mm = (self.slides_mm_s or 0.0) * (at_ns - BEGINS_NS) * 1e-9
+            along = [] if self.slides_mm_s is None else [round((slid_mm + 30.0) * 1000)]
+            data += b"" if counts is None else encode(self.sent, at_ns // 1000, counts, *along)
             self.sent += 1
         if self.reads_long and self.now_ns >= FAILS_NS:
             self.reads_long = False
@@ -95,6 +100,8 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch, *, until_ns: int = FAILS_
     told = Line(ours)
     told.tell(RENDER, json.dumps(asdict(BLOCK)).encode(), 0)
     orders = Orders("", 1, 2500, 2000, (0.0, 60_000.0, 65_535.0), (-20.0, 40.0, nan), "", 100.0, 3.0, 2500, 175.0)
+    if world.planar:
+        orders = replace(orders, along_counts=(0.0, 60_000.0, 65_535.0), along_mm=(-30.0, 30.0, nan))
     pulse = memoryview(bytearray(8)).cast("q")
     servo = Servo(orders, Line(theirs), pulse)
     with suppress(ServoError):
@@ -118,6 +125,24 @@ def test_a_hand_that_presses_is_pushed_and_may_be_vibrated(monkeypatch: pytest.M
     _, pulse_ns = run(world, monkeypatch)
     assert world.pushed[-1][1][0] == pytest.approx(800.0 * 2e-3, rel=0.01)
     assert world.now_ns - pulse_ns < SILENT_NS
+
+
+def test_a_hand_that_slides_is_pushed_back_along_the_face(monkeypatch: pytest.MonkeyPatch) -> None:
+    world = World(slides_mm_s=20.0, planar=True)
+    run(world, monkeypatch)
+    # It touched 20 ms after the beginning; one cycle is 0.4 ms, and a count is 1 um in 0.4 ms.
+    touched_ns = BEGINS_NS + 20_000_000
+    for at_ns, (_, along_n) in world.pushed[60:]:
+        slid_m = 20e-3 * (at_ns - touched_ns) * 1e-9
+        assert along_n == pytest.approx(-800.0 * slid_m - 5.0 * 20e-3, abs=0.03)
+    assert {along for at_ns, (_, along) in world.pushed if at_ns < touched_ns} == {0.0}
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_frames_of_the_other_kind_push_nothing(monkeypatch: pytest.MonkeyPatch, planar: bool) -> None:
+    world = World(slides_mm_s=None if planar else 20.0, planar=planar)
+    run(world, monkeypatch)
+    assert {force_n for _, force_n in world.pushed} == {NO_FORCE}
 
 
 def test_a_number_that_is_none_ends_both_in_its_cycle(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -58,6 +58,37 @@ def test_a_planar_hand_is_pushed_along_the_face_too() -> None:
     assert [out for out, _ in forces] == pytest.approx([out for out, _ in followed(heights)[0]])
 
 
+@given(
+    st.floats(0.0, 3000.0),
+    st.floats(0.0, 120.0),
+    st.floats(-150.0, 150.0),
+    st.floats(-20.0, 20.0),
+    st.integers(0, 10**6),
+)
+def test_the_force_along_the_face_is_that_of_its_own_spring_and_damper(
+    k: float, c: float, along_mm_s: float, begins_mm: float, begins_us: int
+) -> None:
+    """By equation (4) for the second axis of K and C: -K y - C dy/dt, y counted from where the hand touched."""
+    block = Block((K, k), (C, c), (inf, inf), into=(-1.0, 0.0), nominal_s=DT_US * 1e-6)
+    at, down_mm_s, touched_us = Rendered(), 100.0, 20_000
+    for n in range(60):
+        us = n * DT_US
+        at, _ = step(block, at, begins_us + us, (2.0 - down_mm_s * us * 1e-6, begins_mm + along_mm_s * us * 1e-6))
+        inside_s = (us - touched_us) * 1e-6
+        wanted = -k * along_mm_s * 1e-3 * inside_s - c * along_mm_s * 1e-3 if inside_s > 1e-9 else 0.0
+        if abs(inside_s) > 1e-9:
+            assert at.force_n[1] == pytest.approx(wanted, rel=1e-7, abs=1e-9)
+    assert at.speed_mm_s == pytest.approx(hypot(down_mm_s, along_mm_s))
+
+
+def test_a_hand_that_slides_over_the_face_and_stays_above_it_is_fast_and_feels_nothing() -> None:
+    at = Rendered()
+    for n in range(50):
+        at, _ = step(BLOCK, at, n * DT_US, (1.0, 300.0 * n * DT_US * 1e-6))
+    assert at.speed_mm_s == pytest.approx(300.0)
+    assert at.force_n == NO_FORCE
+
+
 def test_nothing_is_pushed_without_a_block_or_beside_it() -> None:
     assert set(followed(falling(), block=None)[0]) == {NO_FORCE}
     assert set(followed(falling(to_mm=0.5))[0]) == {NO_FORCE}

@@ -48,10 +48,13 @@ def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixt
     monkeypatch.syspath_prepend(tmp_path)
     module = f"driver_{abs(hash(request.node.nodeid))}"
 
-    def open_it(*, opens: str = "pass", reads: str = "pass", closes: str = "pass", more: str = "") -> Tracker:
+    def open_it(
+        *, opens: str = "pass", reads: str = "pass", closes: str = "pass", more: str = "", planar: bool = False
+    ) -> Tracker:
         (tmp_path / f"{module}.py").write_text(DRIVER.format(opens=opens, reads=reads, closes=closes) + more, "utf-8")
         before = rigs.load(shipped("rigs/rehearsal.toml"))
-        settings = before.tracker.model_copy(update={"driver": f"{module}:Tracker"})
+        along = before.tracker.calibration if planar else None
+        settings = before.tracker.model_copy(update={"driver": f"{module}:Tracker", "along_calibration": along})
         rig = before.model_copy(update={"tracker": settings})
         return guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
 
@@ -165,6 +168,24 @@ def test_readings_that_cannot_be_are_the_drivers_fault(opened: Opens, spoils: st
     ) as failed:
         tracker.read()
     assert "\n" not in str(failed.value)
+
+
+@pytest.mark.parametrize(
+    ("along", "told"),
+    [
+        ("None", "ValueError: along_mm, of a planar tracker, is not of that length"),
+        ("np.zeros(3)", "ValueError: along_mm, of a planar tracker, is not of that length"),
+        ("np.array([0.0, np.nan])", "ValueError: got a place along the face of nan mm"),
+    ],
+)
+def test_places_along_the_face_that_cannot_be_are_the_fault_of_a_planar_driver(
+    opened: Opens, along: str, told: str
+) -> None:
+    reads = READ.format(spoils=f"return Samples(a.us, a.mm, a.raw, a.ends, a.at, {along})")
+    tracker = opened(reads=reads.replace("a.ends, a.at)", "a.ends, a.at, np.zeros(2))"), planar=True)
+    assert tracker.read().along_mm is not None
+    with pytest.raises(TrackerError, match=rf"failed at `read` \({re.escape(told)}"):
+        tracker.read()
 
 
 def test_a_device_that_was_plugged_in_again_may_count_from_anew(opened: Opens) -> None:

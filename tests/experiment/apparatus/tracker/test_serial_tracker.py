@@ -29,6 +29,9 @@ SETTINGS = TrackerRig(
     stall_ms=50,
     calibration=(CalibrationPoint(counts=0, mm=-5.0), CalibrationPoint(counts=4200, mm=100.0)),
 )
+PLANAR = SETTINGS.model_copy(
+    update={"along_calibration": (CalibrationPoint(counts=0, mm=30.0), CalibrationPoint(counts=60_000, mm=-30.0))}
+)
 Arrival = bytes | Exception
 
 
@@ -89,7 +92,9 @@ def clock() -> ManualClock:
 def scripted(monkeypatch: pytest.MonkeyPatch, clock: ManualClock) -> Iterator[Open]:
     trackers: list[SerialTracker] = []
 
-    def opened(*scripts: Iterable[Arrival] | PalpateError) -> tuple[SerialTracker, ScriptedPort]:
+    def opened(
+        *scripts: Iterable[Arrival] | PalpateError, settings: TrackerRig | None = None
+    ) -> tuple[SerialTracker, ScriptedPort]:
         """A tracker on the last of the ports; where there are several, each opening takes the next."""
         ports = [ScriptedPort(script) if not isinstance(script, PalpateError) else script for script in scripts]
         waiting = deque(ports)
@@ -102,7 +107,7 @@ def scripted(monkeypatch: pytest.MonkeyPatch, clock: ManualClock) -> Iterator[Op
             return port
 
         monkeypatch.setattr(serial_tracker, "SerialPort", next_port)
-        trackers.append(SerialTracker("scripted", SETTINGS, clock=clock))
+        trackers.append(SerialTracker("scripted", settings or SETTINGS, clock=clock))
         last = ports[-1]
         assert isinstance(last, ScriptedPort)
         return trackers[-1], last
@@ -202,6 +207,44 @@ def test_a_pause_of_the_whole_machine_is_not_a_silent_device(scripted: Open, mon
     tracker, port = scripted([])
     pauses.append(lambda: port.arrive(frames(0, 1)))
     assert tracker.read().device_us.tolist() == [0]
+
+
+def planar_frames(first: int, count: int) -> bytes:
+    return b"".join(encode(i, 1000 * i, i % 4096, 30_000 + i) for i in range(first, first + count))
+
+
+def test_a_planar_tracker_gives_places_along_the_face_too_and_keeps_its_bytes(scripted: Open) -> None:
+    data = planar_frames(0, 3)
+    tracker, port = scripted([data], settings=PLANAR)
+    samples = tracker.read()
+    assert samples.raw == data
+    assert samples.along_mm is not None
+    assert samples.along_mm.tolist() == pytest.approx([0.0, -0.001, -0.002])
+    assert samples.height_mm.tolist() == pytest.approx([-5.0, -4.975, -4.95])
+    first, others = samples.cut(1)
+    assert first.along_mm is not None
+    assert others.along_mm is not None
+    assert [len(first.raw), len(others.raw)] == [14, 28]
+    assert [*first.along_mm, *others.along_mm] == samples.along_mm.tolist()
+    # What a drained line brings is read as before.
+    tracker.drain()
+    port.arrive(planar_frames(9, 2))
+    assert tracker.read().device_us.tolist() == [9000, 10_000]
+
+
+@pytest.mark.parametrize(
+    ("settings", "data", "told"),
+    [
+        (SETTINGS, planar_frames(0, 2), "12 bytes a frame: the rig file has no tracker.along_calibration"),
+        (PLANAR, frames(0, 3), "14 bytes a frame: the rig file has a tracker.along_calibration"),
+    ],
+)
+def test_frames_of_the_other_kind_are_none_and_which_are_read_is_told(
+    scripted: Open, settings: TrackerRig, data: bytes, told: str
+) -> None:
+    tracker, _ = scripted([data], settings=settings)
+    with pytest.raises(TrackerStopped, match=f"bytes, but no good frame for 50 ms; .* {told}"):
+        tracker.read()
 
 
 def test_bytes_that_are_no_frames_do_not_hide_silence(scripted: Open) -> None:

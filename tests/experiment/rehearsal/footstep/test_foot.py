@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from experiment.apparatus import rig
-from experiment.apparatus.rig import TrackerRig
+from experiment.apparatus.rig import CalibrationPoint, TrackerRig
 from experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts, Samples
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from experiment.clock import ManualClock
@@ -65,6 +65,24 @@ def sent(
     foot.finish()
     foot.close()
     return Decoder().feed(line.data)[1], foot, line
+
+
+def test_a_planar_sensor_sees_where_it_is_along_the_face_and_the_same_heights(tracker: TrackerRig) -> None:
+    points = CalibrationPoint(counts=100, mm=40.0), CalibrationPoint(counts=60_100, mm=-20.0)
+    planar = tracker.model_copy(update={"along_calibration": points})
+    height_mm = np.concatenate([np.linspace(70.0, 0.0, 500), np.zeros(100)])
+    along_mm = np.linspace(-3.0, 5.0, 600)
+    step = Trajectory(1000.0 * np.arange(600.0), height_mm, 0.0, 0.0, 0.0, 599_000.0, 100.0, "none", 3, along_mm)
+    one, *_ = sent(tracker, [(step, 0, None)])
+    _, _, line = sent(planar, [(step, 0, None)])
+    _, both = Decoder(readings=2).feed(line.data)
+    assert both.link == one.link == LinkCounts(received=600)
+    assert len(line.data) == 600 * 14
+    assert np.array_equal(one.counts, both.counts)
+    # 1000 counts a millimetre, falling: the noise is that of the height, 0.1 mm.
+    strays_mm = (100 - both.along.astype(float)) / 1000 + 40.0 - along_mm
+    assert np.std(strays_mm) == pytest.approx(0.1, rel=0.15)
+    assert abs(np.mean(strays_mm)) < 0.02
 
 
 def plain(seed: int = 0, speed_mm_s: float = 180.0, hesitation: Hesitation = "none") -> Trajectory:
