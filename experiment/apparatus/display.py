@@ -68,11 +68,13 @@ class ScreenWords(Confined):
         again: the same, after a step that did not count.
         answer: the answer is waited for.
         compare: the same, while two samples are there to be tried.
+        first: added to it while the first of two virtual surfaces can be tapped.
+        second: while the second can.
         pause: during a break, above the time that is left.
         pause_over: once that time is over.
         slow: of the last step, where the protocol has rules about its speed.
-        right: as `slow`.
-        fast: as `slow`; on a lamp, where a hand taps.
+        right: as `slow`; on a lamp that is not lit, where a hand taps.
+        fast: as `slow`; on that lamp, lit.
         finished: when all trials of a task are answered, while the experimenter writes down what is left.
         thanks: once the session has ended.
         gone: while there is no connection with the session.
@@ -93,6 +95,8 @@ class ScreenWords(Confined):
     again: Line = "That step did not count. Lift your foot, then step once more."
     answer: Line = "Say aloud what you felt."
     compare: Line = "Feel both, as often as you wish. Then say your answer aloud."
+    first: Line = "The first is there now. Say so when you want the second."
+    second: Line = "The second is there now. Say so when you want the first."
     pause: Line = "Time for a break."
     pause_over: Line = "The break is over. We go on when you are ready."
     slow: Line = "too slow"

@@ -400,8 +400,8 @@ class LinkedConsole:
         self._put("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:  # noqa: ARG002
-        # Of a pair nothing is waited for: the next is its question.
-        state = "preparing" if self._view.pairs else "armed"
+        # A pair of virtual surfaces can be felt at once.
+        state = "answering" if self._view.pairs else "armed"
         again = "The lines below say why" if self._armed == trial else ""
         waited = self._watched()
         self._armed = trial

@@ -90,18 +90,21 @@ class Measured(Message):
     """What a kind of trial measures all the time.
 
     `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells that a trial is under way
-    at this moment, and `last` what the one before was like, at which `pace` if the protocol asks for one. `too_fast`
-    says whether the participant moves too fast at this moment, None where no lamp says so. `delivered` is the stimulus
-    before: as intended, not, or not measured. `hand_mm` is how high the hand is above a virtual block.
+    at this moment, `stepped` that its step counts and its question comes, and `last` what the one before was like, at
+    which `pace` if the protocol asks for one. `too_fast` says whether the participant moves too fast at this moment,
+    None where no lamp says so. `delivered` is the stimulus before: as intended, not, or not measured. `hand_mm` is how
+    high the hand is above a virtual block, and `second` whether that is the second of its pair, None where none is.
     """
 
     trace: tuple[float, ...] = ()
     trace_unit: str = ""
     moving: bool = False
+    stepped: bool = False
     last: str = ""
     pace: Pace | None = None
     too_fast: bool | None = None
     hand_mm: float | None = None
+    second: bool | None = None
     delivered: bool | None = None
     lamps: tuple[Lamp, ...] = ()
 
@@ -199,7 +202,8 @@ class Prompt(Message):
     `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction, `again` tells that
     the step before did not count, `unplayed` that nothing plays what a masker hides, and `answers` are what may be said
     in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of the last
-    step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. `hand_mm` is where the hand is shown
+    step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. `second` says whether the second of
+    two virtual surfaces is there, or the first; None without. `hand_mm` is where the hand is shown
     above the block, None for no picture of them. A break lasts until `until_ns`, in nanoseconds of the
     system's clock. `label` is PRACTICE or PILOT, and empty in a study.
     """
@@ -215,6 +219,7 @@ class Prompt(Message):
     keys: tuple[str, ...] = ()
     pace: Pace | None = None
     lamp: bool | None = None
+    second: bool | None = None
     hand_mm: float | None = None
     until_ns: int | None = None
     label: Label = ""

@@ -95,7 +95,7 @@ def page(prompt: Prompt | None, settings: ScreenRig, now_ns: int) -> Page:
     paces = (("slow", words.slow), ("right", words.right), ("fast", words.fast)) if prompt.pace else ()
     lit = [(pace, said, pace == prompt.pace) for pace, said in paces]
     if prompt.lamp is not None:
-        lit.append(("fast", words.fast, prompt.lamp))
+        lit.append(("fast", words.fast, True) if prompt.lamp else ("right", words.right, False))
     return Page(
         text=characters.plain(text),
         clock=clock,
@@ -135,7 +135,9 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
         case "answer":
             return "\n".join((words.answer, *prompt.answers))
         case "compare":
-            return "\n".join((prompt.text, "", words.compare, *prompt.answers)).strip()
+            there = "" if prompt.second is None else words.second if prompt.second else words.first
+            said = "\n".join((words.compare, *prompt.answers))
+            return "\n\n".join(filter(None, (prompt.text, said, there)))
         case "break":
             return words.pause
         case "finished":

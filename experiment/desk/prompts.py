@@ -2,8 +2,8 @@
 
 Of a view only its state, whether samples are compared, whether its step is the debriefing, the kind of its question,
 the keys of that, the protocol's own instruction, the pace of the last step and whether it counted, whether a hand is
-too fast and how high it is, the end of a break, whether a fault ended the session, and the label of a practice are
-looked at.
+too fast, how high it is and which of two places it taps, the end of a break, whether a fault ended the session, and
+the label of a practice are looked at.
 """
 
 from __future__ import annotations
@@ -78,11 +78,13 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
     if show == "thanks" and view.ended is not None and view.ended.exit_code:
         # A fault ended it; the experimenter sees to it, and the session goes on.
         show = "wait"
+    gauges = view.gauges
+    if asked is None and view.state == "armed" and gauges is not None and gauges.stepped:
+        show = "answer"
     if show == "answer" and view.pairs:
         show = "compare"
     if show == "wait" and view.step == DEBRIEFING:
         show = "finished"
-    gauges = view.gauges
     own = asked if asked is not None and asked.kind in theirs.answerable else None
     offered = {choice.key for choice in own.choices} if own is not None else set()
     if HEARD_KEY in offered:
@@ -97,6 +99,7 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         keys=tuple(key for key in KEYS if key in offered),
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
         lamp=gauges.too_fast if gauges is not None and show in ("instructions", "ready", "answer", "compare") else None,
+        second=gauges.second if gauges is not None and show == "compare" else None,
         hand_mm=gauges.hand_mm if gauges is not None and show == "instructions" else None,
         until_ns=view.pause_until_ns if show == "break" else None,
         label=next((label for label in get_args(Label) if label == view.label), ""),

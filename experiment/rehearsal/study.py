@@ -208,8 +208,8 @@ class _Practice:
         build.build(self.job.dataset)
         return footer
 
-    def noting(self) -> Attended | None:
-        return paused(self.job.dataset, self.job.participant, self.job.tasks, MonotonicClock())
+    def noting(self, task_id: str) -> Attended | None:
+        return paused(self.job.dataset, self.job.participant, self.job.tasks, task_id, MonotonicClock())
 
 
 def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:

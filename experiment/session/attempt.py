@@ -291,6 +291,8 @@ class Attempts:
                 self._take(said)
             elif said in further:
                 self._kind.press(said)
+            elif said in answers and (lacking := self._kind.lacking()):
+                self._console.show(f"{lacking} No answer is taken before.")
             elif self._masking is None or not self._masking.change(said):
                 confirmed = self._console.confirm(key=said, meaning=(answers | others)[said])
                 self._remarks.note_ignored()

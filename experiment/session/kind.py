@@ -138,6 +138,10 @@ class Kind(Protocol):
         """Do what one of `keys` stands for. Raises `PalpateError`."""
         return
 
+    def lacking(self) -> str:
+        """Return in a sentence why no answer can count yet, or nothing."""
+        return ""
+
     def rest(self) -> str:
         """Have nothing felt from now on: the question is answered, or is none any more.
 

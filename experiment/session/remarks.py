@@ -240,9 +240,9 @@ class Paused:
             return True
 
 
-def paused(dataset: Path, participant: str, tasks: Sequence[str], clock: Clock) -> Paused | None:
-    """Return the session that the participant was in last, of these tasks in order; None before the first."""
-    for task in reversed(tasks):
+def paused(dataset: Path, participant: str, tasks: Sequence[str], task_id: str, clock: Clock) -> Paused | None:
+    """Return a participant's session of a task, or of the last of these tasks in order that has begun; None without."""
+    for task in (task_id, *reversed(tasks)):
         path = journal_path(dataset, participant, task)
         contents = journal.read_if_begun(path)
         if contents.lines:

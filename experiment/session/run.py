@@ -231,9 +231,9 @@ class _Visit:
             console.show("This session was complete already; nothing was added to it.")
         return footer
 
-    def noting(self) -> Attended | None:
-        """Return what takes a note while no session is under way: the one before, once there was one."""
-        return remarks.paused(self.root, self.allocation.participant, self.allocation.tasks, self.clock)
+    def noting(self, task_id: str) -> Attended | None:
+        """Return what takes a note while no session is under way: that of the task, or the one before."""
+        return remarks.paused(self.root, self.allocation.participant, self.allocation.tasks, task_id, self.clock)
 
     def _identify(self) -> None:
         """Have it confirmed, once, that the participant of the label is at the panel. Raises `Interrupted` if not."""
@@ -405,7 +405,7 @@ def _wait_for_break(
         left_ns = exposure.ended_ns(before) + int(protocol.task_order.break_min_s * 1e9) - clock.now_ns()
         if left_ns > 0:
             why = f"The break after task {other} lasts {minutes(protocol.task_order.break_min_s)} at least."
-            console.attend(remarks.paused(root, allocation.participant, (other,), clock))
+            console.attend(remarks.paused(root, allocation.participant, (), other, clock))
             try:
                 console.wait(why=why, until_ns=clock.now_ns() + left_ns, clock=clock)
             finally:

@@ -7,6 +7,7 @@ end of the last.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 
 from experiment.desk.port import DEBRIEFING, INTERRUPTED, Attended, Console
 from experiment.errors import ActuatorError, AudioError, PalpateError, PauseAsked, TrackerError
@@ -16,9 +17,11 @@ BETWEEN = "The visit is paused; no session is under way."
 """What is said of a pause at a question before a session, or in the break."""
 
 
-def walk(
-    *, console: Console, tasks: Sequence[str], run: Callable[[str], Footer], noting: Callable[[], Attended | None]
-) -> Footer:
+Noting = Callable[[str], Attended | None]
+"""Gives what takes a note in a pause of a task: its session or, before that has begun, the one before."""
+
+
+def walk(*, console: Console, tasks: Sequence[str], run: Callable[[str], Footer], noting: Noting) -> Footer:
     """Run a participant's tasks, one at least, and return the footer of the last one begun.
 
     In a pause the console attends what `noting` gives. A task that paused goes on as soon as the experimenter wants it
@@ -26,7 +29,7 @@ def walk(
     way.
     """
     for task in tasks:
-        footer = _task(console, task, run, noting)
+        footer = _task(console, task, run, partial(noting, task))
         if footer.reason != "complete":
             break
     return footer

@@ -100,6 +100,8 @@ LEFT = 130
 FAILED = Phase("FAILED", "", RED)
 """A session whose process ended with a fault."""
 
+TRIED = Phase("ANSWER", "ANSWER", GREY, "Both surfaces are tried, or the answer is being written. Nothing is asked.")
+STEPPED = Phase("ANSWER", "ANSWER", GREY, "The step counts. Nothing is asked yet.")
 STEPPING = Phase("STEPPING", "STEPPING", YELLOW, "The foot is moving. Nothing is asked until it has landed.")
 AGAIN = Phase("STEP AGAIN", "ARMED", BLUE, "The step before did not count. {why}. The participant may step again.")
 DONE = Phase("TASK DONE", "", ORANGE)
@@ -114,11 +116,11 @@ def phase(view: View) -> Phase:
         if view.question.kind == "debrief" and view.step in view.steps[:-1]:
             return DONE
         return ASKED[view.question.kind]
-    if view.state == "armed" and view.gauges is not None and view.gauges.moving:
-        return STEPPING
+    if view.state == "armed" and view.gauges is not None and (view.gauges.stepped or view.gauges.moving):
+        return STEPPED if view.gauges.stepped else STEPPING
     if view.state == "armed" and view.again:
         return replace(AGAIN, says=AGAIN.says.format(why=view.again))
-    return STATES[view.state]
+    return TRIED if view.pairs and view.state == "answering" else STATES[view.state]
 
 
 def strip(view: View) -> tuple[str, ...]:

@@ -19,7 +19,7 @@ REST_MM = 8.0
 SPEED_MEDIAN_MM_S, SPEED_SIGMA = 110.0, 0.2
 """Speeds of touch are log-normal, mm/s: one in 100 is above 175. Ours."""
 
-YIELDS_S, PRESSES_S, LIFTS_S = 0.006, 0.04, 0.08
+YIELDS_S, PRESSES_S, LIFTS_S = 0.006, 0.04, 0.1
 """How fast the fingers yield, how long they press, and how long the lift takes, s. Ours."""
 
 SLIDES_MM = 2.0

@@ -178,11 +178,13 @@ class Footsteps(Kind):
         self._armed: Armed | None = None
         self._last = ""
         self._pace: Pace | None = None
+        self._counted = False
         self._delivered: bool | None = None
         self._silent = False
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         """Arm the attempt. After a step that broke off the foot is still watched, so that nothing is missed."""
+        self._counted = False
         try:
             self._arm(planned, attempt, answered_ns)
         except TrackerStopped:
@@ -238,7 +240,7 @@ class Footsteps(Kind):
                 failed=step.failed or error,
             )
         heard = step.onset.delivered if step.onset is not None else None
-        self._last = f"{step.gate.speed_mm_s:.0f} mm/s"
+        self._counted, self._last = True, f"{step.gate.speed_mm_s:.0f} mm/s"
         self._pace = pace(step.gate.speed_mm_s, self._protocol.exclusion)
         self._delivered = None if heard is None else heard.delivered
         return Seen(
@@ -264,6 +266,7 @@ class Footsteps(Kind):
             trace=heights,
             trace_unit="mm",
             moving=falling and step.contact_mm < heights[-1] <= step.gate_top_mm,
+            stepped=self._counted,
             last=self._last,
             pace=self._pace,
             delivered=self._delivered,

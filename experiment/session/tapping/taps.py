@@ -100,6 +100,10 @@ class Taps:
         self._sounding: _Sounding | None = None
         self.felt: Felt | None = None
         """The newest read."""
+        self.touched: set[Place] = set()
+        """Where the hand touched a surface since this was cleared."""
+        self.last = ""
+        """How fast the last touch was."""
         self._dark_ns = 0
         self.failed: PalpateError | None = None
         """Why nothing is rendered any more; None while all is well."""
@@ -115,6 +119,11 @@ class Taps:
     def too_fast(self) -> bool:
         """Whether the lamp is lit that says so: the hand is faster than the protocol has it, or was so just now."""
         return self.clock.now_ns() < self._dark_ns
+
+    @property
+    def renders(self) -> bool:
+        """Whether a surface can be touched."""
+        return self._lying is not None and self.failed is None
 
     def lay(self, lying: Lying | None) -> None:
         """Have the hand meet a surface from now on, or none. What vibrates goes on record first."""
@@ -199,6 +208,8 @@ class Taps:
             return
         speed_mm_s = touch.speed_mm_s if state is None else _speed_mm_s(state, touch.device_us)
         speed_mm_s = max(speed_mm_s, 0.0)
+        self.touched.add(lying.place)
+        self.last = f"{speed_mm_s:.0f} mm/s"
         sounding = self._sounding
         if sounding is None or sounding.aimed is None or sounding.lying is not lying:
             sounding = self._ready(lying, speed_mm_s)

@@ -159,6 +159,7 @@ class VirtualSurfaces(Kind):
         if pair is None:
             raise RuntimeError("no pair is watched before it was made ready")
         self._pair = pair.model_copy(update={"laid_ns": self.lent.clock.now_ns()})
+        self.taps.touched.clear()
         self._lay(0)
         return Seen(self._pair, answerable_ns=self._pair.laid_ns)
 
@@ -180,6 +181,11 @@ class VirtualSurfaces(Kind):
         self.lent.log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
         self.lent.console.show(f"The {place} surface is there now.")
 
+    def lacking(self) -> str:
+        """Return which surface of the pair was not tapped yet, or nothing; nothing where no surface can be."""
+        left = [place for place in PLACES if self.taps.renders and place not in self.taps.touched]
+        return f"The participant has not tapped the {' and the '.join(left)} surface yet." if left else ""
+
     def rest(self) -> str:
         """Render nothing more; return why what was felt does not count, or nothing."""
         pair, self._pair = self._pair, None
@@ -198,6 +204,8 @@ class VirtualSurfaces(Kind):
         return Measured(
             trace=felt.height_mm[-1:],
             trace_unit="mm",
+            last=self.taps.last,
+            second=None if self._pair is None else self._at == 1,
             too_fast=fast,
             hand_mm=felt.height_mm[-1],
             lamps=(Lamp(name="hand", good=not fast, words=words),),

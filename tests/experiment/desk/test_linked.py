@@ -521,8 +521,8 @@ def test_whoever_arms_is_told_that_somebody_had_to_be_waited_for(monkeypatch: py
     assert not bench.linked.rearm(trial=1, attempt=3, reason="the foot stopped")
 
 
-@pytest.mark.parametrize(("pairs", "state"), [(False, "armed"), (True, "preparing")])
-def test_of_a_pair_nothing_is_armed(pairs: bool, state: str) -> None:
+@pytest.mark.parametrize(("pairs", "state"), [(False, "armed"), (True, "answering")])
+def test_a_pair_that_is_rendered_can_be_felt_at_once(pairs: bool, state: str) -> None:
     one = LinkedConsole(View(pairs=pairs))
     one.came(1, 0)
     one.arm(trial=1, attempt=1, trials=4)

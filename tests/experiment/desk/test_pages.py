@@ -64,6 +64,16 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
         Prompt(show="compare", answers=("first", "second")),
         "Feel both, as often as you wish. Then say your answer aloud.\nfirst\nsecond",
     ),
+    "second surface": (
+        Prompt(show="compare", text="Tap.", second=True),
+        "Tap.\n\nFeel both, as often as you wish. Then say your answer aloud.\n\n"
+        "The second is there now. Say so when you want the first.",
+    ),
+    "first surface": (
+        Prompt(show="compare", second=False),
+        "Feel both, as often as you wish. Then say your answer aloud.\n\n"
+        "The first is there now. Say so when you want the second.",
+    ),
     "finished": (
         Prompt(show="finished"),
         "You have answered all of this part. Please wait for the experimenter.",
@@ -188,6 +198,8 @@ def test_a_lamp_is_lit_or_dark_in_the_same_place(show: Show) -> None:
     assert (dark[:600] == lit[:600]).all()
     colours = {tuple(pixel) for pixel in lit[600:].reshape(-1, 3).tolist()}
     assert LIT["fast"] in colours
+    # Words that reproach nobody stand on a dark one.
+    assert [said for _, said, _ in pages.page(Prompt(show=show, lamp=False), RIG, 0).paces] == ["good speed"]
     assert LIT["fast"] not in {tuple(pixel) for pixel in dark[600:].reshape(-1, 3).tolist()}
 
 

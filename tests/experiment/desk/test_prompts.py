@@ -48,7 +48,7 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
         asked = tuple(choice.model_copy(update={"words": words, "answer": False}) for choice in question.choices)
         question = question.model_copy(update={"text": words, "choices": asked})
     if gauges is not None and other.gauges is not None:
-        kept = {name: getattr(gauges, name) for name in ("pace", "too_fast")}
+        kept = {name: getattr(gauges, name) for name in ("pace", "too_fast", "second", "stepped")}
         gauges = other.gauges.model_copy(update=kept)
     matters = {
         name: getattr(view, name)
@@ -97,6 +97,15 @@ def test_who_compares_is_told_to_feel_both() -> None:
     asked = Question(number=3, kind="answer", text="", choices=())
     shown = prompt(View(pairs=True, question=asked, gauges=Gauges(left_s=1.0, too_fast=True)), THEIRS)
     assert (shown.show, shown.answers, shown.lamp) == ("compare", THEIRS.answers, True)
+    felt = prompt(View(state="answering", pairs=True, gauges=Gauges(left_s=1.0, second=True)), THEIRS)
+    assert (felt.show, felt.second) == ("compare", True)
+
+
+def test_who_has_stepped_may_answer_before_the_experimenter_is_asked() -> None:
+    view = View(state="armed", gauges=Gauges(left_s=1.0, stepped=True))
+    assert prompt(view, THEIRS).show == "answer"
+    zeroing = Question(number=3, kind="rest", text="", choices=())
+    assert prompt(view.model_copy(update={"question": zeroing}), THEIRS).show == "rest"
 
 
 @pytest.mark.parametrize("kind", ["write", "debrief"])

@@ -329,12 +329,12 @@ def test_a_note_in_a_pause_goes_on_record_and_changes_nothing_else(
     protocol: Protocol, tmp_path: Path, keys: str, reason: str
 ) -> None:
     one = bench(keys)
-    assert remarks.paused(tmp_path, "01", ("virtual", "real"), one.clock) is None
+    assert remarks.paused(tmp_path, "01", ("virtual", "real"), "real", one.clock) is None
     one.run(protocol, header("real"), tmp_path)
     path = storage.journal_path(tmp_path, "01", "real")
     before = journal.read(path)
     one.clock.sleep_ns(60 * 10**9)
-    session = remarks.paused(tmp_path, "01", ("virtual", "real"), one.clock)
+    session = remarks.paused(tmp_path, "01", ("virtual", "real"), "virtual", one.clock)
     assert session is not None
     assert session.remark(Noted("They look tired.")) == (True, "The note is on disk.")
     session.commanded(by="lab", command="note", taken=True, words="The note is on disk.")
@@ -357,7 +357,7 @@ def test_a_session_whose_participant_withdrew_in_the_pause_takes_no_note(protoco
     one = bench("cq")
     one.run(protocol, header("real"), tmp_path)
     path = storage.journal_path(tmp_path, "01", "real")
-    session = remarks.paused(tmp_path, "01", ("real",), one.clock)
+    session = remarks.paused(tmp_path, "01", (), "real", one.clock)
     assert session is not None
     with closing(journal.Journal(path, one.clock, journal.read(path))) as opened:
         opened.append(Withdrawal(reason="asked to stop", torn=""))
@@ -372,7 +372,7 @@ def test_a_session_whose_participant_withdrew_in_the_pause_takes_no_note(protoco
 def test_a_session_goes_on_after_a_note_in_its_pause(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("cq")
     one.run(protocol, header("real"), tmp_path)
-    session = remarks.paused(tmp_path, "01", ("real",), one.clock)
+    session = remarks.paused(tmp_path, "01", (), "real", one.clock)
     assert session is not None
     session.remark(Noted("They look tired."))
     assert bench("pt").run(protocol, header("real"), tmp_path).reason == "complete"

@@ -392,6 +392,29 @@ def test_a_pause_is_met_while_the_tracker_is_away(protocol: Protocol, tmp_path: 
     assert one.clock.now_ns() - begun_ns <= (200 + 1 + SLICE_S) * 1e9
 
 
+def test_a_step_that_counts_is_told_until_the_next_trial_is_armed(protocol: Protocol, tmp_path: Path) -> None:
+    class Looking(ScriptedConsole):
+        def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
+            told.append(stepped())
+            return super().arm(trial=trial, attempt=attempt, trials=trials)
+
+        def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
+            told.append(stepped())
+            return super().ask(trial=trial, answers=answers, others=others)
+
+    def stepped() -> bool:
+        session = one.console.attended[-1]
+        gauges = session.gauges() if session is not None else None
+        assert gauges is not None
+        return gauges.stepped
+
+    told: list[bool] = []
+    one = bench("cpt")
+    one.console = Looking(one.clock, "cpt")
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert told == [False, True] * 3
+
+
 @pytest.mark.parametrize("between", [False, True])
 def test_the_lamp_is_red_and_no_trace_stands_still_while_the_tracker_is_silent(
     protocol: Protocol, tmp_path: Path, *, between: bool

@@ -68,7 +68,7 @@ def test_tasks_follow_one_another_and_what_stopped_goes_on_if_wanted(
     says: list[bool], ends: list[Footer | PalpateError], ran: list[str], last: Footer
 ) -> None:
     console, sessions = Asked(*says), Sessions(*ends)
-    assert walk(console=console, tasks=("a", "b"), run=sessions.run, noting=lambda: None) == last
+    assert walk(console=console, tasks=("a", "b"), run=sessions.run, noting=lambda _: None) == last
     assert sessions.ran == ran
     assert not console.says
 
@@ -76,7 +76,7 @@ def test_tasks_follow_one_another_and_what_stopped_goes_on_if_wanted(
 def test_a_device_that_failed_is_told_and_raised_if_nobody_wants_to_go_on() -> None:
     console = Asked(False)
     with pytest.raises(TrackerError):
-        walk(console=console, tasks=("a",), run=Sessions(TrackerError("tracker: gone")).run, noting=lambda: None)
+        walk(console=console, tasks=("a",), run=Sessions(TrackerError("tracker: gone")).run, noting=lambda _: None)
     assert console.whys == ["Tracker: gone."]
 
 
@@ -97,7 +97,7 @@ def test_a_pause_before_the_first_session_comes_back_to_its_question(says: list[
 
 def test_what_no_second_try_mends_is_raised_at_once() -> None:
     with pytest.raises(RosterError):
-        walk(console=Asked(), tasks=("a",), run=Sessions(RosterError("withdrew")).run, noting=lambda: None)
+        walk(console=Asked(), tasks=("a",), run=Sessions(RosterError("withdrew")).run, noting=lambda _: None)
 
 
 def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_asked_again(
@@ -156,5 +156,5 @@ def test_a_console_attends_the_session_that_paused_until_it_goes_on() -> None:
 
     rests = cast("Attended", object())
     console, sessions = Attending(True), Sessions(PAUSED, COMPLETE)
-    walk(console=console, tasks=("a",), run=sessions.run, noting=lambda: rests)
+    walk(console=console, tasks=("a",), run=sessions.run, noting={"a": rests}.get)
     assert console.attended == [rests, None]

@@ -63,6 +63,8 @@ def test_a_foot_that_moves_is_told_only_where_a_trial_is_armed() -> None:
     view = View(state="armed", gauges=Gauges(left_s=1, moving=True))
     assert picture.phase(view) is picture.STEPPING
     assert picture.phase(view.model_copy(update={"state": "waiting"})) is picture.STATES["waiting"]
+    landed = view.model_copy(update={"gauges": Gauges(left_s=1, stepped=True)})
+    assert picture.phase(landed) is picture.STEPPED
 
 
 @given(st.lists(FINITE, min_size=1, max_size=400), st.integers(12, 80), st.integers(1, 5))

@@ -21,11 +21,13 @@ from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol, Step
 from experiment.records import transcript
 from experiment.records.entries import Answer, PlannedTrial, Redo
-from experiment.records.tapping import Changed, Tapped
+from experiment.records.tapping import Changed, Place, Tapped
 from experiment.rehearsal.tapping import hand
 from experiment.session import attempt, runner
+from experiment.session.kind import Lent
 from experiment.session.tapping import taps, virtual
 from experiment.session.tapping.taps import Taps
+from experiment.session.tapping.virtual import PLACES
 from experiment.synthesis import tap
 from experiment.synthesis.contact.block import Block
 from tests.experiment.protocol.tapping import rendering
@@ -107,16 +109,27 @@ def samples(path: list[tuple[int, float]]) -> Felt:
     return Felt(tuple(us for us, _ in path), tuple(mm for _, mm in path), (), CLOCK, False)
 
 
+begun: list[virtual.VirtualSurfaces] = []
+
+
+class Devices(virtual.SurfaceDevices):
+    def begin(self, lent: Lent) -> virtual.VirtualSurfaces:
+        begun[:] = [super().begin(lent)]
+        return begun[0]
+
+
 class Session:
     """One session of virtual surfaces: at each question, what the hand does, and the key that follows."""
 
-    def __init__(self, script: Script, dataset: Path, *, lead_ns: int = 0) -> None:
+    def __init__(self, script: Script, dataset: Path, *, lead_ns: int = 0, felt: tuple[Place, ...] = PLACES) -> None:
+        """Begin; the hand has been at the places `felt` before it does what the script says."""
         clock = ManualClock(START_NS)
         self.servo, self.actuator, self.dataset = ScriptedServo(), ScriptedActuator(), dataset
         self.actuator.lead_ns = lead_ns
         hands = deque(hand for hand, _ in script)
 
         def tapping() -> None:
+            begun[0].taps.touched.update(felt)
             for what in hands.popleft():
                 if isinstance(what, Felt):
                     clock.sleep_ns(CLOCK.session_ns(what.device_us[-1]) - clock.now_ns())
@@ -124,7 +137,7 @@ class Session:
 
         self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=tapping)
         surfaces = virtual.surfaces(PROTOCOL, PROTOCOL.surfaces)
-        devices = virtual.SurfaceDevices(
+        devices = Devices(
             servo=self.servo,
             actuator=self.actuator,
             rings={name: tap.rings(one, rate_hz=RATE_HZ, aluminum_m_s2=40.0) for name, one in surfaces.items()},
@@ -176,6 +189,26 @@ def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(tmp
     told = transcript.text(contents(tmp_path))
     assert "trial 1.1: changed to the second surface, tin" in told
     assert "tapped the first surface, cork, at 110.0 mm/s (too fast)" in told
+
+
+def test_no_answer_is_taken_before_both_surfaces_were_tapped(tmp_path: Path) -> None:
+    script: Script = [
+        ([touch(100.0)], "1"),
+        ([], "s"),
+        ([touch(100.0, 2_000_000)], "1"),
+        ([], "2"),
+        ([ServoError("force device: gone")], "2"),
+        ([], "="),
+    ]
+    session = Session(script, tmp_path, felt=())
+    none_yet = "The participant has not tapped the {} surface yet. No answer is taken before."
+    assert [said for said in session.desk.shown if "has not tapped" in said] == [
+        none_yet.format("second"),
+        none_yet.format("first and the second"),
+    ]
+    assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(1, "first")]
+    # Where nothing can be felt any more, any answer is taken, and the trial comes again.
+    assert [one.reason for one in session.entries(Redo)] == ["force device: gone", "paused before the answer"]
 
 
 def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_does_not_come(tmp_path: Path) -> None:
