@@ -1,4 +1,4 @@
-"""The vibration falls silent with the force, through a real audio stream, whatever fails of the servo.
+"""The vibration falls silent with the force, through a real audio stream, whatever fails of the servo or the session.
 
 As in `test_servo.py`, a try on a machine that stalls does not count: the best of some tells.
 """
@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from math import inf
 
@@ -19,15 +21,16 @@ from experiment.apparatus.servo.link import ServoProcess
 from experiment.clock import MonotonicClock
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.wires.force_device import ForceDeviceProcess
+from experiment.rehearsal.wires.listener import Tap
 from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import DEVICE
+from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from experiment.synthesis.contact.block import Block
-from tests.rig import sound
+from tests.rig import ringing, sound
 from tests.rig.test_servo import HAND, ordered, press
 
 pytestmark = pytest.mark.alone
 
-BLOCK, MOST_TRIES = 64, 12
+BLOCK, TRIES, MOST_TRIES = 64, 3, 12
 WITHIN_MS = 2.0 + BLOCK / sound.RATE_HZ * 1e3
 """What the servo may take, and the block that the device holds by then."""
 
@@ -92,3 +95,36 @@ def test_the_vibration_is_cut_within_2_ms_and_a_block_of(fails: Fails) -> None:
         finally:
             stream.close()
     assert min((ms for ms in late_ms if ms >= 0), default=inf) <= WITHIN_MS, late_ms
+
+
+def sounds_after_ms(card: SoundCard) -> float:
+    """Have a session's vibration sound, and the session be killed; return for how long it was heard after that, ms.
+
+    The listener is a program of its own, at the port that leads to the actuator; it counts by the server's clock.
+    """
+    told = [sys.executable, "-m", ringing.__name__, str(BLOCK)]
+    with subprocess.Popen(told, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as session:
+        assert session.stdin is not None
+        assert session.stdout is not None
+        assert session.stdout.readline() == "open\n"
+        # This process has a client of PortAudio's too, and PortAudio numbers the next.
+        (first, *_) = sorted(port.name for port in card._wiring.get_ports("^PortAudio.*:out_[0-9]+$"))
+        tap = Tap(card.name, first, seconds=2.0)
+        session.stdin.write("\n")
+        session.stdin.flush()
+        assert session.stdout.readline() == "sounding\n"
+        begin, heard = tap.since(0)
+        assert heard[-BLOCK:].all()
+        session.kill()
+        later = heard[:0]
+        while later.size < 0.1 * sound.RATE_HZ:
+            _, later = tap.since(begin + heard.size)
+        tap.close()
+    assert not later[-BLOCK:].any(), "it sounds on"
+    return (int(np.flatnonzero(later)[-1]) + 1) / sound.RATE_HZ * 1e3 if later.any() else 0.0
+
+
+def test_the_vibration_of_a_session_that_is_killed_ends_within_2_ms_and_a_block() -> None:
+    with host.raised(), sound.sound_card(block=BLOCK) as card:
+        late_ms = [sounds_after_ms(card) for _ in range(TRIES)]
+    assert min(late_ms) <= WITHIN_MS, late_ms
