@@ -343,10 +343,4 @@ def open_accelerometer(
         )
     if address is None and settings.address == REHEARSAL:
         raise RigError(simulated_only(rig, "accelerometer.address"))
-    return PcmAccelerometer(
-        address or settings.address,
-        rate_hz=settings.rate_hz,
-        full_scale_m_s2=settings.full_scale_m_s2,
-        trigger_m_s2=settings.trigger_m_s2,
-        clock=clock,
-    )
+    return PcmAccelerometer(settings.model_copy(update={"address": address or settings.address}), clock=clock)
