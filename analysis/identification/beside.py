@@ -83,7 +83,8 @@ def beside(study: Study, tasks: Mapping[str, Confusion]) -> Beside:
     said = Statements()
     materials: dict[str, tuple[Repeated, ...]] = {}
     for task, matrix in tasks.items():
-        found = said.told(f"repeated-measures ANOVA of {task}", partial(_within, matrix))
+        ratios = _ratios(matrix, matrix.complete, matrix.presented)
+        found = said.told(f"repeated-measures ANOVA of {task}", partial(repeated, ratios, ["material"]))
         if found is not None:
             materials[task] = found
     linked = study.origin != "RECONSTRUCTION"
@@ -111,10 +112,6 @@ def _ratios(matrix: Confusion, people: Sequence[str], places: Sequence[int]) -> 
     return np.asarray(right[:, places] / matrix.trials[rows][:, places])
 
 
-def _within(matrix: Confusion) -> tuple[Repeated, ...]:
-    return repeated(_ratios(matrix, matrix.complete, matrix.presented), ["material"])
-
-
 def _both(tasks: Sequence[Confusion]) -> tuple[Repeated, ...]:
     people, places = in_every(tasks), shared(tasks)
     values = np.stack([_ratios(task, people, places) for task in tasks], axis=1)
@@ -128,15 +125,10 @@ def _paired(first: str, second: str, tasks: Mapping[str, Confusion]) -> Paired:
         raise NotDefined(f"it needs two participants who did both with every material, got {len(people)}")
     if not places:
         raise NotDefined("they present no material both")
-    means = [_mean_ratios(matrix, people, places) for matrix in pair]
-    gaps = [a - b for a, b in zip(*means, strict=True)]
+    right = [[matrix.ratios(i, i) for i in places] for matrix in pair]
+    gaps = [sum((a[who] - b[who] for a, b in zip(*right, strict=True)), Fraction(0)) / len(places) for who in people]
     test = t_against_chance(gaps, 0)
     return Paired(first, second, test, None if test.t is None else cohens_d(test.t, test.df), sign_flip(gaps, 0))
-
-
-def _mean_ratios(matrix: Confusion, people: Sequence[str], places: Sequence[int]) -> list[Fraction]:
-    each = [matrix.ratios(i, i) for i in places]
-    return [sum((ratios[label] for ratios in each), Fraction(0)) / len(each) for label in people]
 
 
 def right_answers(tasks: Mapping[str, Confusion]) -> tuple[tuple[str, ...], Integers, Integers]:

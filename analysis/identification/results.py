@@ -191,8 +191,8 @@ def compute(
 def _tasks(study: Study) -> tuple[TaskResult, ...]:
     tasks = [task for task in study.tasks if len(study.trials(task.id))]
     found = [(confusion_of(study, task.id), chance(study, task.id)) for task in tasks]
-    tests = [_tests(matrix, guessed) for matrix, guessed in found]
-    flips = [_flips(matrix, guessed) for matrix, guessed in found]
+    tests = [[t_against_chance(each, guessed) for each in _correct(matrix)] for matrix, guessed in found]
+    flips = [[defined(partial(sign_flip, each, guessed)) for each in _correct(matrix)] for matrix, guessed in found]
     corrections = [correction(study, task.id) for task in tasks]
     adjusted = _adjusted([[test.p for test in of] for of in tests], corrections)
     flipped = _adjusted([[flip.p if flip else None for flip, _ in of] for of in flips], corrections)
@@ -223,13 +223,10 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
     )
 
 
-def _tests(matrix: Confusion, guessed: Fraction) -> list[TTest]:
-    return [t_against_chance(list(matrix.ratios(i, i).values()), guessed) for i in matrix.presented]
-
-
-def _flips(matrix: Confusion, guessed: Fraction) -> list[tuple[SignFlip | None, str]]:
-    ratios = (list(matrix.ratios(i, i).values()) for i in matrix.presented)
-    return [defined(partial(sign_flip, each, guessed)) for each in ratios]
+def _correct(matrix: Confusion, people: Sequence[str] | None = None) -> list[list[Fraction]]:
+    """Return the ratios of correct answers to each material presented: of these people, or of all to whom it was."""
+    each = [matrix.ratios(i, i) for i in matrix.presented]
+    return [[ratios[label] for label in (ratios if people is None else people)] for ratios in each]
 
 
 def _adjusted(p: Sequence[Sequence[float | None]], families: Sequence[str | None]) -> list[list[float | None]]:
@@ -292,38 +289,24 @@ def _components(data: Cells, tasks: Sequence[TaskResult]) -> ComponentReliabilit
 def _reliabilities(study: Study, tasks: Sequence[TaskResult]) -> list[Reliability]:
     found = []
     for task in tasks:
-        people = task.confusion.complete
-        dropped = tuple(label for label in task.confusion.participants if label not in set(people))
+        matrix, people = task.confusion, task.confusion.complete
+        dropped = tuple(label for label in matrix.participants if label not in set(people))
         who = plural(len(people), "participant")
-        answers = range(len(study.materials))
-        cell_ratios = [_row(task, people, i, j) for i in task.confusion.presented for j in answers]
-        correct = _correct(task, people)
+        each = [matrix.ratios(i, j) for i in matrix.presented for j in range(len(study.materials))]
+        correct = _correct(matrix, people)
         for name, rows in (
-            (f"{len(cell_ratios)} cells (presented x answered)", cell_ratios),
+            (f"{len(each)} cells (presented x answered)", [[ratios[label] for label in people] for ratios in each]),
             (plural(len(correct), "correct ratio"), correct),
         ):
-            found.append(_reliability(f"{task.task.id}: {name} x {who}", task.task.id, rows, dropped))
+            title = f"{task.task.id}: {name} x {who}"
+            found.append(Reliability(title, task.task.id, *defined(partial(icc, rows)), dropped))
     if len(tasks) > 1:
         both = in_every([task.confusion for task in tasks])
-        rows = [row for task in tasks for row in _correct(task, both)]
+        rows = [row for task in tasks for row in _correct(task.confusion, both)]
         anyone = dict.fromkeys(label for task in tasks for label in task.confusion.participants)
         dropped = tuple(label for label in anyone if label not in set(both))
         name = f"{len(rows)} correct ratios (material by task) x {plural(len(both), 'participant')} who did every task"
         linked = "; which row of one task goes with which of another is arbitrary in a reconstruction"
-        found.append(_reliability(name + linked * (study.origin == "RECONSTRUCTION"), None, rows, dropped))
+        name += linked * (study.origin == "RECONSTRUCTION")
+        found.append(Reliability(name, None, *defined(partial(icc, rows)), dropped))
     return found
-
-
-def _row(task: TaskResult, people: Sequence[str], presented: int, answered: int) -> list[Fraction]:
-    ratios = task.confusion.ratios(presented, answered)
-    return [ratios[label] for label in people]
-
-
-def _correct(task: TaskResult, people: Sequence[str]) -> list[list[Fraction]]:
-    return [_row(task, people, index, index) for index in task.confusion.presented]
-
-
-def _reliability(
-    matrix: str, task: str | None, rows: Sequence[Sequence[Fraction]], dropped: tuple[str, ...]
-) -> Reliability:
-    return Reliability(matrix, task, *defined(lambda: icc(rows)), dropped)

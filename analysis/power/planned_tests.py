@@ -158,7 +158,7 @@ def _t(
     chance = Fraction(1, len(planned.materials)) if test.chance is None else Fraction(repr(test.chance))
     trials = {task.id: task.repetitions for task in planned.tasks}
     places = {task: planned.places(task) for task in test.tasks}
-    tested = {task: t_tests(_correct(every[task], places[task]), chance).p for task in test.tasks}
+    tested = {task: t_tests(every[task][places[task], places[task]], chance).p for task in test.tasks}
     if test.correction == EVERY:
         family = holm(np.concatenate(list(tested.values())))
         ends = np.cumsum([len(p) for p in tested.values()])[:-1]
@@ -166,11 +166,12 @@ def _t(
     else:
         adjusted_p = {task: holm(p) for task, p in tested.items()}
     for task in test.tasks:
-        above = _correct(every[task], places[task]).means > float(chance)
-        flips = sign_flip_tests(drawn[task][places[task], places[task]], trials[task], chance)
+        own = places[task]
+        above = every[task][own, own].means > float(chance)
+        flips = sign_flip_tests(drawn[task][own, own], trials[task], chance)
         asked = ((tested[task], "", False), (adjusted_p[task], "", True), (flips, FLIPS, False))
         for p, how, adjusted in asked:
-            for i, place in enumerate(places[task]):
+            for i, place in enumerate(own):
                 subject = f"{planned.materials[place]}{how}"
                 question = Question(number, test.test, (task,), subject, test.alpha, adjusted)
                 yield question, Answer(p=p[i], above=above[i])
@@ -198,7 +199,8 @@ def _one_way(
 def _two_way(
     number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios]
 ) -> Iterator[tuple[Question, Answer]]:
-    correct = [_correct(every[task], planned.places(*test.tasks)) for task in test.tasks]
+    places = planned.places(*test.tasks)
+    correct = [every[task][places, places] for task in test.tasks]
     layout, cells = tasks_by_materials(correct)
     for effect, name in (("A", "task"), ("B", "material"), ("X", "task x material")):
         for same in layout.same(effect):
@@ -226,7 +228,8 @@ def _icc(
     form = _form(test)
     if form == VARIANCE_COMPONENTS:
         if len(test.tasks) > 1:
-            correct = [_correct(every[task], planned.places(*test.tasks)) for task in test.tasks]
+            places = planned.places(*test.tasks)
+            correct = [every[task][places, places] for task in test.tasks]
             value = variance_component_icc(*tasks_by_materials(correct), sum(cells.participants for cells in correct))
             subject = "variance components, mean over all participants"
             yield Question(number, test.test, test.tasks, subject, None), Answer(estimate=value)
@@ -248,7 +251,3 @@ def _form(test: PlannedTest) -> str | None:
         if name in text or also in text:
             return name
     return VARIANCE_COMPONENTS if VARIANCE_COMPONENTS in text else None
-
-
-def _correct(answers: Ratios, places: list[int]) -> Ratios:
-    return answers[places, places]

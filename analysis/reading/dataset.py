@@ -474,13 +474,7 @@ def _tasks(studies: Sequence[Study]) -> tuple[Task, ...]:
     for study in studies:
         for task in study.tasks:
             known = found.setdefault(task.id, task)
-            for what, one, other in (
-                ("titles", known.title, task.title),
-                ("materials", ", ".join(known.presented), ", ".join(task.presented)),
-            ):
-                if one != other:
-                    raise DatasetError(
-                        f"task {task.id}: got the {what} '{one}' and '{other}'; allowed: one; analyse the datasets "
-                        "apart"
-                    )
+            if (known.title, known.presented) != (task.title, task.presented):
+                one, other = (f"'{each.title}' with {', '.join(each.presented)}" for each in (known, task))
+                raise DatasetError(f"task {task.id}: got {one}, and {other}; allowed: one; analyse the datasets apart")
     return tuple(found.values())

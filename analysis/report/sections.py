@@ -186,16 +186,14 @@ def sections(
 def _presented(results: Results) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return sentences on tasks that do not present every material, and on the materials over which tasks compare."""
     part = [task for task in results.tasks if task.confusion.absent]
-    alone = (
-        f"Task {task.task.id} presents {', '.join(task.task.presented)} alone; answers could be any of the materials."
-        for task in part
-    )
+    told = "Task {} presents {} alone; answers could be any of the materials."
+    alone = tuple(told.format(task.task.id, ", ".join(task.task.presented)) for task in part)
     if not part or len(results.tasks) < 2:
-        return tuple(alone), ()
+        return alone, ()
     every = part[0].confusion.materials
     names = [name for name in every if all(name in task.task.presented for task in results.tasks)]
     told = f"all of them present {joined(names)}" if names else "no material is in all of them"
-    return tuple(alone), (f"Tasks are compared over the materials that they have in common; {told}.",)
+    return alone, (f"Tasks are compared over the materials that they have in common; {told}.",)
 
 
 def overview_section(study: Study, results: Results) -> Section:

@@ -299,17 +299,15 @@ def open_actuator(
             f"rig '{rig.rig.name}': got {got} frequency shaping for its actuator; allowed: {allowed}, as the rig file "
             "says; correct [actuator.shaping] there"
         )
+    from experiment.apparatus.panel.conditioning import Conditioner
+
+    condition = Conditioner(
+        full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=settings.carries_hz
+    )
     if where is not None:
         from experiment.apparatus.panel.pcm import PcmActuator
 
-        server = PcmActuator(
-            where,
-            rate_hz=settings.rate_hz,
-            full_scale=settings.full_scale,
-            limit_m_s2=limit_m_s2,
-            drive=drive,
-            carries_hz=settings.carries_hz,
-        )
+        server = PcmActuator(where, condition, rate_hz=settings.rate_hz)
         server.reach()
         return server
     from experiment.apparatus.audio.actuator import AudioActuator
@@ -318,14 +316,7 @@ def open_actuator(
         raise ActuatorError(
             f"rig '{rig.rig.name}': got no audio stream for its actuator; allowed: the session's; open [audio] first"
         )
-    return AudioActuator(
-        stream,
-        audio_of(rig),
-        full_scale=settings.full_scale,
-        limit_m_s2=limit_m_s2,
-        drive=drive,
-        carries_hz=settings.carries_hz,
-    )
+    return AudioActuator(stream, audio_of(rig), condition)
 
 
 def accelerometer_of(rig: Rig) -> AccelerometerRig:
@@ -355,10 +346,4 @@ def open_accelerometer(
         )
     if address is None and settings.address == REHEARSAL:
         raise RigError(simulated_only(rig, "accelerometer.address"))
-    return PcmAccelerometer(
-        address or settings.address,
-        rate_hz=settings.rate_hz,
-        full_scale_m_s2=settings.full_scale_m_s2,
-        trigger_m_s2=settings.trigger_m_s2,
-        clock=clock,
-    )
+    return PcmAccelerometer(settings.model_copy(update={"address": address or settings.address}), clock=clock)

@@ -23,7 +23,8 @@ LEAST_S = 5.0
 
 def advice(protocol: Protocol) -> tuple[Problem, ...]:
     """Return each value that deserves a second look: its field, what it is, and what it would be as a rule."""
-    return (*_consent(protocol), *_chances(protocol), *_band(protocol), *_orders(protocol), *_duration(protocol))
+    checks = (_consent, _chances, _asked, _band, _orders, _duration)
+    return tuple(problem for check in checks for problem in check(protocol))
 
 
 def _consent(protocol: Protocol) -> Iterator[Problem]:
@@ -40,6 +41,17 @@ def _chances(protocol: Protocol) -> Iterator[Problem]:
                 f"as a rule {1 / count:.4g}: who guesses among {count} materials is right in one of {count} trials"
             )
             yield Problem(written(("analysis", place, "chance")), None, f"{test.chance:g}", allowed)
+
+
+def _asked(protocol: Protocol) -> Iterator[Problem]:
+    """Give the materials that a planned one-way ANOVA asks about and a task of it does not present."""
+    for place, test in enumerate(protocol.analysis):
+        for task in test.tasks if test.test == "one-way ANOVA" else ():
+            own, asked = protocol.presented(protocol.task(task)), test.question.casefold()
+            named = [m.id for m in protocol.materials if m.id not in own and m.id.casefold() in asked]
+            if named:
+                allowed = f"as a rule some of {', '.join(own)}, which task {task} presents"
+                yield Problem(written(("analysis", place, "question")), None, ", ".join(named), allowed)
 
 
 def _band(protocol: Protocol) -> Iterator[Problem]:

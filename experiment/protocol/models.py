@@ -338,8 +338,7 @@ class Task(Confined):
         order: how the trials are put in order.
         familiarisation: what comes before the trials.
         masker: the colour of this task's noise, or none, where it is not that of `[masker]`.
-        materials: the materials that this task presents, in their order, where these are not all; participants may
-            answer any.
+        materials: the materials that this task presents, in their order, if not all; participants may answer any.
     """
 
     id: Label

@@ -355,7 +355,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("Title", Free(task.title)),
             ("Kind of trial", task.kind),
             ("Stimuli", _STIMULUS[task.stimulus] if protocol.comparison is None else _SURFACES[task.stimulus]),
-            *((("Materials", _alone(task.materials)),) if task.materials else ()),
+            *((("Materials", f"{', '.join(map(named, task.materials))} {_ALONE}"),) if task.materials else ()),
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
@@ -363,9 +363,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         )
 
 
-def _alone(materials: tuple[str, ...]) -> str:
-    return f"{', '.join(map(named, materials))} alone are presented; answers may be any of the study's materials"
-
+_ALONE = "alone are presented; answers may be any of the study's materials"
 
 _STIMULUS = {
     "virtual": "virtual: vibration of the panel, synthesised from recordings",

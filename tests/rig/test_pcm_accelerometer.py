@@ -26,7 +26,7 @@ MS = 1_000_000
 
 
 def accelerometer(address: str, clock: Clock) -> PcmAccelerometer:
-    return PcmAccelerometer(address, rate_hz=RIG.rate_hz, full_scale_m_s2=64.0, trigger_m_s2=0.5, clock=clock)
+    return PcmAccelerometer(RIG.model_copy(update={"address": address}), clock=clock)
 
 
 def pcm(samples: np.ndarray) -> bytes:

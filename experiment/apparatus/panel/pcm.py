@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 
 from experiment.apparatus.panel.conditioning import Conditioner, Played
 from experiment.apparatus.ports import Heard, Window
+from experiment.apparatus.rig import AccelerometerRig
 from experiment.clock import Clock, MonotonicClock
 from experiment.errors import ActuatorError, RecordingError
 from experiment.records.stimulus import Delivered
 from experiment.synthesis.tap import Ring
-from experiment.synthesis.voltages import Drive
 from experiment.synthesis.waveforms import Stimulus
 
 CONNECT_S = 1.0
@@ -60,19 +60,10 @@ _PIECE_BYTES = 65536
 class PcmActuator:
     """Implements `Actuator`."""
 
-    def __init__(
-        self,
-        address: str,
-        *,
-        rate_hz: int,
-        full_scale: float,
-        limit_m_s2: float,
-        drive: Drive | None = None,
-        carries_hz: tuple[float, float] | None = None,
-    ) -> None:
-        """Prepare for the server at `host:port`; nothing is connected yet. `Conditioner` says what the limits are.
+    def __init__(self, address: str, condition: Conditioner, *, rate_hz: int) -> None:
+        """Prepare for the server at `host:port`; nothing is connected yet. Every stimulus passes through `condition`.
 
-        Raises `ActuatorError` if `address` is no `host:port`, or the limit is negative or not finite.
+        Raises `ActuatorError` if `address` is no `host:port`.
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
@@ -80,7 +71,7 @@ class PcmActuator:
         self._address = address
         self._peer = (host.strip("[]"), int(port))
         self._rate_hz = rate_hz
-        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=carries_hz)
+        self._condition = condition
         self._prepared: NDArray[np.float32] | None = None
 
     @property
@@ -154,25 +145,20 @@ class PcmActuator:
 class PcmAccelerometer:
     """Implements `Accelerometer`."""
 
-    def __init__(
-        self, address: str, *, rate_hz: int, full_scale_m_s2: float, trigger_m_s2: float, clock: Clock | None = None
-    ) -> None:
-        """Prepare to listen to the server at `host:port`; each take makes its own connection.
+    def __init__(self, settings: AccelerometerRig, *, clock: Clock | None = None) -> None:
+        """Prepare to listen to the server that the rig file names; each take makes its own connection.
 
-        The rig file says what the numbers are. The host's clock stamps samples: None is the machine's monotonic one.
+        The host's clock stamps samples: None is the machine's monotonic one.
         """
-        host, _, port = address.rpartition(":")
-        self._address = address
+        host, _, port = settings.address.rpartition(":")
+        self._settings = settings
         self._peer = (host.strip("[]"), int(port))
-        self._rate_hz = rate_hz
-        self._full_scale_m_s2 = full_scale_m_s2
-        self._trigger_m_s2 = trigger_m_s2
         self._clock = clock or MonotonicClock()
         self._listening: _Listening | None = None
 
     @property
     def rate_hz(self) -> int:
-        return self._rate_hz
+        return self._settings.rate_hz
 
     def arm(self, samples: int) -> None:
         """Listen from now on for the next take, of so many samples; `RecordingError` if nothing comes."""
@@ -181,11 +167,11 @@ class PcmAccelerometer:
             connection = socket.create_connection(self._peer, timeout=CONNECT_S)
         except OSError as error:
             raise RecordingError(
-                f"accelerometer at {self._address}: nothing answers there ({error.strerror or error}); "
+                f"accelerometer at {self._settings.address}: nothing answers there ({error.strerror or error}); "
                 "start its server, or correct accelerometer.address in the rig file"
             ) from error
         connection.settimeout(None)
-        self._listening = _Listening(connection, samples, rate_hz=self._rate_hz, clock=self._clock)
+        self._listening = _Listening(connection, samples, rate_hz=self.rate_hz, clock=self._clock)
         if problem := self._listening.alive(ALIVE_S):
             self.close()
             raise self._failed(problem)
@@ -200,7 +186,8 @@ class PcmAccelerometer:
             raise RecordingError("accelerometer: got a step before it was armed; arm it first, then step")
         listening, self._listening = self._listening, None
         try:
-            raw = listening.take(earliest_ns, latest_ns, level=self._trigger_m_s2 / self._full_scale_m_s2)
+            level = self._settings.trigger_m_s2 / self._settings.full_scale_m_s2
+            raw = listening.take(earliest_ns, latest_ns, level=level)
         finally:
             listening.stop()
         if isinstance(raw, str):
@@ -209,7 +196,7 @@ class PcmAccelerometer:
         if samples is None:
             return Heard(None, knock_ns=knock_ns)
         clipped = int(np.count_nonzero(np.abs(samples) >= 1.0))
-        return Heard(Window(samples.astype(np.float64) * self._full_scale_m_s2, clipped), begun_ns, knock_ns)
+        return Heard(Window(samples.astype(np.float64) * self._settings.full_scale_m_s2, clipped), begun_ns, knock_ns)
 
     def close(self) -> None:
         if self._listening is not None:
@@ -218,8 +205,8 @@ class PcmAccelerometer:
 
     def _failed(self, problem: str) -> RecordingError:
         return RecordingError(
-            f"accelerometer at {self._address}: {problem}; see that its server runs and sends float32 without end, "
-            "then do the take again"
+            f"accelerometer at {self._settings.address}: {problem}; see that its server runs and sends float32 "
+            "without end, then do the take again"
         )
 
 

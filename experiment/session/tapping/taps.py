@@ -16,13 +16,11 @@ from experiment.apparatus.ports import Actuator, Servo
 from experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
-from experiment.clock import Clock
-from experiment.desk.port import Console
 from experiment.errors import PalpateError
 from experiment.protocol.models import Step
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.records.tapping import Place, Tapped
-from experiment.session.kind import Limits, Log
+from experiment.session.kind import Lent
 from experiment.synthesis.contact.block import Block
 from experiment.synthesis.tap import Rings
 
@@ -86,10 +84,7 @@ class Taps:
     actuator: Actuator
     block: Block
     noise_mm: float
-    clock: Clock
-    console: Console
-    log: Log
-    limits: Limits
+    lent: Lent
 
     def __post_init__(self) -> None:
         step = Step(gate_top_mm=FROM_MM, gate_bottom_mm=AGAIN_MM, contact_mm=0.0)
@@ -118,7 +113,7 @@ class Taps:
     @property
     def too_fast(self) -> bool:
         """Whether the lamp is lit that says so: the hand is faster than the protocol has it, or was so just now."""
-        return self.clock.now_ns() < self._dark_ns
+        return self.lent.clock.now_ns() < self._dark_ns
 
     @property
     def renders(self) -> bool:
@@ -156,7 +151,7 @@ class Taps:
                     if felt is not None:
                         self.felt = felt
                         if felt.fast:
-                            self._dark_ns = self.clock.now_ns() + LIT_NS
+                            self._dark_ns = self.lent.clock.now_ns() + LIT_NS
                         self._follow(felt)
             except PalpateError as error:
                 self._fail(error)
@@ -165,14 +160,14 @@ class Taps:
     def _fail(self, error: PalpateError) -> None:
         self.actuator.withdraw()
         self._sounding, self.failed = None, error
-        self.console.show(f"Nothing is rendered any more: {error}. This trial is done again, whatever its answer.")
+        self.lent.console.show(f"Nothing is rendered any more: {error}. This trial is done again, whatever its answer.")
 
     def _follow(self, felt: Felt) -> None:
-        if self._lying is not None and (over := self.limits.over()):
+        if self._lying is not None and (over := self.lent.limits.over()):
             self.servo.render(None)
             self._lying = None
             self._withdraw()
-            self.console.show(f"{over}. Nothing more will be felt.")
+            self.lent.console.show(f"{over}. Nothing more will be felt.")
         touches = list(felt.touches)
         for us, mm in zip(felt.device_us, felt.height_mm, strict=True):
             while touches and touches[0].device_us <= us:
@@ -192,7 +187,7 @@ class Taps:
                 self._withdraw()
             return
         contact_ns = clock.session_ns(landing.us)
-        left_ns, one = contact_ns - self.clock.now_ns() - self.actuator.lead_ns, self._sounding
+        left_ns, one = contact_ns - self.lent.clock.now_ns() - self.actuator.lead_ns, self._sounding
         if left_ns > AHEAD_NS:
             return
         aimed = one is not None and one.touch is None and one.scheduled_ns is not None
@@ -216,7 +211,7 @@ class Taps:
         sounding.touch, sounding.touch_mm_s, sounding.fast = touch, speed_mm_s, felt.fast
         sounding.contact_ns = felt.clock.session_ns(touch.device_us)
         self.actuator.landed(sounding.contact_ns)
-        self._settle(wait=self.clock.simulated or not self.actuator.lead_ns)
+        self._settle(wait=self.lent.clock.simulated or not self.actuator.lead_ns)
 
     def _ready(self, lying: Lying, speed_mm_s: float) -> _Sounding:
         """Return the vibration of a speed, made ready unless one as good is."""
@@ -233,7 +228,7 @@ class Taps:
         if one is None or one.touch is None:
             return
         lasts_ns = one.stimulus.samples * 10**9 // one.stimulus.rate_hz
-        if not wait and self.clock.now_ns() < one.contact_ns + lasts_ns + self.actuator.lead_ns + ENDS_NS:
+        if not wait and self.lent.clock.now_ns() < one.contact_ns + lasts_ns + self.actuator.lead_ns + ENDS_NS:
             return
         aimed, touch = one.aimed, one.touch
         onset = Onset(
@@ -247,7 +242,7 @@ class Taps:
             delivered=self.actuator.delivered(one.contact_ns),
         )
         self._sounding = None
-        self.log.write(
+        self.lent.log.write(
             Tapped(
                 trial=one.lying.trial,
                 attempt=one.lying.attempt,

@@ -47,16 +47,7 @@ class SurfaceDevices:
     opened: ExitStack
 
     def begin(self, lent: Lent) -> VirtualSurfaces:
-        taps = Taps(
-            servo=self.servo,
-            actuator=self.actuator,
-            block=self.block,
-            noise_mm=self.noise_mm,
-            clock=lent.clock,
-            console=lent.console,
-            log=lent.log,
-            limits=lent.limits,
-        )
+        taps = Taps(servo=self.servo, actuator=self.actuator, block=self.block, noise_mm=self.noise_mm, lent=lent)
         self.opened.callback(taps.close)
         # For practice, without a vibration: nothing lies there before the first trial.
         self.servo.render(self.block)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from experiment.errors import SynthesisError
-from experiment.synthesis.contact.block import ENTERING, FREE, Advance, Block, Motion, Pair, Switch, new, pull_m_s2
+from experiment.synthesis.contact.block import ENTERING, FREE, Block, Motion, Pair, Switch, new, pull_m_s2
 from experiment.synthesis.contact.exact import advance
 
 
@@ -79,7 +79,7 @@ def init(blocks: Sequence[Block], *, hand_m: Pair) -> State:
     return State(0.0, hand_m, (0.0, 0.0), tuple(Left(*_beside(one, one.face_m), 0.0, 0.0, 0.0) for one in blocks))
 
 
-def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, advance: Advance = advance) -> Stepped:
+def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float) -> Stepped:
     """Return what follows when the hand has gone straight to (x, y), m, in `dt_s`, s.
 
     `blocks` are those that `init` was given. A block that is not touched, and that the hand's path does not reach, is
@@ -129,9 +129,7 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float, ad
     return Stepped(State(now_s, hand_m, moving, tuple(after)), (force_x, force_y), tuple(switches))
 
 
-def trajectory(
-    blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike, advance: Advance = advance
-) -> Trajectory:
+def trajectory(blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike) -> Trajectory:
     """Return the forces along a whole path of the hand: times rise, shape (n,); places are (x, y), m, shape (n, 2).
 
     Raises `SynthesisError` for other shapes, times that do not rise, or what `init` and `step` refuse.
@@ -149,7 +147,7 @@ def trajectory(
     deep[0] = [penetration_m(block, one, state) for block, one in zip(blocks, state.blocks, strict=True)]
     switches: list[tuple[float, int, Switch]] = []
     for n in range(1, times.size):
-        state, forces[n], seen = step(blocks, state, hand_m=path[n], dt_s=at[n] - at[n - 1], advance=advance)
+        state, forces[n], seen = step(blocks, state, hand_m=path[n], dt_s=at[n] - at[n - 1])
         deep[n] = [penetration_m(block, one, state) for block, one in zip(blocks, state.blocks, strict=True)]
         touching[n] = [isinstance(one, Motion) and one.phase != FREE for one in state.blocks]
         switches += [(at[n - 1] - at[0] + one.after_s, i, one) for i, one in seen]

@@ -69,7 +69,10 @@ def test_sessions_of_one_task_present_the_same(tmp_path: Path) -> None:
         read(root)
     other = write_dataset(tmp_path / "other", {"03": {"virtual": balanced(1)}})
     write_dataset(root, {"01": rows, "02": rows}, presented=SOME)
-    with pytest.raises(DatasetError, match="task virtual: got the materials 'glass, sand' and 'glass, sand, snow'"):
+    with pytest.raises(
+        DatasetError,
+        match="got 'The virtual task' with glass, sand, and 'The virtual task' with glass, sand, snow; allowed: one",
+    ):
         read_pooled([root, other])
 
 

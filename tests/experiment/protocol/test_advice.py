@@ -44,6 +44,23 @@ def test_a_chance_that_was_rounded_is_none(count: int, rounded: float) -> None:
     assert one.path == "analysis[0].chance"
 
 
+def test_materials_that_a_planned_anova_asks_about_and_its_task_does_not_present() -> None:
+    study = Protocol.model_validate(okamoto2012())
+    asked = next(i for i, test in enumerate(study.analysis) if test.test == "one-way ANOVA")
+    assert "aluminum foil and typing paper" in study.analysis[asked].question
+    some = study.tasks[0].model_copy(update={"materials": ("copy paper", "aluminum foil")})
+    told = advice(study.model_copy(update={"tasks": (some, *study.tasks[1:])}))
+    assert [(one.path, one.got, one.allowed) for one in told] == [
+        (
+            f"analysis[{asked}].question",
+            "typing paper",
+            "as a rule some of copy paper, aluminum foil, which task virtual presents",
+        )
+    ]
+    both = study.tasks[0].model_copy(update={"materials": ("aluminum foil", "typing paper")})
+    assert advice(study.model_copy(update={"tasks": (both, *study.tasks[1:])})) == ()
+
+
 def test_frequencies_that_no_recording_holds() -> None:
     # Of 4000 samples a second the highest frequency is 2000 Hz (Nyquist).
     assert told(("footstep", "tactile", "high_hz"), 2000) == []

@@ -336,10 +336,7 @@ def test_the_lamp_stays_lit_for_half_a_second() -> None:
         actuator=ScriptedActuator(),
         block=virtual.block(PROTOCOL.surfaces, tracker_hz=1000),
         noise_mm=0.01,
-        clock=clock,
-        console=unused,
-        log=unused,
-        limits=unused,
+        lent=Lent(protocol=PROTOCOL, header=ASKED, console=unused, clock=clock, log=unused, limits=unused),
     )
     lit = [following.too_fast]
     for fast, passes_ns in ((False, 0), (True, 0), (False, 499_000_000), (False, 1_000_000)):
