@@ -295,6 +295,7 @@ def check(
 def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tuple[str, PalpateError | None]:
     """Return what is said of a rig for a study, and why it is refused for participants."""
     from experiment import storage
+    from experiment.apparatus import opening
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.servo import settings
     from experiment.session.footstep.fidelity import judged
@@ -302,9 +303,9 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
 
     rig = rigs.load(rig_file)
     if protocol.footstep is None:
-        if all(task.stimulus == "real" for task in protocol.tasks):
+        if not protocol.renders:
             return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
-        bears, told = settings.judged(protocol.surfaces, settings.of(rig.servo, rig=rig.rig.name))
+        bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
         refusal = RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
         planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
         return f"{told} The tracker {planar} pushes along the face.", None if bears else refusal

@@ -531,6 +531,16 @@ class Protocol(Confined):
             raise self._lacks("comparison.virtual")
         return found
 
+    @property
+    def renders(self) -> bool:
+        """Whether any task has virtual stimuli."""
+        return any(task.stimulus == "virtual" for task in self.tasks)
+
+    @property
+    def block(self) -> Virtual | None:
+        """The block of a study with virtual surfaces; None in others."""
+        return self.comparison.virtual if self.comparison is not None and self.renders else None
+
     def _lacks(self, kind: str) -> ProtocolError:
         allowed = f"a study whose trials are of the kind '{kind}'; name the protocol of one"
         return ProtocolError(f"study {self.study.id}", [Problem(kind, None, "no such table", allowed)])

@@ -253,7 +253,7 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
     moved = "" if protocol.footstep is None else "the height of the foot over time, the speed and time of each step, "
-    if _block(protocol) is not None:
+    if protocol.block is not None:
         moved = "the time and the speed of each tap on a virtual surface, each change from one to the other, "
     yield Said(
         f"The following is recorded under a number and never under a name: {moved}"
@@ -407,7 +407,7 @@ _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coeff
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
     if protocol.footstep is not None:
-        yield from _synthesised(protocol.footstep) if _renders(protocol) else ()
+        yield from _synthesised(protocol.footstep) if protocol.renders else ()
         yield from _steps(protocol.footstep.step)
     elif any(task.stimulus == "real" for task in protocol.tasks):
         yield Said(
@@ -415,7 +415,7 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
             "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
             "participant whether an answer was right."
         )
-    if (virtual := _block(protocol)) is not None:
+    if (virtual := protocol.block) is not None:
         yield from _rendered(protocol, virtual)
     masker = protocol.masker
     yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
@@ -429,14 +429,6 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
             f"{number(probe.speed_mm_s)} mm/s whenever a key asks for it, in tasks with virtual stimuli. Each time is "
             "on record and counts as a stimulus."
         )
-
-
-def _renders(protocol: Protocol) -> bool:
-    return any(task.stimulus == "virtual" for task in protocol.tasks)
-
-
-def _block(protocol: Protocol) -> Virtual | None:
-    return protocol.comparison.virtual if protocol.comparison is not None and _renders(protocol) else None
 
 
 def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
