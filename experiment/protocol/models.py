@@ -41,9 +41,9 @@ class Ethics(Confined):
     Attributes:
         board: the board that approves the study.
         statement: what the board approved, in words.
-        approval_number: as on the board's letter; empty before the approval.
-        approved_on: the first day on which the study may run.
-        expires_on: the last day on which it may.
+        approval_number: of an approval that is older than the file; others stay empty, for the seal holds them.
+        approved_on: the first day on which the study may run, as `approval_number`.
+        expires_on: the last day on which it may, as `approval_number`.
         contact: whom participants may turn to.
     """
 
