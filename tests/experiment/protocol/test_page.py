@@ -190,7 +190,7 @@ def test_the_dose_of_noise_and_how_long_a_finger_vibrates_stand_under_the_limits
     assert "Dose of noise where the rig plays it, at most that of 80 dB(A) for 8 hours in any 24 hours" in footsteps
     assert "finger" not in footsteps
     # exp(-100 /s * 0.069 s) is a thousandth.
-    assert "nothing limits but the time. Each time it has faded to a thousandth after 69 ms." in taps
+    assert "nothing limits taps but the time. Each time it has faded to a thousandth after 69 ms." in taps
 
 
 def test_nothing_is_left_when_all_is_filled_in() -> None:
