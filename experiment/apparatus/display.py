@@ -106,6 +106,11 @@ class ScreenWords(Confined):
     thanks: Line = "This session is over. Thank you."
     gone: Line = "Please wait a moment. The experimenter will be with you."
 
+    @property
+    def own(self) -> dict[str, str]:
+        """The sentences that are not palpate's own, by their keys."""
+        return self.model_dump(exclude_defaults=True)
+
 
 class ScreenRig(Confined):
     """The participant's screen, a process of its own that `palpate run` starts.

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
     from experiment.apparatus.audio.stream import AudioStream, StreamSettings
+    from experiment.apparatus.servo.settings import ServoRig
     from experiment.synthesis.voltages import Drive
 
 
@@ -216,6 +217,21 @@ def open_tracker(
     return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)
 
 
+def servo_of(rig: Rig) -> ServoRig:
+    """Return the force device of a rig for virtual surfaces; `RigError` if it has none, or its actuator takes volts."""
+    if rig.servo is None:
+        raise RigError(
+            f"rig '{rig.rig.name}': got no table [servo]; allowed: one, for virtual surfaces need it; add driver, "
+            "address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file"
+        )
+    if rig.actuator.shaping is not None:
+        raise RigError(
+            f"rig '{rig.rig.name}': got an actuator that takes volts (actuator.shaping); allowed for virtual surfaces: "
+            "one that takes accelerations, with full_scale_m_s2; have its amplifier made flat"
+        )
+    return rig.servo
+
+
 def open_servo(
     rig: Rig,
     *,
@@ -234,11 +250,10 @@ def open_servo(
     the rig has no force device, or one that exists in simulation alone, and `ServoError` if tracker or device cannot be
     opened.
     """
-    from experiment.apparatus.servo import settings
     from experiment.apparatus.servo.link import ServoHere, ServoProcess
     from experiment.apparatus.servo.process import Orders
 
-    device = settings.of(rig.servo, rig=rig.rig.name)
+    device = servo_of(rig)
     where, hand = address or device.address, port or rig.tracker.port
     if REHEARSAL in (where, hand):
         raise RigError(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))

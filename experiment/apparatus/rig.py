@@ -26,7 +26,7 @@ from pydantic import Field, PrivateAttr
 
 from experiment import storage
 from experiment.apparatus.display import ScreenRig
-from experiment.apparatus.servo.settings import ServoRig
+from experiment.apparatus.servo.settings import Address, ServoRig, port_rules
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
@@ -36,22 +36,6 @@ from experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rul
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
 
-Address = Annotated[
-    str,
-    Field(
-        pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
-        description="host:port, such as 127.0.0.1:4711",
-    ),
-    ONE_LINE,
-]
-
-
-def _port_rules(table: Any) -> Iterator[Broken]:
-    address = table.get("address")
-    port = address.rpartition(":")[2] if isinstance(address, str) else ""
-    if port.isdecimal() and not 1 <= int(port) <= 65535:
-        yield Broken(("address",), "host:port with a port from 1 to 65535")
-
 
 def _actuator_rules(table: Any) -> Iterator[Broken]:
     """`pcm-tcp` needs `address`, `audio` has none.
@@ -59,7 +43,7 @@ def _actuator_rules(table: Any) -> Iterator[Broken]:
     Either `full_scale_m_s2` or the table `shaping` is there, never both. `low_hz` and `high_hz` stand beside
     `full_scale_m_s2`, both or neither, and `high_hz` is greater.
     """
-    yield from _port_rules(table)
+    yield from port_rules(table)
     driver, address = table.get("driver"), table.get("address")
     if driver == "pcm-tcp" and address is None:
         yield Broken(("address",), "host:port of its server, such as 127.0.0.1:4711")
@@ -143,7 +127,7 @@ class ActuatorRig(Confined):
 
 def _accelerometer_rules(table: Any) -> Iterator[Broken]:
     """`trigger_m_s2` is less than `full_scale_m_s2`."""
-    yield from _port_rules(table)
+    yield from port_rules(table)
     full_scale, trigger = table.get("full_scale_m_s2"), table.get("trigger_m_s2")
     if isinstance(full_scale, int | float) and isinstance(trigger, int | float) and trigger >= full_scale:
         yield Broken(("trigger_m_s2",), f"less than full_scale_m_s2 ({full_scale})")

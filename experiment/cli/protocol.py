@@ -244,10 +244,11 @@ def check(
 
     With --rig, a rig that leaves out more of the recorded vibrations than footstep.synthesis.left_out_max is refused,
     and one that does not bear the stiffness of a virtual block, as palpate run refuses them for participants. Practice
-    and rehearsals go on.
+    and rehearsals go on. What the rig's screen says in words that are not palpate's is shown too.
     """
     from dataclasses import asdict
 
+    from experiment.apparatus import rig as rigs
     from experiment.clock import day, wall_ns
     from experiment.errors import ProtocolError
     from experiment.protocol import advice, approval, files, page
@@ -262,6 +263,8 @@ def check(
     today = day(wall_ns())
     state, seal = approval.state(protocol_file, protocol, today)
     told, refusal = _judged(protocol, rig_file, recordings) if rig_file is not None else ("", None)
+    screen = rigs.load(rig_file).screen if rig_file is not None else None
+    words = screen.words.own if screen is not None and screen.words is not None else {}
     if page_file is not None:
         from experiment.protocol.html import html
 
@@ -277,7 +280,7 @@ def check(
         known["advice"] = [asdict(one) for one in advice.advice(protocol)]
         if rig_file is not None:
             refused = None if refusal is None else str(refusal)
-            known["rig"] = {"file": str(rig_file), "told": told, "refused": refused}
+            known["rig"] = {"file": str(rig_file), "told": told, "refused": refused, "words": words}
         options.put(known | {"protocol": document})
     elif page_file is not None:
         typer.echo(f"{state}\nPage: {page_file}. Open it in a browser, and print it there, on A4 or as PDF.")
@@ -286,6 +289,10 @@ def check(
         typer.echo(f"{shown}\n{page.approved(seal)}" if seal else shown)
     if told and not as_json:
         typer.echo(f"\n{told}")
+    if words and not as_json:
+        facts = page.facts(*((name, page.Free(text)) for name, text in words.items()))
+        said = page.Said("The participant's screen says in words of this rig, which no approval of the protocol holds:")
+        typer.echo("\n".join(("", *page.lines([said, facts]))))
     if refusal is not None:
         if as_json:
             raise typer.Exit(refusal.exit_code)
@@ -295,6 +302,7 @@ def check(
 def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tuple[str, PalpateError | None]:
     """Return what is said of a rig for a study, and why it is refused for participants."""
     from experiment import storage
+    from experiment.apparatus import opening
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.servo import settings
     from experiment.session.footstep.fidelity import judged
@@ -302,9 +310,9 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
 
     rig = rigs.load(rig_file)
     if protocol.footstep is None:
-        if all(task.stimulus == "real" for task in protocol.tasks):
+        if not protocol.renders:
             return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
-        bears, told = settings.judged(protocol.surfaces, settings.of(rig.servo, rig=rig.rig.name))
+        bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
         refusal = RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
         planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
         return f"{told} The tracker {planar} pushes along the face.", None if bears else refusal

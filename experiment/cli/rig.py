@@ -1,7 +1,7 @@
 """The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
@@ -92,10 +92,15 @@ def doctor(
     protocol allows, and so is a force device that does not bear its block. Each check is green, or red with its remedy.
     The exit code is 2 if any check is red.
     """
+    from experiment.apparatus import rig as rigs
     from experiment.apparatus.doctor import doctor as doctors
     from experiment.clock import MonotonicClock
+    from experiment.errors import RigError
 
-    typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
+    # A check of its own is red for a rig file that cannot be used.
+    with suppress(RigError):
+        if (audio := rigs.load(rig).audio) is not None and audio.channels.loopback is not None:
+            typer.echo("Keep feet and hands off the panel: checking the loopback moves it.", err=True)
     found = []
     examined = doctors.examine(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
@@ -128,7 +133,7 @@ def left_out(
     from experiment.study.enrolment import default_root
 
     protocol, name = files.load(protocol_file) if protocol_file is not None else None, "left out"
-    if protocol is not None and (protocol.footstep is None or all(task.stimulus == "real" for task in protocol.tasks)):
+    if protocol is not None and (protocol.footstep is None or not protocol.renders):
         return
     try:
         rig = rigs.load(rig_file)

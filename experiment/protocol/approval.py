@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, ClassVar
@@ -36,6 +36,9 @@ MOST_FIELDS = 5
 
 APPROVED, MORE = ", as it was approved", "..."
 """Ends what is told of a changed field; stands for those that are not told."""
+
+WHOLE, BEFORE = 55, 20
+"""Characters of a text that is told whole; and of a longer one, before the place where it was changed."""
 
 UNFILLED = "TO BE FILLED IN"
 """Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
@@ -129,7 +132,7 @@ def _texts(value: object, at: Place = ()) -> Iterator[tuple[Place, str]]:
 
 
 class Seal(Confined):
-    """One approval; `protocol` is the canonical form of what was approved, None in a seal of an older palpate."""
+    """One approval; `protocol` is the canonical form of what was approved."""
 
     RULES: ClassVar[Rules] = rules.ethics
 
@@ -138,7 +141,7 @@ class Seal(Confined):
     board: Text
     approved_on: date
     expires_on: date
-    protocol: Text | None = None
+    protocol: Annotated[Text, Field(description="what palpate seal wrote; put it back, or seal again (--replace)")]
 
 
 def seal_path(protocol_path: Path) -> Path:
@@ -232,7 +235,7 @@ def read(protocol_path: Path) -> Seal:
         )
         _refuse(path, [Problem("seal", None, "no seal", allowed)])
     seal = load.read(path, Seal)
-    own = seal.protocol_sha256 if seal.protocol is None else hashlib.sha256(seal.protocol.encode()).hexdigest()
+    own = hashlib.sha256(seal.protocol.encode()).hexdigest()
     if own != seal.protocol_sha256:
         allowed = (
             f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited; put back the "
@@ -282,14 +285,13 @@ def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Proble
 
 def _changed_fields(protocol: Protocol, seal: Seal) -> list[Problem]:
     """Return what differs from the form that the seal holds, field by field, the first few."""
-    if seal.protocol is None:
-        return []
     forms = seal.protocol, canonical(protocol)
     sealed, found = (dict(_leaves(storage.json_of(form))) for form in forms)
     differing = [path for path in {**sealed, **found} if sealed.get(path, ...) != found.get(path, ...)]
     problems = [
-        Problem(written(path), None, _said(found, path), f"{_said(sealed, path)}{APPROVED}")
+        Problem(written(path), None, got, f"{allowed}{APPROVED}")
         for path in differing[:MOST_FIELDS]
+        for got, allowed in (_parted(found.get(path, ...), sealed.get(path, ...)),)
     ]
     if len(differing) > MOST_FIELDS:
         problems.append(Problem(MORE, None, f"{len(differing) - MOST_FIELDS} more changes", "none"))
@@ -312,10 +314,20 @@ def _leaves(value: object, at: Place = ()) -> Iterator[tuple[Place, object]]:
         yield from _leaves(inner, (*at, part))
 
 
-def _said(leaves: Mapping[Place, object], path: Place) -> str:
-    if path not in leaves:
+def _parted(found: object, sealed: object) -> tuple[str, str]:
+    """Return two values as they are told: long texts from a few words before they part on."""
+    if isinstance(found, str) and isinstance(sealed, str) and max(len(found), len(sealed)) > WHOLE:
+        pairs = zip(found, sealed, strict=False)
+        same = next((i for i, (one, other) in enumerate(pairs) if one != other), min(len(found), len(sealed)))
+        if (cut := same - BEFORE) > 0:
+            cut = found.find(" ", cut, same) + 1 or cut
+            found, sealed = f"...{found[cut:]}", f"...{sealed[cut:]}"
+    return _said(found), _said(sealed)
+
+
+def _said(value: object) -> str:
+    if value is ...:
         return "nothing"
-    value = leaves[path]
     return quoted(value) if isinstance(value, str) else json.dumps(value)
 
 
@@ -354,5 +366,5 @@ def _in_the_way(path: Path, seal: Seal) -> list[Problem]:
 
 
 def _write(path: Path, seal: Seal) -> None:
-    stated = [f"{name} = {load.toml(value)}\n" for name, value in seal if value is not None]
+    stated = [f"{name} = {load.toml(value)}\n" for name, value in seal]
     storage.write(path, "".join(stated).encode())

@@ -41,9 +41,9 @@ class Ethics(Confined):
     Attributes:
         board: the board that approves the study.
         statement: what the board approved, in words.
-        approval_number: as on the board's letter; empty before the approval.
-        approved_on: the first day on which the study may run.
-        expires_on: the last day on which it may.
+        approval_number: of an approval that is older than the file; others stay empty, for the seal holds them.
+        approved_on: the first day on which the study may run, as `approval_number`.
+        expires_on: the last day on which it may, as `approval_number`.
         contact: whom participants may turn to.
     """
 
@@ -529,6 +529,16 @@ class Protocol(Confined):
         if found is None:
             raise self._lacks("comparison.virtual")
         return found
+
+    @property
+    def renders(self) -> bool:
+        """Whether any task has virtual stimuli."""
+        return any(task.stimulus == "virtual" for task in self.tasks)
+
+    @property
+    def block(self) -> Virtual | None:
+        """The block of a study with virtual surfaces; None in others."""
+        return self.comparison.virtual if self.comparison is not None and self.renders else None
 
     def _lacks(self, kind: str) -> ProtocolError:
         allowed = f"a study whose trials are of the kind '{kind}'; name the protocol of one"

@@ -11,6 +11,7 @@ import textwrap
 import unicodedata
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
+from math import log
 
 from experiment.protocol import approval
 from experiment.protocol.advice import advice
@@ -23,6 +24,9 @@ WIDTH = 92
 
 LEFT_EMPTY = "(left for the laboratory)"
 """How an empty field reads."""
+
+IN_SEAL = "(in the seal, once the board has approved)"
+"""How an empty field reads that the seal holds and the file leaves out."""
 
 BAR = "| "
 """Stands before each line of free text."""
@@ -226,9 +230,9 @@ def _ethics(protocol: Protocol) -> Iterator[Block]:
     yield facts(
         ("Board", Free(ethics.board)),
         ("Statement", Free(ethics.statement)),
-        ("Approval number", Free(ethics.approval_number)),
-        ("Approved on", str(ethics.approved_on or "")),
-        ("Expires on", str(ethics.expires_on or "")),
+        ("Approval number", Free(ethics.approval_number) if ethics.approval_number else IN_SEAL),
+        ("Approved on", str(ethics.approved_on or IN_SEAL)),
+        ("Expires on", str(ethics.expires_on or IN_SEAL)),
         ("Contact", Free(ethics.contact)),
     )
 
@@ -249,11 +253,15 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
     else:
         yield Said("This protocol does not require consent. Participants are told:")
     yield Quoted(protocol.consent.statement)
+    yield Said(
+        "Whether they are told the whole purpose of the study before it, or only after it, no field of a protocol "
+        "states: it is to be read in its texts, or asked."
+    )
 
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
     moved = "" if protocol.footstep is None else "the height of the foot over time, the speed and time of each step, "
-    if _block(protocol) is not None:
+    if protocol.block is not None:
         moved = "the time and the speed of each tap on a virtual surface, each change from one to the other, "
     yield Said(
         f"The following is recorded under a number and never under a name: {moved}"
@@ -270,6 +278,10 @@ def _recorded(protocol: Protocol) -> Iterator[Block]:
             f"A participant's data are kept for {kept} after their last session. Then they are to be deleted, by hand; "
             "palpate tells the laboratory when."
         )
+    yield Said(
+        "The data of a participant who withdraws are not analysed. They are kept, or deleted if the laboratory asks "
+        "palpate for that. No field of a protocol states which: what participants are told decides."
+    )
 
 
 def _voices(protocol: Protocol) -> Iterator[Block]:
@@ -405,7 +417,7 @@ _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coeff
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
     if protocol.footstep is not None:
-        yield from _synthesised(protocol.footstep) if _renders(protocol) else ()
+        yield from _synthesised(protocol.footstep) if protocol.renders else ()
         yield from _steps(protocol.footstep.step)
     elif any(task.stimulus == "real" for task in protocol.tasks):
         yield Said(
@@ -413,7 +425,7 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
             "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
             "participant whether an answer was right."
         )
-    if (virtual := _block(protocol)) is not None:
+    if (virtual := protocol.block) is not None:
         yield from _rendered(protocol, virtual)
     masker = protocol.masker
     yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
@@ -427,14 +439,6 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
             f"{number(probe.speed_mm_s)} mm/s whenever a key asks for it, in tasks with virtual stimuli. Each time is "
             "on record and counts as a stimulus."
         )
-
-
-def _renders(protocol: Protocol) -> bool:
-    return any(task.stimulus == "virtual" for task in protocol.tasks)
-
-
-def _block(protocol: Protocol) -> Virtual | None:
-    return protocol.comparison.virtual if protocol.comparison is not None and _renders(protocol) else None
 
 
 def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
@@ -502,6 +506,7 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
         ("Vibration", f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, whatever the device is asked for"),
         *force,
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),
+        ("Dose of noise", "where the rig plays it, at most that of 80 dB(A) for 8 hours in any 24 hours"),
         ("Session", f"at most {number(exposure.session_min)} min for one task"),
     )
     for task in protocol.tasks:
@@ -510,6 +515,12 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
             total_s = number(round(protocol.trials(task) * synthesis.samples / synthesis.rate_hz, 1))
             told = f"In task {task.id} the panel vibrates for {total_s} s in all, if no trial is repeated."
             yield Said(told, indent="  ")
+        elif task.stimulus == "virtual" and protocol.block is not None:
+            faded_ms = 1e3 * log(1e3) / protocol.block.decay_per_s
+            told = (
+                f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
+            )
+            yield Said(f"{told} Each time it has faded to a thousandth after {faded_ms:.0f} ms.", indent="  ")
 
 
 def _answers(protocol: Protocol) -> Iterator[Block]:
@@ -529,8 +540,12 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
         f"[{answers.pause_key}] pause.",
         indent="    ",
     )
-    if answers.on_screen:
-        yield Said("Where the rig has a screen for the participant, it shows these answers while they answer.")
+    shown = ", and these answers while they answer" if answers.on_screen else ""
+    yield Said(
+        f"Where the rig has a screen for the participant, it shows the instructions of this protocol{shown}. It adds "
+        "short sentences, such as when to step, which may stand in the rig file: they are no part of this protocol and "
+        "of its approval. `palpate check` with --rig shows them, and each session keeps its rig file."
+    )
     if answers.microphone:
         yield Said(
             "Beside the keys the experimenter sees which answer the microphone seems to have heard. The key decides."
@@ -593,17 +608,15 @@ def _planned(planned: PlannedTest) -> str:
 
 
 def _left_empty(protocol: Protocol) -> Iterator[Block]:
-    ethics = protocol.ethics
-    empty = [name for name, value in ethics if value in ("", None)]
-    if protocol.duration is None:
-        empty.append("duration")
+    optional = (("ethics.contact", protocol.ethics.contact), ("duration", protocol.duration))
+    empty = [name for name, value in optional if not value]
     unfilled = approval.unfilled(protocol)
     if not empty and not unfilled:
         yield Said("Nothing is left: every field is filled in.")
     if empty:
         yield Said("These fields of the protocol file are empty:")
     for name in empty:
-        yield Item(name if name == "duration" else f"ethics.{name}")
+        yield Item(name)
     if unfilled:
         yield Said(f"These still say {approval.UNFILLED}, and the protocol cannot be sealed before they do not:")
     for name in unfilled:

@@ -15,7 +15,6 @@ from experiment import storage
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel.conditioning import open_drive
-from experiment.apparatus.servo import settings
 from experiment.clock import MonotonicClock
 from experiment.dataset import build
 from experiment.dataset.beliefs import Plan
@@ -81,7 +80,7 @@ def rehearse(
         raise DatasetError(
             f"--participants: got {count}; allowed: 1 to {protocol.study.participants}, as in the protocol; give number"
         )
-    if control == "silence" and all(task.stimulus == "real" for task in protocol.tasks):
+    if control == "silence" and not protocol.renders:
         raise DatasetError(
             f"--control: got silence for study {protocol.study.id}; allowed: none, because nothing is played there; "
             "leave it out"
@@ -217,8 +216,8 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     rig = rigs.load(rig_file)
     if not rig.rig.simulated:
         raise DatasetError(f"{rig_file}: is a real rig; allowed: one that says simulated = true; give such a rig file")
-    if protocol.comparison is not None and any(task.stimulus == "virtual" for task in protocol.tasks):
-        settings.of(rig.servo, rig=rig.rig.name)
+    if protocol.block is not None:
+        opening.servo_of(rig)
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     return rig
 

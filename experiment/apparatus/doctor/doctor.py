@@ -118,13 +118,27 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         address = ends.address or rig.actuator.address
         if address is not None:
             yield checks.answers(address, rig.actuator)
-        if rig.servo is not None:
-            where = ends.force or rig.servo.address
-            yield from force.checks(rig.servo, where, tracker_hz=rig.tracker.rate_hz, protocol=protocol, clock=clock)
+        yield from force.checks(rig, ends.force, protocol=protocol, clock=clock)
+        yield from _elsewhere(rig, protocol)
         if rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
         if rig.accelerometer is not None:
             yield unchecked("accelerometer", "only palpate record listens to it")
+
+
+def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Check]:
+    """Yield what the protocol asks for, and the rig has nothing for."""
+    if protocol is None:
+        return
+    channels = rig.audio.channels if rig.audio is not None else None
+    if channels is None and any(task.masker != "none" for task in protocol.tasks):
+        yield unchecked("masker", "the rig has no table [audio]: its noise is played by other means")
+    if protocol.answers.microphone and (channels is None or channels.microphone is None):
+        yield unchecked("microphone", "the rig names none (audio.channels.microphone), so no answer is proposed")
+    heard = rig.actuator.driver == "audio" and channels is not None and channels.loopback is not None
+    if not heard and protocol.renders and any(rule.when == "undelivered" for rule in protocol.exclusion):
+        told = "the rig has no loopback of its actuator, so no stimulus counts as undelivered"
+        yield unchecked("undelivered", told)
 
 
 def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Check]:

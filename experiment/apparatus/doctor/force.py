@@ -11,13 +11,15 @@ from contextlib import closing
 import numpy as np
 from numpy.typing import NDArray
 
+from experiment.apparatus import opening
 from experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
+from experiment.apparatus.rig import Rig
 from experiment.apparatus.servo import settings
 from experiment.apparatus.servo.device import ForceDevice
 from experiment.apparatus.servo.rendering import NO_FORCE
 from experiment.apparatus.servo.settings import ServoRig
 from experiment.clock import Clock
-from experiment.errors import PalpateError
+from experiment.errors import PalpateError, RigError
 from experiment.protocol.models import Protocol
 
 ASKS_S = 1.0
@@ -27,18 +29,25 @@ MISSED_PART = 0.01
 """Part of the cycles that may be missed; each of them holds the force before for one more. Ours."""
 
 
-def checks(
-    device: ServoRig, address: str, *, tracker_hz: int, protocol: Protocol | None, clock: Clock
-) -> Iterator[Check]:
-    """Yield everything that the device at `host:port` shows; the session's clock must go by itself.
+def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: Clock) -> Iterator[Check]:
+    """Yield everything that a rig's device shows, at an `address` of its own or the rig's; the clock goes by itself.
 
-    Without a protocol with a virtual task it is asked as often as the tracker samples; limit and block are not known.
+    A rig without one is red before a protocol with a virtual task, and nothing before others. Without such a protocol
+    the device is asked as often as the tracker samples; limit and block are not known.
     """
-    virtual = protocol.comparison.virtual if protocol is not None and protocol.comparison is not None else None
-    rate_hz = tracker_hz if virtual is None else virtual.rate_hz
+    virtual = protocol.block if protocol is not None else None
+    rate_hz = rig.tracker.rate_hz if virtual is None else virtual.rate_hz
     try:
-        with closing(ForceDevice(address, limit_n=0.0)) as line:
-            yield Check("force device", "green", f"{address} accepts a connection; no force was sent")
+        device = rig.servo if virtual is None else opening.servo_of(rig)
+    except RigError as error:
+        yield refused("virtual surfaces", error)
+        return
+    if device is None:
+        return
+    where = address or device.address
+    try:
+        with closing(ForceDevice(where, limit_n=0.0)) as line:
+            yield Check("force device", "green", f"{where} accepts a connection; no force was sent")
             yield from answers(_asked(line, device, rate_hz, clock), device, rate_hz=rate_hz)
     except PalpateError as error:
         yield refused("force device", error)
@@ -73,7 +82,8 @@ def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -
             made >= due * (1 - MISSED_PART),
             f"{made / ASKS_S:.0f} messages a second were answered",
             allowed=f"{rate_hz} a second, less {100 * MISSED_PART:g} %",
-            remedy="take a faster line to the device, or a lower comparison.virtual.rate_hz",
+            remedy="close other programs if the answers come in time; otherwise take a faster line to the device, or a "
+            "lower comparison.virtual.rate_hz",
         ),
     )
 

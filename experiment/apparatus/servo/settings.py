@@ -12,8 +12,17 @@ from experiment.errors import RigError
 from experiment.protocol.models import Virtual
 from experiment.settings.load import ONE_LINE, Broken, Confined, Rules
 
+Address = Annotated[
+    str,
+    Field(
+        pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
+        description="host:port, such as 127.0.0.1:4711",
+    ),
+    ONE_LINE,
+]
 
-def _port_rules(table: Any) -> Iterator[Broken]:
+
+def port_rules(table: Any) -> Iterator[Broken]:
     """The port of `address` is one from 1 to 65535."""
     address = table.get("address")
     port = address.rpartition(":")[2] if isinstance(address, str) else ""
@@ -34,17 +43,10 @@ class ServoRig(Confined):
         answer_ms: the device answers each message within this time, or nothing more is pushed.
     """
 
-    RULES: ClassVar[Rules] = _port_rules
+    RULES: ClassVar[Rules] = port_rules
 
     driver: Literal["force-tcp"]
-    address: Annotated[
-        str,
-        Field(
-            pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
-            description="host:port, such as 127.0.0.1:4713",
-        ),
-        ONE_LINE,
-    ]
+    address: Address
     full_scale_n: Annotated[float, Field(gt=0, le=1000)]
     damping_n_s_m: Annotated[float, Field(ge=0, le=1e4)]
     delay_ms: Annotated[float, Field(ge=0, le=20)]
@@ -75,16 +77,6 @@ def judged(virtual: Virtual, device: ServoRig) -> tuple[bool, str]:
         f"{virtual.rate_hz} Hz, with forces {device.delay_ms:g} ms late: that is passive on a device with "
         f"{needed:.4g} N s/m of its own, and this one has {device.damping_n_s_m:g} N s/m."
     )
-
-
-def of(device: ServoRig | None, *, rig: str) -> ServoRig:
-    """Return the force device of the rig of that name; `RigError` if it has none."""
-    if device is None:
-        raise RigError(
-            f"rig '{rig}': got no table [servo]; allowed: one, for virtual surfaces need it; add driver, address, "
-            "full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file"
-        )
-    return device
 
 
 def refuse_beyond(virtual: Virtual, device: ServoRig, *, rig: str) -> None:

@@ -16,7 +16,7 @@ from experiment.apparatus.tracker import calibration
 from experiment.apparatus.tracker.landing import QUIETEST_MM
 from experiment.clock import Clock, day
 from experiment.desk.messages import Lamp, Measured
-from experiment.errors import RigError, TrackerStopped
+from experiment.errors import TrackerStopped
 from experiment.protocol.models import Protocol, Virtual
 from experiment.records.entries import PlannedTrial
 from experiment.records.tapping import WORDS, Changed, PairLaidOut, Place
@@ -63,15 +63,10 @@ def open_surfaces(
     the device or the hand's tracker cannot be opened.
     """
     virtual = protocol.surfaces
-    device = settings.of(rig.servo, rig=rig.rig.name)
+    device = opening.servo_of(rig)
     if not rig.rig.simulated:
         settings.refuse_beyond(virtual, device, rig=rig.rig.name)
         calibration.check_age(rig, day(clock.now_ns()))
-    if rig.actuator.shaping is not None:
-        raise RigError(
-            f"rig '{rig.rig.name}': got an actuator that takes volts (actuator.shaping); allowed for virtual surfaces: "
-            "one that takes accelerations, with full_scale_m_s2; have its amplifier made flat"
-        )
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     address = ends.panel(opened)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -85,20 +86,13 @@ def test_whether_the_plan_was_sealed_is_said(root: Path) -> None:
     plan = root / "sourcedata" / "protocol.toml"
     said = overview_section(read(root), compute(read(root), {})).paragraphs
     assert "The plan is sourcedata/protocol.toml; no seal stands beside it." in said
-    seal = approval.Seal(
-        protocol_sha256=approval.sha256(files.load_kept(plan)),
-        approval_number="7",
-        board="the board",
-        approved_on=date(2026, 1, 2),
-        expires_on=date(2027, 1, 2),
-    )
-    text = "\n".join(
-        f"{key} = {value if key.endswith('_on') else repr(value)}" for key, value in seal if value is not None
-    )
-    approval.seal_path(plan).write_text(text, encoding="utf-8")
+    protocol = files.load_kept(plan)
+    days: dict[str, Any] = {"approved_on": date(2026, 1, 2), "expires_on": date(2027, 1, 2)}
+    approval.write(plan, protocol, approval_number="7", board=protocol.ethics.board, **days)
     (part,) = read(root).parts
-    assert part.sealed == "sealed, approval 7 of the board, from 2026-01-02 on"
-    approval.seal_path(plan).write_text(text.replace(seal.protocol_sha256, "0" * 64), encoding="utf-8")
+    assert part.sealed == f"sealed, approval 7 of {protocol.ethics.board}, from 2026-01-02 on"
+    other = protocol.model_copy(update={"exclusion": ()})
+    approval.write(plan, other, approval_number="7", board=protocol.ethics.board, **days, replace=True)
     assert read(root).parts[0].sealed == "the seal beside it is of another version"
 
 

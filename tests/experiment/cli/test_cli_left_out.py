@@ -70,6 +70,17 @@ def test_check_says_whether_a_virtual_block_pushes_along_its_face(tmp_path: Path
         assert call("check", shipped("wellman1995.toml"), "--rig", rig).stdout.rstrip().endswith(told)
 
 
+def test_check_shows_what_the_screen_of_a_rig_says_in_other_words_than_palpates(tmp_path: Path) -> None:
+    text, said = RIG.read_text("utf-8"), "You must step now. If you stop, you lose your payment."
+    rig = tmp_path / "rig.toml"
+    rig.write_text(f'{text}\n[screen.words]\nwait = "Please wait."\nready = "{said}"\n', "utf-8")
+    told = call("check", shipped("okamoto2012.toml"), "--rig", rig)
+    assert re.search(rf"no approval of the protocol holds:\n  ready +\| {said}\n$", told.stdout)
+    asked = ("check", shipped("okamoto2012.toml"), "--json", "--rig")
+    assert json.loads(call(*asked, rig).stdout)["rig"]["words"] == {"ready": said}
+    assert json.loads(call(*asked, RIG).stdout)["rig"]["words"] == {}
+
+
 def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> None:
     result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", recordings)
     assert result.exit_code == 0

@@ -172,13 +172,52 @@ def test_of_many_changes_a_few_are_named_and_the_rest_counted(file: Path) -> Non
         approval.verify(file, Protocol.model_validate(study), date(2020, 6, 1))
 
 
-@pytest.mark.parametrize("form", [None, "{}", "no JSON"])
+@pytest.mark.parametrize("form", ["{}", "no JSON"])
 def test_a_seal_without_the_form_that_it_names_refuses_a_change_all_the_same(file: Path, form: str | None) -> None:
     sealed = approval.write(file, protocol(), **APPROVAL)
     approval._write(approval.seal_path(file), sealed.model_copy(update={"protocol": form}))
-    why = "changed after its approval" if form is None else "the seal was edited"
-    with pytest.raises(ProtocolError, match=rf"small\.seal\.toml: 1 error\n.*{why}"):
+    with pytest.raises(ProtocolError, match=r"small\.seal\.toml: 1 error\n.*the seal was edited"):
         approval.verify(file, other(), date(2020, 6, 1))
+
+
+def test_a_seal_whose_form_was_deleted_is_refused_whatever_hash_it_names(file: Path) -> None:
+    approval.write(file, protocol(), **APPROVAL)
+    seal = approval.seal_path(file)
+    kept = [line for line in seal.read_text("utf-8").splitlines(True) if not line.startswith("protocol =")]
+    seal.write_text("".join(kept).replace(sha256(protocol()), sha256(other())), "utf-8")
+    for read in (approval.verify, approval.state):
+        with pytest.raises(ProtocolError, match=r"small\.seal\.toml: 1 error\n.*protocol: got nothing; allowed: "):
+            read(file, other(), date(2020, 6, 1))
+
+
+LONG = "Taking part is voluntary. You may stop at any moment, without giving a reason. "
+
+
+@pytest.mark.parametrize(
+    ("was", "now", "told"),
+    [
+        (
+            f"{LONG}We pay you.",
+            f"{LONG}We do not pay you.",
+            ("'...a reason. We do not pay you.'", "'...a reason. We pay you.'"),
+        ),
+        (LONG + "End.", LONG, ("'...giving a reason.'", "'...giving a reason. End.'")),
+        ("\u7d19" * 70 + "a", "\u7d19" * 70 + "b", ("'..." + "\u7d19" * 20 + "b'", "'..." + "\u7d19" * 20 + "a'")),
+        ("Short, and whole.", "Short, and other.", ("'Short, and other.'", "'Short, and whole.'")),
+        (LONG, f"No. {LONG}", ("'No. Taking part is voluntary.", "'Taking part is voluntary.")),
+    ],
+)
+def test_a_long_text_is_told_from_where_it_was_changed(file: Path, was: str, now: str, told: tuple[str, str]) -> None:
+    before, after = (
+        Protocol.model_validate(changed(document(), ("consent", "statement"), text.strip())) for text in (was, now)
+    )
+    approval.write(file, before, **APPROVAL)
+    with pytest.raises(ProtocolError) as caught:
+        approval.verify(file, after, date(2020, 6, 1))
+    (found,) = (problem for problem in caught.value.problems if problem.path == "consent.statement")
+    assert found.got.startswith(told[0])
+    assert found.allowed.startswith(told[1])
+    assert f"consent.statement is {found.got}, but" in approval.state(file, after, date(2020, 6, 1))[0]
 
 
 def test_a_protocol_changed_since_is_refused(file: Path) -> None:

@@ -12,6 +12,7 @@ from experiment.apparatus.doctor import devices, doctor
 from experiment.apparatus.doctor.checks import Check
 from experiment.clock import ManualClock
 from experiment.errors import AudioError, PalpateError, TrackerError
+from experiment.protocol import files
 from experiment.protocol.files import shipped
 
 RIG = rig.load(shipped("rigs/headless.toml"))
@@ -40,6 +41,23 @@ class Part:
 
 def red(checks: Iterator[Check]) -> list[tuple[str, str]]:
     return [(check.name, check.measured) for check in checks if check.verdict == "red"]
+
+
+def test_what_a_study_asks_for_and_the_rig_has_nothing_for_is_told_and_not_red() -> None:
+    study = files.load(shipped("okamoto2012.toml"))
+    listens = study.model_copy(update={"answers": study.answers.model_copy(update={"microphone": True})})
+    assert any(rule.when == "undelivered" for rule in study.exclusion)
+    bare = RIG.model_copy(update={"audio": None})
+    found = list(doctor._elsewhere(bare, listens))
+    assert [(check.name, check.verdict) for check in found] == [
+        ("masker", "not checked"),
+        ("microphone", "not checked"),
+        ("undelivered", "not checked"),
+    ]
+    assert found[0].measured.endswith("by other means")
+    whole = rig.load(shipped("rigs/laboratory.toml"))
+    assert [check.name for check in doctor._elsewhere(whole, listens)] == ["microphone"]
+    assert [*doctor._elsewhere(whole, study), *doctor._elsewhere(bare, None)] == []
 
 
 @pytest.mark.parametrize(("failing", "name"), [("checks", "tracker"), ("close", "tracker closing")])

@@ -5,17 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.doctor import force
 from experiment.apparatus.doctor.checks import Check
 from experiment.apparatus.servo.settings import ServoRig
 from experiment.clock import MonotonicClock
+from experiment.errors import RigError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
 from experiment.protocol.models import Protocol
 from experiment.rehearsal.wires.force_device import ForceDeviceProcess
 
-DEVICE = rigs.load(shipped("rigs/tapping.toml")).servo
+RIG = rigs.load(shipped("rigs/tapping.toml"))
+DEVICE = RIG.servo
 PAPER = files.load(shipped("wellman1995.toml"))
 
 
@@ -27,7 +30,9 @@ def changed(**keys: float) -> ServoRig:
 def looked_at(
     address: str, device: ServoRig | None = None, protocol: Protocol | None = PAPER, hz: int = 500
 ) -> dict[str, Check]:
-    found = force.checks(device or changed(), address, tracker_hz=hz, protocol=protocol, clock=MonotonicClock())
+    tracker = RIG.tracker.model_copy(update={"rate_hz": hz})
+    rig = RIG.model_copy(update={"servo": device or changed(), "tracker": tracker})
+    found = force.checks(rig, address, protocol=protocol, clock=MonotonicClock())
     return {check.name: check for check in found}
 
 
@@ -48,6 +53,25 @@ def test_a_device_that_answers_is_told_with_limit_and_block(monkeypatch: pytest.
 def test_nobody_there_is_red_with_what_to_do() -> None:
     found = looked_at("127.0.0.1:1")["force device"]
     assert (found.verdict, found.remedy) == ("red", "start its server, or correct servo.address in the rig file")
+
+
+@pytest.mark.parametrize("name", ["laboratory", "rehearsal"])
+def test_a_rig_that_renders_no_surface_is_red_before_a_study_of_them_alone(name: str) -> None:
+    """The words are those of `palpate check --rig` and of a session."""
+    rig = rigs.load(shipped(f"rigs/{name}.toml"))
+    with pytest.raises(RigError) as refused:
+        opening.servo_of(rig)
+    (found,) = force.checks(rig, None, protocol=PAPER, clock=MonotonicClock())
+    assert (found.name, found.verdict) == ("virtual surfaces", "red")
+    assert "; ".join((found.measured, f"allowed: {found.allowed}", found.remedy)) == str(refused.value)
+    for other in (None, files.load(shipped("okamoto2012.toml"))):
+        assert list(force.checks(rig, None, protocol=other, clock=MonotonicClock())) == []
+
+
+def test_an_actuator_in_volts_rings_on_no_surface() -> None:
+    volts = RIG.model_copy(update={"actuator": rigs.load(shipped("rigs/rehearsal.toml")).actuator})
+    (found,) = force.checks(volts, None, protocol=PAPER, clock=MonotonicClock())
+    assert (found.verdict, found.remedy) == ("red", "have its amplifier made flat")
 
 
 def test_a_device_that_would_give_energy_to_the_hand_is_red() -> None:

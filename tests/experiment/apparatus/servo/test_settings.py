@@ -58,8 +58,3 @@ def test_participants_are_refused_beyond_it() -> None:
     settings.refuse_beyond(PAPER, device(), rig="ours")
     with pytest.raises(RigError, match=r"rig 'ours': got a block that may give energy.*Take a softer block"):
         settings.refuse_beyond(PAPER, device(damping_n_s_m=5.0), rig="ours")
-
-
-def test_a_rig_without_a_device_is_refused_in_words() -> None:
-    with pytest.raises(RigError, match=r"got no table \[servo\]"):
-        settings.of(None, rig="ours")
