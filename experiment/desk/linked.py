@@ -40,10 +40,12 @@ from experiment.desk.port import (
     BY_EXPERIMENTER,
     DEBRIEFING,
     LAB_BOOK,
+    NO,
     NO_ANSWER,
     NOT_ANCHORED,
     RESTS,
     WITHOUT,
+    YES,
     Attended,
     Corrected,
     Noted,
@@ -343,8 +345,7 @@ class LinkedConsole:
         self._now(step=step, steps=tuple(steps))
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
-        choices = (Choice(key=ENTER, words=yes), Choice(key=ESCAPE, words=no))
-        return self._put("agree", text, choices) == ENTER
+        return self._put("agree", text, _choices({YES: yes, NO: no})) == YES
 
     def write(self, *, text: str) -> str:
         self._now(trial=None, step=DEBRIEFING)

@@ -171,6 +171,15 @@ def test_a_key_pressed_before_a_question_never_answers_it(bench: Bench, kind: st
     second.result(10)
 
 
+def test_enter_alone_says_neither_yes_nor_no(bench: Bench) -> None:
+    said = bench.asks(lambda: bench.linked.agree(text="Did they sign today?", yes="yes", no="no"))
+    asked = bench.question("agree")
+    assert bench.do(Choose(question=asked.number, key="enter")) == (False, "'enter' is no key here.")
+    assert not said.done()
+    bench.press("agree", "y")
+    assert said.result(10)
+
+
 def test_one_key_answers_one_question_once(bench: Bench) -> None:
     said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
     asked = bench.question("answer")
