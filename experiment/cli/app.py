@@ -13,7 +13,7 @@ import typer.main
 
 from experiment import __version__
 from experiment.cli import COMMANDS, overview, tell, was_interrupted
-from experiment.errors import Interrupted, PalpateError, ProtocolError
+from experiment.errors import Interrupted, LinkError, PalpateError, ProtocolError
 from experiment.settings.characters import plain
 
 
@@ -103,8 +103,9 @@ def _run() -> None:
         raise
     except PalpateError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):
-            by_problem = isinstance(error, ProtocolError) or isinstance(error.__cause__, ProtocolError)
-            keep = "\n" if by_problem else ""
+            # The last words of a session's process hold such lines too.
+            in_lines = isinstance(error, ProtocolError | LinkError) or isinstance(error.__cause__, ProtocolError)
+            keep = "\n" if in_lines else ""
             tell(f"palpate: {plain(line, keep)}")
         raise SystemExit(error.exit_code) from None
     except BrokenPipeError:

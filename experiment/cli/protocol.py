@@ -65,6 +65,7 @@ def new(
     if ask:
         options.at_once("A new protocol. Enter takes an answer in brackets; after Ctrl-C nothing is written.")
     from experiment import storage
+    from experiment.protocol import files
     from experiment.protocol import new as writing
 
     if like and (participants, materials, tasks, repetitions) != (None, None, None, None):
@@ -85,7 +86,8 @@ def new(
     default = stem if re.match("[a-z]", stem) else writing.NewStudy.id
     study_id = _answered("Id of the study, which names its files", default, study_id, ask, named)
     if like:
-        text = _copied(like, study_id, title, ask)
+        copied = partial(writing.copied, like, study_id)
+        text = _answered("Title", files.load(like).study.title, title, ask, copied)
     else:
         study = writing.NewStudy(id=study_id)
         given = [None if one is None else str(one) for one in (participants, repetitions)]
@@ -108,15 +110,6 @@ def new(
     )
 
 
-def _copied(like: Path, study_id: str, title: str | None, ask: bool) -> str:
-    """Return the text of a copy, its title asked for."""
-    from experiment.protocol import files
-    from experiment.protocol import new as writing
-
-    default = files.load(like).study.title
-    return _answered("Title", default, title, ask, lambda typed: writing.copied(like, study_id, typed))
-
-
 def _asked(
     study: "NewStudy",
     title: str | None,
@@ -128,47 +121,33 @@ def _asked(
     """Return a study with what the options say, or with what is answered; `numbers`: of participants, repetitions."""
     from experiment.protocol import new as writing
 
-    people, each = ("study", "participants"), ("tasks", 0, "repetitions")
-    study = _answered("Title", study.title, title, ask, lambda typed: writing.checked(replace(study, title=typed)))
-    study = _answered(
-        "How many people take part",
-        str(study.participants),
-        numbers[0],
-        ask,
-        lambda typed: writing.checked(replace(study, participants=writing.whole(typed, people))),
-    )
+    def answered(
+        study: "NewStudy", name: str, asks: str, default: str, given: str | None, read: Callable[[str], object] = str
+    ) -> "NewStudy":
+        def take(typed: str) -> "NewStudy":
+            return writing.checked(replace(study, **{name: read(typed)}))  # type: ignore[arg-type]
+
+        return _answered(asks, default, given, ask, take)
+
+    def whole(*path: str | int) -> Callable[[str], int]:
+        return partial(writing.whole, path=path)
+
+    study = answered(study, "title", "Title", study.title, title)
+    people, read = "How many people take part", whole("study", "participants")
+    study = answered(study, "participants", people, str(study.participants), numbers[0], read)
     if materials:
         study = writing.checked(replace(study, materials=writing.materials(materials)))
     else:
-        study = _answered(
-            "The materials to tell apart, with commas between them",
-            ", ".join(one.name for one in study.materials),
-            None,
-            ask,
-            lambda typed: writing.checked(replace(study, materials=writing.materials(writing.parts(typed)))),
-        )
+        names = ", ".join(one.name for one in study.materials)
+        apart = "The materials to tell apart, with commas between them"
+        study = answered(study, "materials", apart, names, None, lambda t: writing.materials(writing.parts(t)))
         for place, one in enumerate(study.materials):
-            study = _answered(
-                f"{one.name}: its key, then what participants may call it",
-                study.materials[place].typed,
-                None,
-                ask,
-                partial(writing.with_material, study, place),
-            )
-    study = _answered(
-        "Its tasks: virtual (vibration of the panel), real (the objects) or both",
-        study.tasks,
-        tasks,
-        ask,
-        lambda typed: writing.checked(replace(study, tasks=typed)),
-    )
-    return _answered(
-        "How often a task presents each material",
-        str(study.repetitions),
-        numbers[1],
-        ask,
-        lambda typed: writing.checked(replace(study, repetitions=writing.whole(typed, each))),
-    )
+            asks, default = f"{one.name}: its key, then what participants may call it", study.materials[place].typed
+            study = _answered(asks, default, None, ask, partial(writing.with_material, study, place))
+    of = "Its tasks: virtual (vibration of the panel), real (the objects) or both"
+    study = answered(study, "tasks", of, study.tasks, tasks)
+    often, read = "How often a task presents each material", whole("tasks", 0, "repetitions")
+    return answered(study, "repetitions", often, str(study.repetitions), numbers[1], read)
 
 
 def _answered(asks: str, default: str, given: str | None, ask: bool, take: Callable[[str], Taken]) -> Taken:

@@ -102,22 +102,44 @@ def run(
             "without a laboratory (--practice)"
         )
     protocol = files.load(protocol_file)
-    folder = dataset or options.default_folder(protocol, practice=practice)
+    folder, who = dataset or options.default_folder(protocol, practice=practice), participant or "01"
 
     def once(console: "Console") -> "Footer":
-        if practice:
-            return _practise(protocol_file, rig, participant, task, dataset, console)
-        return _run(protocol_file, rig, participant, task, dataset, recordings, console)
+        if practice or rig is None:
+            from experiment.rehearsal import study
+
+            return study.practise(
+                protocol_file=protocol_file,
+                rig_file=rig or study.simulated_rig(protocol),
+                participant=who,
+                task_id=task,
+                out=dataset,
+                console=console,
+            )
+        from experiment.session import run as visits
+
+        return visits.run(
+            protocol_file=protocol_file,
+            rig_file=rig,
+            participant=who,
+            task_id=task,
+            root=dataset,
+            recordings=recordings,
+            console=console,
+        )
 
     if session_at is not None:
         from experiment.cli import desk
+        from experiment.desk import prompts
+        from experiment.desk.linked import LinkedConsole
 
-        view = _first_view(protocol, participant or "01", folder, practice=practice)
+        view = _first_view(protocol, who, folder, practice=practice)
         with desk.beside(session_at, protocol_file, rig) as opened:
-            _listen(session_at, _linked(protocol, view, screen=opened), once, last=task is None)
+            linked = LinkedConsole(view, theirs=prompts.theirs(protocol), screen=opened)
+            _listen(session_at, linked, once, last=task is None)
     elif served:
         threading.Thread(target=_end_with, args=(os.getppid(),), name="server", daemon=True).start()
-        _attend(folder, participant or "01", by)
+        _attend(folder, who, by)
     elif serve is not None:
         _serve(serve, port)
     elif not at_console:
@@ -127,52 +149,7 @@ def run(
         console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
         typer.echo(told(once(console), last=task is None))
     else:
-        _attend(folder, participant or "01", by)
-
-
-def _practise(
-    protocol_file: Path,
-    rig: Path | None,
-    participant: str | None,
-    task: str | None,
-    dataset: Path | None,
-    console: "Console",
-) -> "Footer":
-    from experiment.protocol import files
-    from experiment.rehearsal import study
-
-    return study.practise(
-        protocol_file=protocol_file,
-        rig_file=rig or study.simulated_rig(files.load(protocol_file)),
-        participant=participant or "01",
-        task_id=task,
-        out=dataset,
-        console=console,
-    )
-
-
-def _run(
-    protocol_file: Path,
-    rig: Path | None,
-    participant: str | None,
-    task: str | None,
-    dataset: Path | None,
-    recordings: Path | None,
-    console: "Console",
-) -> "Footer":
-    from experiment.session import run as study
-
-    if participant is None or rig is None:
-        raise TypeError("a session needs a participant and a rig")
-    return study.run(
-        protocol_file=protocol_file,
-        rig_file=rig,
-        participant=participant,
-        task_id=task,
-        root=dataset,
-        recordings=recordings,
-        console=console,
-    )
+        _attend(folder, who, by)
 
 
 def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practice: bool) -> "View":
@@ -184,13 +161,6 @@ def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practic
     if not practice and storage.seed_path(folder).exists() and enrolment.purpose_of(folder) == "PILOT":
         label = "PILOT"
     return View(label=label, study=protocol.study.id, pairs=protocol.comparison is not None, participant=participant)
-
-
-def _linked(protocol: "Protocol", view: "View", *, screen: bool) -> "LinkedConsole":
-    from experiment.desk import prompts
-    from experiment.desk.linked import LinkedConsole
-
-    return LinkedConsole(view, theirs=prompts.theirs(protocol), screen=screen)
 
 
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"], *, last: bool) -> None:

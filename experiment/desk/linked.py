@@ -9,6 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from math import inf
 
 from experiment.clock import Clock, minutes, monotonic_ns, wall_ns
 from experiment.desk import prompts
@@ -40,10 +41,12 @@ from experiment.desk.port import (
     BY_EXPERIMENTER,
     DEBRIEFING,
     LAB_BOOK,
+    NO,
     NO_ANSWER,
     NOT_ANCHORED,
     RESTS,
     WITHOUT,
+    YES,
     Attended,
     Corrected,
     Noted,
@@ -57,6 +60,11 @@ from experiment.settings import characters
 
 ALONE_S = 600.0
 """After so long without a console the session pauses, s."""
+
+SCREEN_S = 60.0
+"""Nothing is armed for so long, s, while the participant's screen opens; PsychoPy takes some ten to load."""
+
+SCREEN_OPENS = "The participant's screen opens; that takes some seconds. The trial is armed once it is there."
 
 ESCAPE = "escape"
 """The key that takes a choice back."""
@@ -107,7 +115,7 @@ class LinkedConsole:
         self._repeated: Repeated | None = None
         self._consoles = 0
         self._theirs = theirs
-        self._screen = screen
+        self._screen = self._awaits_screen = screen
         self._screens = 0
         self._prompts = [Prompt()]
         self._armed: int | None = None
@@ -276,7 +284,9 @@ class LinkedConsole:
                 self._ignored += TYPED.get(deed.key, deed.key) if at_console else ""
                 return False, CLOSED
             if deed.key not in {choice.key for choice in asked.choices}:
-                return False, f"{characters.quoted(deed.key)} is no key here."
+                counts = self._view.pause_until_ns is not None and not asked.choices
+                until = " until the countdown is over" if counts else ""
+                return False, f"{characters.quoted(deed.key)} is no key here{until}."
             self._pick(asked, deed.key)
             return True, ""
 
@@ -343,22 +353,16 @@ class LinkedConsole:
         self._now(step=step, steps=tuple(steps))
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
-        choices = (Choice(key=ENTER, words=yes), Choice(key=ESCAPE, words=no))
-        return self._put("agree", text, choices) == ENTER
+        return self._put("agree", text, _choices({YES: yes, NO: no})) == YES
 
     def write(self, *, text: str) -> str:
         self._now(trial=None, step=DEBRIEFING)
         return self._put("write", text, ())
 
     def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        left_ns = until_ns - clock.now_ns()
-        self._now(state="paused", pause_until_ns=wall_ns() + left_ns)
+        self._now(state="paused", pause_until_ns=wall_ns() + until_ns - clock.now_ns())
         try:
-            with self._open("break", why, ()), self._changed:
-                self._check(attended=True)
-                while (left_ns := until_ns - clock.now_ns()) > 0:
-                    self._changed.wait(left_ns / 1e9)
-                    self._check(attended=True)
+            self._put("break", why, (), most_s=(until_ns - clock.now_ns()) / 1e9)
         finally:
             self._now(state="preparing", pause_until_ns=None)
 
@@ -369,11 +373,18 @@ class LinkedConsole:
             self._now(lines=(*self._view.lines, said)[-LINES:])
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+        begun_ns, told = wall_ns(), f"Familiarisation, {minutes(max(min_s, 0))} to {minutes(max_s)}."
         self._now(state="familiarising", trial=None, instruction=instruction)
-        least = minutes(min_s) if min_s > 0 else "up"
-        text = f"Familiarisation, {least} to {minutes(max_s)}. {instruction}"
-        self._put("familiarise", text, (Choice(key=ENTER, words="the participant is familiar with the materials"),))
-        self._now(state="preparing", instruction="")
+        ends = Choice(key=ENTER, words="the participant is familiar with the materials")
+        try:
+            if min_s > 0:
+                self._now(pause_until_ns=begun_ns + int(min_s * 1e9))
+                early = f"{told} Enter works once the countdown is over. {instruction}"
+                self._put("familiarise", early, (), most_s=min_s)
+            self._now(pause_until_ns=begun_ns + int(max_s * 1e9))
+            self._put("familiarise", f"{told} {instruction}", (ends,))
+        finally:
+            self._now(state="preparing", instruction="", pause_until_ns=None)
 
     def instruct(self, *, instruction: str) -> None:
         self.show(f"The participant is told: {instruction}")
@@ -489,9 +500,17 @@ class LinkedConsole:
         self.wake()
 
     def _watched(self) -> bool:
-        """Wait until somebody is at a console; return whether nobody was. Raises `PauseAsked` and `LinkError`."""
+        """Wait until somebody is at a console, and at first for the participant's screen; return whether either was
+        away. Raises `PauseAsked` and `LinkError`.
+        """
+        waited = self._awaits_screen and not self._screens
+        if waited:
+            without = Choice(key=ENTER, words="go on without the screen")
+            self._put("agree", SCREEN_OPENS, (without,), most_s=SCREEN_S, over=lambda: self._screens > 0)
+            if not self._screens:
+                self.show("The session goes on without the participant's screen, which is shown once it opens.")
+        self._awaits_screen = False
         with self._changed:
-            waited = False
             self._check(attended=True)
             while not self._consoles:
                 waited = True
@@ -503,17 +522,29 @@ class LinkedConsole:
             wanted, self._repeated = self._repeated, None
             return wanted
 
-    def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> str:
-        """Ask, and return what was chosen. Raises `PauseAsked` and `LinkError`."""
+    def _put(
+        self,
+        kind: Kind,
+        text: str,
+        choices: tuple[Choice, ...],
+        *,
+        most_s: float = inf,
+        over: Callable[[], bool] = lambda: False,
+    ) -> str:
+        """Ask, and return what was chosen, or "" after `most_s` or once it is `over`; then nobody is missed meanwhile.
+
+        Raises `PauseAsked` and `LinkError`.
+        """
+        ends_s = monotonic_ns() / 1e9 + most_s
         with self._open(kind, text, choices), self._changed:
             # It may have been asked for before the question was.
             self._check(attended=True)
-            while self._chosen is None:
-                attended = self._changed.wait(self._alone_s) or bool(self._consoles)
+            while self._chosen is None and not over() and (left_s := ends_s - monotonic_ns() / 1e9) > 0:
+                attended = self._changed.wait(min(left_s, self._alone_s)) or bool(self._consoles) or left_s < inf
                 # What was chosen counts; a pause that was asked for right after it comes at the next question.
                 if self._chosen is None:
                     self._check(attended=attended)
-            return self._chosen
+            return self._chosen or ""
 
     @contextmanager
     def _open(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> Iterator[None]:

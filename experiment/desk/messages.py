@@ -163,7 +163,8 @@ class View(Message):
     first trial is answered, of the task. `heard`
     is what the microphone proposes as the answer. `again` says, of a trial that is armed again, why the step before did
     not count. `answers` are those that a trial of this task may have, once one was
-    asked for. `pause_until_ns` is when a break is over, in nanoseconds of the system's clock.
+    asked for. `pause_until_ns` is when a break is over, or a familiarisation may end or is to, in nanoseconds of the
+    system's clock.
     """
 
     kind: Literal["view"] = "view"

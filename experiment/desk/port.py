@@ -190,6 +190,9 @@ NO_ANSWER = "no answer"
 INTERRUPTED = "interrupted at the keyboard"
 """Why a session pauses whose process was sent a signal, by Ctrl-C as a rule."""
 
+YES, NO = "y", "n"
+"""The keys that say whether something is so: no key that is pressed for anything else, nor pasted with a command."""
+
 WITHOUT = "x"
 """The key that goes on without a microphone."""
 

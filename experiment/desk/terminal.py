@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 from experiment.clock import minutes
-from experiment.desk.port import RESTS, WITHOUT, Attended, Corrected, Noted, Remark, Repeated, laid_out
+from experiment.desk.port import NO, RESTS, WITHOUT, YES, Attended, Corrected, Noted, Remark, Repeated, laid_out
 from experiment.errors import ScreenGone
 from experiment.settings import characters
 
@@ -131,9 +131,9 @@ class TerminalConsole(_Lines):
         """Say nothing: the questions say it."""
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
-        while (typed := self._ask(f"{text}\n[y] {yes}  [n] {no}: ").strip().lower()) not in ("y", "n"):
-            self._refuse(typed, "is no key; type y or n")
-        return typed == "y"
+        while (typed := self._ask(f"{text}\n[{YES}] {yes}  [{NO}] {no}: ").strip().lower()) not in (YES, NO):
+            self._refuse(typed, f"is no key; type {YES} or {NO}")
+        return typed == YES
 
     def write(self, *, text: str) -> str:
         while True:

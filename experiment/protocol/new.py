@@ -29,6 +29,9 @@ from experiment.storage import Place
 NO_ANSWER, REDO, PAUSE = "n", "r", "q"
 """The keys beside those of the materials."""
 
+OTHER_KEYS = {"answers.no_answer_key": "no answer", "answers.redo_key": "again", "answers.pause_key": "pause"}
+"""What they stand for, by their place in the file."""
+
 KEYS = string.ascii_lowercase + string.digits + "!#$%&()*,./:;<=>?@[]^_{|}~"
 """Where the key of a material comes from if no letter of its name is free."""
 
@@ -101,7 +104,7 @@ def checked(study: NewStudy) -> NewStudy:
     """Return a study whose protocol would be accepted. Raises `PalpateError` that says once what would be refused."""
     if study.tasks not in TASKS:
         raise PalpateError(f"got {quoted(study.tasks)}; allowed: one of: {', '.join(TASKS)}")
-    _check(text(study))
+    _check(text(study), study.materials)
     return study
 
 
@@ -207,12 +210,19 @@ def free(path: Path) -> Path:
     return path
 
 
-def _check(made: str) -> None:
+def _check(made: str, of: Sequence[NewMaterial] = ()) -> None:
+    """Refuse a file for the first of its problems, in words of what was asked about the study and its materials."""
     try:
         load.checked(Path("protocol"), Protocol, tomllib.loads(made))
     except ProtocolError as error:
-        told = dict.fromkeys(f"got {problem.got}; allowed: {problem.allowed}" for problem in error.problems)
-        raise PalpateError("; ".join(told)) from error
+        problem = error.problems[0]
+        got, allowed = problem.got, problem.allowed
+        if problem.path == "materials":
+            got, allowed = f"{len(of)} material{'' if len(of) == 1 else 's'}", "two materials or more"
+        elif problem.path in OTHER_KEYS:
+            got, allowed = f"the key {got}, which stands for '{OTHER_KEYS[problem.path]}'", "a key of its own"
+        allowed = re.sub(r"materials\[(\d+)\]\.\S+", lambda one: quoted(of[int(one[1])].name), allowed)
+        raise PalpateError(f"got {got}; allowed: {allowed}") from error
 
 
 def _listed(names: list[str], last: str) -> str:

@@ -61,8 +61,8 @@ def run(
 
     The protocol must be sealed, and the participant enrolled. `task_id` is one of their tasks; None stands for all that
     are not complete. `root` None stands for `participants/STUDY`, and `recordings` None for those in the dataset.
-    Return the footer of the last session begun. Raises `PalpateError` for anything that forbids or ends a session,
-    before a participant is on the panel where possible.
+    Return the footer of the last session begun. Raises `PalpateError` for anything that forbids or ends a session:
+    what files can tell, before anything is asked of a person.
     """
     clock = MonotonicClock()
     protocol = files.load(protocol_file)
@@ -76,9 +76,6 @@ def run(
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or enrolment.default_root(protocol)
     beliefs.check_roster(root)
-    visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
-    visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
-    enrolled = _admitted(root, protocol_file, protocol, participant, clock)
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
     if rig.rig.simulated:
@@ -86,17 +83,28 @@ def run(
     if protocol.footstep is not None:
         rigs.check(rig, protocol.footstep.step)
         calibration.check_age(rig, today)
+    if not _lacks_consent(root, protocol, participant):
+        _admitted(root, protocol_file, protocol, participant, clock)
     seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
     if purpose == "PILOT":
         console.show(LABELS["PILOT"])
-    allocation = find(allocated(protocol, seed, enrolled.takes), participant)
+    takes = roster.Roster.load(storage.roster_path(root)).takes
+    allocation = find(allocated(protocol, seed, takes), participant)
     beliefs.believed(root)
     if anchored_in:
         register.check_state(root, anchored_in[0], (protocol.study.id, purpose))
     left = tuple(task for task in allocation.tasks if not _is_complete(root, participant, task))
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, allocation, tasks[0])
+    if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
+        recordings = _real_recordings(root, recordings)
+        fidelity.refuse_what_leaves_out_too_much(
+            protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings
+        )
+    visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
+    visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
+    enrolled = _admitted(root, protocol_file, protocol, participant, clock)
     _keep_seal(root, protocol_file)
     begun = _Visit(
         protocol_file=protocol_file,
@@ -155,12 +163,8 @@ class _Visit:
                 f"{protocol.exposure.masker_level_db_a:g} dB(A), so that this holds: {protocol.masker.criterion}"
             )
         used: Path | None = None
-        if planned.synthesis:
-            folder = _real_recordings(root, self.recordings)
-            fidelity.refuse_what_leaves_out_too_much(
-                protocol=protocol, rig=rig, rig_folder=self.rig_file.parent, recordings=folder
-            )
-            used = _keep_recordings(root, folder, protocol)
+        if planned.synthesis and self.recordings is not None:
+            used = _keep_recordings(root, self.recordings, protocol)
         # Whoever runs the participant elsewhere is told of before anything is opened or asked.
         theirs = storage.participant_folder(root, participant)
         journal.check_free(theirs, participant)
@@ -259,11 +263,16 @@ class _Visit:
         return _admitted(self.root, self.protocol_file, self.protocol, self.allocation.participant, self.clock)
 
 
-def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participant: str, console: Console) -> None:
-    """Have the consent of an enrolled participant recorded who signed the form just now."""
+def _lacks_consent(root: Path, protocol: Protocol, participant: str) -> bool:
+    """Return whether nothing but their consent is missing of an enrolled participant."""
     known = roster.Roster.load(storage.roster_path(root))
     lacks = participant in known.consent_on and known.consent_on[participant] is None
-    if not (protocol.consent.required and lacks):
+    return protocol.consent.required and lacks and participant not in known.withdrawn
+
+
+def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participant: str, console: Console) -> None:
+    """Have the consent of an enrolled participant recorded who signed the form just now."""
+    if not _lacks_consent(root, protocol, participant):
         return
     text = f"No consent of participant {participant} is on record. Did they read the consent text and sign today?"
     if console.agree(text=text, yes="yes, record today's consent", no="no, leave"):

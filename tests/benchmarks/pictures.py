@@ -58,7 +58,7 @@ STANDING = Standing(
     task="two", purpose="STUDY", trials=40, answered=3, remaining=37, recent=(Told(trial=3, words="felt"),)
 )
 GAUGES = Gauges(left_s=3300, trace_unit="mm", lamps=(Lamp(name="tracker", good=True, words="1000 Hz"),))
-YES_NO = (Choice(key="enter", words="yes, go on"), Choice(key="escape", words="no, leave"))
+YES_NO = (Choice(key="y", words="yes, go on"), Choice(key="n", words="no, leave"))
 BASE = View(study="small", participant="07", step="two", steps=("one", "two", "debriefing"), standing=STANDING)
 
 

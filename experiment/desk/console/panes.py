@@ -245,7 +245,7 @@ class Board(Vertical):
         if how != self.says:
             notice.set_classes(how)
         self.says = how
-        if notice.show(picture.notice, words):
+        if notice.show(Text, words):
             self.call_after_refresh(self._fit)
 
     def scroll(self, key: str) -> None:
@@ -277,7 +277,7 @@ class Board(Vertical):
         pane["left"].display = pane["gauges"].display = known
         pane["trace"].display = known and gauges is not None and bool(gauges.trace_unit)
         if gauges is not None:
-            pane["left"].show(picture.notice, picture.time_left(gauges.left_s))
+            pane["left"].show(Text, picture.time_left(gauges.left_s))
             pane["trace"].show(picture.trace, gauges.trace, gauges.trace_unit, side - 4, 4 if roomy else 2)
             still = gauges.model_copy(update={"trace": (), "left_s": 0.0})
             pane["gauges"].show(picture.gauges, still, roomy, side - 4)
@@ -287,12 +287,12 @@ class Board(Vertical):
             self.call_after_refresh(self._fit)
 
     def _count(self, view: View) -> None:
-        """Show the trial's number, or what is left of a break."""
+        """Show the trial's number, or what is left of a break or a familiarisation."""
         counted = self._panes["counted"]
         if view.pause_until_ns is not None:
             left_s = (view.pause_until_ns - wall_ns()) / 1e9
             shown = picture.countdown(left_s)
-            counted.show(picture.break_left, left_s > 0)
+            counted.show(picture.counts_down, view.question, left_s > 0)
         else:
             shown = "" if view.trial is None else str(view.trial)
             counted.show(picture.counted, view.trial, view.standing.trials, view.standing.remaining, view.attempt)

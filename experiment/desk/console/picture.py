@@ -165,11 +165,6 @@ def keycap(key: str) -> str:
     return NAMED.get(key, key)
 
 
-def notice(words: str) -> Text:
-    """Return what became of the last press, or how much time is left, as it is said."""
-    return Text(words)
-
-
 def lines(told: tuple[str, ...]) -> Text:
     """Return the lines of the session, the newest last."""
     text = Text("\n".join(told[:-1]), style=DIM)
@@ -317,9 +312,11 @@ def countdown(left_s: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
-def break_left(lasts: bool) -> Text:
-    """Return what the numbers of a break are."""
-    return Text("left of\nthe break" if lasts else "The break\nis over.")
+def counts_down(question: Question | None, lasts: bool) -> Text:
+    """Return what the numbers of a countdown are: of a break, or of a familiarisation before and after its least."""
+    if question is None or question.kind != "familiarise":
+        return Text("left of\nthe break" if lasts else "The break\nis over.")
+    return Text("until Enter\nworks" if not question.choices else "left\nat most" if lasts else "The time\nis over.")
 
 
 def commands(wide: bool) -> Text:

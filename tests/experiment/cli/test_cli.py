@@ -357,6 +357,34 @@ class TestALaboratorysStudy:
         assert "no-such-port: no such port" in err
         assert not list(root.glob("sourcedata/sub-*"))
 
+    @pytest.mark.parametrize(
+        ("task", "missing", "told"),
+        [("real", "calibrated_on", "calibrated_on"), ("virtual", "recordings", "recordings")],
+    )
+    def test_nothing_is_asked_of_a_person_before_what_files_can_tell_is_checked(
+        self,
+        palpate: Palpate,
+        protocol: Path,
+        rig: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        seed_for: Callable[[Path, str], int],
+        task: str,
+        missing: str,
+        told: str,
+    ) -> None:
+        def asks(prompt: str) -> str:
+            raise AssertionError(prompt)
+
+        monkeypatch.setattr("builtins.input", asks)
+        if missing == "calibrated_on":
+            rig.write_text(re.sub("calibrated_on = .*\n", "", rig.read_text("utf-8")), "utf-8")
+        self.seal(palpate, protocol)
+        where = ("--dataset", protocol.with_name("dataset"), "--seed", seed_for(protocol, task))
+        assert palpate("enrol", protocol, "-p", "01", *where)[0] == 0
+        code, _, err = self.run(palpate, protocol, rig, task)
+        assert (code, len(lines(err)), told in err) == (2, 1, True), err
+        assert not list(protocol.with_name("dataset").glob("sourcedata/sub-*"))
+
     def test_a_slip_in_a_seal_is_mended(
         self, palpate: Palpate, protocol: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:

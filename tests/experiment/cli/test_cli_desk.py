@@ -100,6 +100,22 @@ def test_why_a_session_did_not_begin_is_told_and_stays_nowhere(tmp_path: Path, m
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]
 
 
+def test_every_error_of_a_file_that_kept_a_session_from_beginning_has_its_line(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def ended(*_: object) -> None:
+        raise LinkError(
+            "rig.toml: 2 errors\n  line 31: actuator: got 1; allowed: 2\n  line 40: audio: got 3; allowed: 4"
+        )
+
+    monkeypatch.setattr(session, "_serve", ended)
+    code, _, err = palpate("run", "okamoto2012", "--practice", "--serve", "127.0.0.1")
+    assert (code, err.splitlines()[1:]) == (
+        2,
+        ["  line 31: actuator: got 1; allowed: 2", "  line 40: audio: got 3; allowed: 4"],
+    )
+
+
 def test_without_a_table_for_it_no_screen_is_opened(tmp_path: Path) -> None:
     with desk.beside(tmp_path / "s", tmp_path / "p.toml", shipped("rigs/rehearsal.toml")) as opened:
         assert not opened

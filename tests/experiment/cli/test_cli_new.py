@@ -104,7 +104,7 @@ def test_options_answer_every_question_without_a_terminal(palpate: Palpate, type
         (["--repetitions", "0"], "got 0; allowed: a whole number at least 1"),
         (["--repetitions", "-3"], "got '-3'; allowed: a whole number at least 1"),
         (["--id", "5"], "got '5'; allowed: up to 32"),
-        (["--material", "felt"], "got an array of 1; allowed: an array of at least 2"),
+        (["--material", "felt"], "got 1 material; allowed: two materials or more"),
         (["--material", "", "--material", "cork"], "allowed: one line of 1 to 40 characters"),
         (["--rig", "x.txt"], "got the file 'x.txt'; allowed: a name that ends in .toml"),
         (["--rig", "a.toml"], "got 'a.toml' for protocol and rig; allowed: a file for each"),

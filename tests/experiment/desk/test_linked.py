@@ -79,8 +79,8 @@ def shown(linked: LinkedConsole) -> View:
 class Bench:
     """A session's thread that asks, and a console's that answers."""
 
-    def __init__(self, alone_s: float = 600.0) -> None:
-        self.linked = LinkedConsole(View(study="small"), alone_s=alone_s)
+    def __init__(self, alone_s: float = 600.0, *, screen: bool = False) -> None:
+        self.linked = LinkedConsole(View(study="small"), alone_s=alone_s, screen=screen)
         self.attending = Attending(self.linked)
         self._pool = ThreadPoolExecutor(1)
         self._woken = threading.Event()
@@ -169,6 +169,15 @@ def test_a_key_pressed_before_a_question_never_answers_it(bench: Bench, kind: st
     assert bench.linked.ignored() == ""
     bench.press(kind, key)
     second.result(10)
+
+
+def test_enter_alone_says_neither_yes_nor_no(bench: Bench) -> None:
+    said = bench.asks(lambda: bench.linked.agree(text="Did they sign today?", yes="yes", no="no"))
+    asked = bench.question("agree")
+    assert bench.do(Choose(question=asked.number, key="enter")) == (False, "'enter' is no key here.")
+    assert not said.done()
+    bench.press("agree", "y")
+    assert said.result(10)
 
 
 def test_one_key_answers_one_question_once(bench: Bench) -> None:
@@ -486,6 +495,62 @@ def test_a_line_of_text_is_written_or_nothing(bench: Bench) -> None:
         assert not bench.do(Write(question=asked.number - 1, text="late"))[0]
         assert bench.do(Write(question=asked.number, text=text))[0]
         assert written.result(10) == kept
+
+
+def test_a_familiarisation_counts_down_to_the_key_that_ends_it_and_then_to_its_most(bench: Bench) -> None:
+    bench.asks(lambda: bench.linked.familiarise(instruction="Feel.", min_s=100, max_s=580))
+    early = bench.question("familiarise")
+    assert early.text == "Familiarisation, 1 min 40 s to 9 min 40 s. Enter works once the countdown is over. Feel."
+    until_ns = shown(bench.linked).pause_until_ns
+    assert until_ns is not None
+    assert 90 < until_ns / 1e9 - time.time() <= 100
+    told = "'enter' is no key here until the countdown is over."
+    assert bench.do(Choose(question=early.number, key="enter")) == (False, told)
+    assert bench.do(Stop())[0]
+
+
+def test_once_its_least_has_passed_a_familiarisation_ends_by_enter(bench: Bench) -> None:
+    ended = bench.asks(lambda: bench.linked.familiarise(instruction="Feel.", min_s=0.05, max_s=580))
+    ends_s = time.monotonic() + 10
+    while not bench.question("familiarise").choices and time.monotonic() < ends_s:
+        time.sleep(0.01)
+    until_ns = shown(bench.linked).pause_until_ns
+    assert until_ns is not None
+    assert 560 < until_ns / 1e9 - time.time() <= 580
+    assert not ended.done()
+    bench.press("familiarise", "enter")
+    ended.result(10)
+    assert shown(bench.linked).pause_until_ns is None
+
+
+def armed(bench: Bench) -> Future[bool]:
+    return bench.asks(lambda: bench.linked.arm(trial=1, attempt=1, trials=4))
+
+
+def test_nothing_is_armed_before_the_participants_screen_is_there() -> None:
+    bench = Bench(screen=True)
+    waits = armed(bench)
+    assert bench.question("agree").text.startswith("The participant's screen opens; that takes some seconds.")
+    assert shown(bench.linked).state == "preparing"
+    bench.linked.came(1, 1)
+    assert waits.result(10), "whoever arms is told that it was waited for"
+    assert shown(bench.linked).state == "armed"
+    bench.linked.came(1, 0)
+    assert armed(bench).result(10) is False, "a screen that is lost later stops nothing"
+
+
+@pytest.mark.parametrize("by", ["key", "time"])
+def test_a_session_goes_on_without_a_screen_that_does_not_open(by: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(linked_module, "SCREEN_S", 0.02 if by == "time" else 600)
+    bench = Bench(screen=True)
+    waits = armed(bench)
+    if by == "key":
+        bench.press("agree", "enter")
+    assert waits.result(10)
+    assert shown(bench.linked).lines == (
+        "The session goes on without the participant's screen, which is shown once it opens.",
+    )
+    assert armed(bench).result(10) is False, "it is waited for once"
 
 
 def test_while_nobody_is_at_a_console_nothing_is_armed_and_then_the_session_pauses() -> None:

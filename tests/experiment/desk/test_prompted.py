@@ -44,7 +44,7 @@ def session() -> Recorded:
 @pytest.fixture
 def desk(session: Recorded) -> LinkedConsole:
     made = LinkedConsole(View(study="study", participant="01"), theirs=Theirs(frozenset({"level"})), screen=True)
-    made.came(1, 0)
+    made.came(1, 1)
     made.attend(session)
     return made
 
@@ -278,6 +278,7 @@ def test_the_console_has_a_lamp_for_the_screen(desk: LinkedConsole) -> None:
         (found,) = [lamp for lamp in gauges.lamps if lamp.name == "screen"]
         return found.good, found.words
 
+    desk.came(1, 0)
     assert lamp() == (False, "not connected; `palpate screen` opens it")
     desk.came(1, 1)
     assert lamp() == (True, "connected")

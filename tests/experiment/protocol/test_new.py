@@ -121,10 +121,24 @@ def test_the_key_of_one_material_leaves_another_to_those_after_it() -> None:
         ({"participants": 0}, "got 0; allowed: a whole number at least 1 and at most 10000"),
         ({"repetitions": 1001}, "got 1001; allowed: a whole number at least 1 and at most 1000"),
         ({"tasks": "neither"}, "got 'neither'; allowed: one of: virtual, real, both"),
-        ({"materials": FIVE[:1]}, "got an array of 1; allowed: an array of at least 2"),
-        ({"materials": ()}, "allowed: an array of at least 2"),
-        ({"materials": new.materials(["felt", "Felt"])}, "got 'Felt'; allowed: a name of its own"),
-        ({"materials": new.materials(["felt,n", "cork"])}, "got 'n'; allowed: a key of its own"),
+        ({"materials": FIVE[:1]}, "got 1 material; allowed: two materials or more$"),
+        ({"materials": ()}, "got 0 materials; allowed: two materials or more$"),
+        (
+            {"materials": new.materials(["felt", "Felt"])},
+            "got 'Felt'; allowed: a name of its own: 'felt' has it already$",
+        ),
+        (
+            {"materials": new.materials(["felt,n", "cork"])},
+            "got the key 'n', which stands for 'no answer'; allowed: a key of its own$",
+        ),
+        (
+            {"materials": new.materials(["felt,x", "cork,x"])},
+            "got 'x'; allowed: a key of its own: 'felt' has it already$",
+        ),
+        (
+            {"materials": new.materials(["felt,f", "cork,c,felt"])},
+            "got 'felt'; allowed: a phrase of its own: 'felt' is that name$",
+        ),
         ({"materials": new.materials(["felt,+", "cork"])}, "any key but \\+ and -"),
     ],
 )

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.desk.console import picture
-from experiment.desk.messages import Ended, Gauges, Lamp, Question, View
+from experiment.desk.messages import Choice, Ended, Gauges, Lamp, Question, View
 from experiment.errors import Interrupted
 
 FINITE = st.floats(-1e6, 1e6)
@@ -120,6 +120,18 @@ def test_the_time_that_is_left_is_told_in_words(left_s: float, words: str) -> No
 )
 def test_a_break_is_counted_in_minutes_and_seconds(left_s: float, shown: str) -> None:
     assert picture.countdown(left_s) == shown
+
+
+def test_what_counts_down_is_named_and_so_is_its_end() -> None:
+    early = Question(number=1, kind="familiarise", text="Feel.", choices=())
+    late = early.model_copy(update={"choices": (Choice(key="enter", words="familiar"),)})
+    paused = early.model_copy(update={"kind": "continue"})
+    told = [(question, lasts) for question in (None, paused, early, late) for lasts in (True, False)]
+    assert [picture.counts_down(*one).plain.replace("\n", " ") for one in told] == [
+        *["left of the break", "The break is over."] * 2,
+        *["until Enter works"] * 2,
+        *["left at most", "The time is over."],
+    ]
 
 
 def test_what_was_heard_stands_under_the_question_of_an_answer_alone() -> None:
