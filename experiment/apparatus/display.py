@@ -74,6 +74,7 @@ class ScreenWords(Confined):
         right: as `slow`.
         fast: as `slow`; on a lamp, where a hand taps.
         finished: when all trials of a task are answered, while the experimenter writes down what is left.
+        headphones: added to `finished` and `thanks`, where a masker was played.
         thanks: once the session has ended.
         gone: while there is no connection with the session.
     """
@@ -99,6 +100,7 @@ class ScreenWords(Confined):
     right: Line = "good speed"
     fast: Line = "too fast"
     finished: Line = "You have answered all of this part. Please wait for the experimenter."
+    headphones: Line = "You may take the headphones off."
     thanks: Line = "This session is over. Thank you."
     gone: Line = "Please wait a moment. The experimenter will be with you."
 

@@ -2,8 +2,8 @@
 
 Of a view only its state, whether samples are compared, whether its step is the debriefing, the kind of its question,
 the keys of that, the protocol's own instruction, the pace of the last step and whether it counted, whether a hand is
-too fast and how high it is, the end of a break, whether a fault ended the session, and the label of a practice are
-looked at.
+too fast and how high it is, whether a masker was played, the end of a break, whether a fault ended the session, and the
+label of a practice are looked at.
 """
 
 from __future__ import annotations
@@ -98,6 +98,7 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
         lamp=gauges.too_fast if gauges is not None and show in ("instructions", "ready", "answer", "compare") else None,
         hand_mm=gauges.hand_mm if gauges is not None and show == "instructions" else None,
+        unmasked=view.masked and show in ("finished", "thanks"),
         until_ns=view.pause_until_ns if show == "break" else None,
         label=next((label for label in get_args(Label) if label == view.label), ""),
     )

@@ -21,6 +21,9 @@ Tick = Callable[[], None]
 MASKED_DB_A = 60.0
 """Level from which on a simulated participant no longer hears what the masker is to hide."""
 
+LISTENS_NS = 600_000_000
+"""A simulated participant listens to each level for so long, ns."""
+
 
 @dataclass(kw_only=True)
 class SimulatedPerson:
@@ -82,6 +85,7 @@ class SimulatedPerson:
         if PROBE_KEY in keys and not self._probed:
             self._probed = True
             return PROBE_KEY
+        self.clock.sleep_ns(LISTENS_NS)
         if level_db_a >= MASKED_DB_A:
             return ""
         return HEARD_KEY if HEARD_KEY in keys else LOUDER_KEY
@@ -143,36 +147,16 @@ class Practised:
     def __post_init__(self) -> None:
         self._said = ""
         self._wished = ""
-
-    def attend(self, session: Attended | None) -> None:
-        self.desk.attend(session)
-
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        self.desk.at(step=step, steps=steps)
-
-    def agree(self, *, text: str, yes: str, no: str) -> bool:
-        return self.desk.agree(text=text, yes=yes, no=no)
-
-    def write(self, *, text: str) -> str:
-        return self.desk.write(text=text)
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        self.desk.wait(why=why, until_ns=until_ns, clock=clock)
-
-    def goes_on(self, *, why: str) -> bool:
-        return self.desk.goes_on(why=why)
+        # In these the participant takes no part.
+        desk = self.desk
+        self.attend, self.at, self.show, self.instruct = desk.attend, desk.at, desk.show, desk.instruct
+        self.agree, self.write, self.wait, self.goes_on = desk.agree, desk.write, desk.wait, desk.goes_on
+        self.familiarise, self.heard, self.waiting = desk.familiarise, desk.heard, desk.waiting
+        self.chosen_ago_ns, self.ignored, self.debrief = desk.chosen_ago_ns, desk.ignored, desk.debrief
+        self.confirm, self.confirmed = desk.confirm, desk.confirmed
 
     def _tell(self, words: str) -> None:
         self.desk.show(f"The participant says: {words}.")
-
-    def show(self, text: str) -> None:
-        self.desk.show(text)
-
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        self.desk.familiarise(instruction=instruction, min_s=min_s, max_s=max_s)
-
-    def instruct(self, *, instruction: str) -> None:
-        self.desk.instruct(instruction=instruction)
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
@@ -184,15 +168,6 @@ class Practised:
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
         said = self.desk.say(words=words, take=take, takes=takes, why=why)
         return said and self.participant.say(words=words, take=take, takes=takes, why=why)
-
-    def waiting(self) -> None:
-        self.desk.waiting()
-
-    def chosen_ago_ns(self) -> int:
-        return self.desk.chosen_ago_ns()
-
-    def heard(self, *, words: str) -> None:
-        self.desk.heard(words=words)
 
     def rest(self, *, why: str) -> None:
         self.desk.rest(why=why)
@@ -222,15 +197,3 @@ class Practised:
             # What the participant wished for has been done; they go on from there.
             self._said = ""
         return said
-
-    def confirm(self, *, key: str, meaning: str) -> bool:
-        return self.desk.confirm(key=key, meaning=meaning)
-
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.desk.confirmed(trial=trial, answer=answer)
-
-    def debrief(self) -> Remark | None:
-        return self.desk.debrief()
-
-    def ignored(self) -> str:
-        return self.desk.ignored()
