@@ -76,6 +76,7 @@ class ScreenWords(Confined):
         right: as `slow`; on a lamp that is not lit, where a hand taps.
         fast: as `slow`; on that lamp, lit.
         finished: when all trials of a task are answered, while the experimenter writes down what is left.
+        headphones: added to `finished` and `thanks`, where a masker was played.
         thanks: once the session has ended.
         gone: while there is no connection with the session.
     """
@@ -103,6 +104,7 @@ class ScreenWords(Confined):
     right: Line = "good speed"
     fast: Line = "too fast"
     finished: Line = "You have answered all of this part. Please wait for the experimenter."
+    headphones: Line = "You may take the headphones off."
     thanks: Line = "This session is over. Thank you."
     gone: Line = "Please wait a moment. The experimenter will be with you."
 

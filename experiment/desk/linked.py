@@ -340,7 +340,7 @@ class LinkedConsole:
                 # What was reached stays on the screen of a pause.
                 self._now(state="preparing", **_standing(self._session))
             self._session, self._repeated, self._armed = session, None, None
-            self._now(instruction="", again="")
+            self._now(instruction="", again="", masked=self._view.masked and session is None)
             why = self._failed or (BY_EXPERIMENTER if self._pausing is not None else "")
         if session is not None and why:
             # While the devices were opened.
@@ -393,6 +393,7 @@ class LinkedConsole:
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         text = f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}"
         choices = (*_choices(keys), Choice(key=ENTER, words="keep the level"))
+        self._now(masked=True)
         key = self._put("level", text, choices)
         return "" if key == ENTER else key
 

@@ -163,8 +163,8 @@ class View(Message):
     first trial is answered, of the task. `heard`
     is what the microphone proposes as the answer. `again` says, of a trial that is armed again, why the step before did
     not count. `answers` are those that a trial of this task may have, once one was
-    asked for. `pause_until_ns` is when a break is over, or a familiarisation may end or is to, in nanoseconds of the
-    system's clock.
+    asked for. `masked` tells that a masker was played in this task, on headphones. `pause_until_ns` is when a break is
+    over, or a familiarisation may end or is to, in nanoseconds of the system's clock.
     """
 
     kind: Literal["view"] = "view"
@@ -182,6 +182,7 @@ class View(Message):
     answers: tuple[Choice, ...] = ()
     heard: str = ""
     again: str = ""
+    masked: bool = False
     standing: Standing = Standing()
     question: Question | None = None
     pause_until_ns: int | None = None
@@ -204,9 +205,9 @@ class Prompt(Message):
     the step before did not count, `unplayed` that nothing plays what a masker hides, and `answers` are what may be said
     in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of the last
     step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. `second` says whether the second of
-    two virtual surfaces is there, or the first; None without. `hand_mm` is where the hand is shown
-    above the block, None for no picture of them. A break lasts until `until_ns`, in nanoseconds of the
-    system's clock. `label` is PRACTICE or PILOT, and empty in a study.
+    two virtual surfaces is there, or the first; None without. `hand_mm` is where the hand is shown above the block,
+    None for no picture of them. `unmasked` tells that a masker was played and plays no longer. A break lasts until
+    `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT, and empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"
@@ -222,6 +223,7 @@ class Prompt(Message):
     lamp: bool | None = None
     second: bool | None = None
     hand_mm: float | None = None
+    unmasked: bool = False
     until_ns: int | None = None
     label: Label = ""
 

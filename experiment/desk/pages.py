@@ -141,9 +141,9 @@ def _text(prompt: Prompt, words: ScreenWords) -> str:
         case "break":
             return words.pause
         case "finished":
-            return words.finished
+            return f"{words.finished}\n\n{words.headphones}" if prompt.unmasked else words.finished
         case "thanks":
-            return words.thanks
+            return f"{words.thanks}\n\n{words.headphones}" if prompt.unmasked else words.thanks
         case "wait":
             return f"{prompt.text}\n\n{words.wait}".strip()
 

@@ -2,8 +2,8 @@
 
 Of a view only its state, whether samples are compared, whether its step is the debriefing, the kind of its question,
 the keys of that, the protocol's own instruction, the pace of the last step and whether it counted, whether a hand is
-too fast, how high it is and which of two places it taps, the end of a break, whether a fault ended the session, and
-the label of a practice are looked at.
+too fast, how high it is and which of two places it taps, whether a masker was played, the end of a break, whether a
+fault ended the session, and the label of a practice are looked at.
 """
 
 from __future__ import annotations
@@ -101,6 +101,7 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         lamp=gauges.too_fast if gauges is not None and show in ("instructions", "ready", "answer", "compare") else None,
         second=gauges.second if gauges is not None and show == "compare" else None,
         hand_mm=gauges.hand_mm if gauges is not None and show == "instructions" else None,
+        unmasked=view.masked and show in ("finished", "thanks"),
         until_ns=view.pause_until_ns if show == "break" else None,
         label=next((label for label in get_args(Label) if label == view.label), ""),
     )

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock, Timeout
 
@@ -129,6 +129,7 @@ class Window:
         except Exception as error:
             raise _no_display(error) from error
         self._window.mouseVisible = False
+        _press_once(self._window.winHandle)
         # The backend `event` hears this window alone; the others hear what the experimenter types elsewhere as well.
         self._keyboard = keyboard.Keyboard(backend="event")
         self._stimulus = visual.ImageStim(self._window, units="pix", size=self.size_px)
@@ -190,6 +191,20 @@ def _check_display(display: int) -> None:
             pyglet.canvas.Display(x_screen=display).close()
             return
     raise DisplayError(f"screen.display: got {display}; allowed: 0 to {found - 1} on this machine; name another")
+
+
+def _press_once(window: Any) -> None:
+    """Have a key that is held in a window of pyglet pressed once.
+
+    X repeats it as releases and presses. pyglet asks the server to leave out those releases, and then tells repeats
+    from presses; but it asks on one connection alone, and a window of PsychoPy has another.
+    """
+    if sys.platform.startswith("linux"):
+        from ctypes import byref, c_int
+
+        from pyglet.window.xlib import XkbSetDetectableAutoRepeat
+
+        XkbSetDetectableAutoRepeat(window.display._display, c_int(1), byref(c_int()))
 
 
 @contextmanager

@@ -22,6 +22,9 @@ Tick = Callable[[], None]
 MASKED_DB_A = 60.0
 """Level from which on a simulated participant no longer hears what the masker is to hide."""
 
+LISTENS_NS = 600_000_000
+"""A simulated participant listens to each level for so long, ns."""
+
 
 @dataclass(kw_only=True)
 class SimulatedPerson:
@@ -83,6 +86,7 @@ class SimulatedPerson:
         if PROBE_KEY in keys and not self._probed:
             self._probed = True
             return PROBE_KEY
+        self.clock.sleep_ns(LISTENS_NS)
         if level_db_a >= MASKED_DB_A:
             return ""
         return HEARD_KEY if HEARD_KEY in keys else LOUDER_KEY

@@ -1,8 +1,8 @@
 """The sound of one session: one audio stream, opened once and kept, with the masker on its headphones.
 
-The participant's level is chosen before the first trial and journaled with every change. The masker plays from then to
-the session's end, pauses between trials included, or until its time or its dose is used up. `+` and `-` change it
-whenever an answer is asked for; no protocol has these keys for anything else.
+The participant's level is chosen before the first trial and journaled with every change. The masker plays from then
+until every trial is answered, pauses between trials included, or until its time or its dose is used up. `+` and `-`
+change it whenever an answer is asked for; no protocol has these keys for anything else.
 """
 
 from __future__ import annotations
@@ -28,6 +28,9 @@ from experiment.session import scene
 STEP_DB = 2.0
 """One key changes the level by this much, dB."""
 
+RISE_NS = 500_000_000
+"""The level rises by one step in so long at most, ns, whoever presses: loudness is heard in full after about 0.2 s."""
+
 FIRST_DB_A = 50.0
 """Level at which the first choice begins, dB(A): soft, so that it is turned up and not down."""
 
@@ -37,11 +40,15 @@ KEYS = {LOUDER_KEY: "masker louder", SOFTER_KEY: "masker softer"}
 class Masking:
     """Drives a masker and puts its levels on disk; a second thread may silence it for good."""
 
-    def __init__(self, masker: Masker, console: Console, write: Callable[[MaskerSet | Note], None]) -> None:
+    def __init__(
+        self, masker: Masker, console: Console, write: Callable[[MaskerSet | Note], None], clock: Clock
+    ) -> None:
         """Begin in silence; `write` puts an entry into the journal and returns when it is on disk."""
         self._masker = masker
         self._console = console
         self._write = write
+        self._clock = clock
+        self._rises_ns = clock.now_ns()
         self._lock = threading.Lock()
         self._silenced = self._used_up = False
 
@@ -84,17 +91,21 @@ class Masking:
     def change(self, key: str) -> bool:
         """Return whether `key` was one of the masker's; then the level has changed by a step, within the limit.
 
-        A masker that was silenced stays silent, and one whose dose is used up is silent for good.
+        A step up that comes too soon after the one before changes nothing; a step down never does. A masker that was
+        silenced stays silent, and one whose dose is used up is silent for good.
         """
         if key not in KEYS:
             return False
+        louder, now_ns = key == LOUDER_KEY, self._clock.now_ns()
         with self._lock:
-            level_db_a = self._masker.level_db_a
-            if level_db_a is not None:
-                wanted_db_a = level_db_a + (STEP_DB if key == LOUDER_KEY else -STEP_DB)
-                level_db_a = self._go(self._masker.set_level, wanted_db_a)
+            level_db_a, soon = self._masker.level_db_a, louder and now_ns < self._rises_ns
+            if level_db_a is not None and not soon:
+                self._rises_ns = now_ns + RISE_NS if louder else self._rises_ns
+                level_db_a = self._go(self._masker.set_level, level_db_a + (STEP_DB if louder else -STEP_DB))
             if level_db_a is None:
                 said = "The masker is silent."
+            elif soon:
+                said = f"Masker still at {level_db_a:.0f} dB(A): it rises once in {RISE_NS / 1e9:g} s, and no faster."
             else:
                 at_limit = " (the limit)" if level_db_a >= self._masker.limit_db_a else ""
                 said = f"Masker at {level_db_a:.0f} dB(A){at_limit}."
@@ -120,20 +131,17 @@ class Masking:
         return f"the masker's dose for 24 hours is used up ({told.dose:.2f} of 1); continue a day later"
 
     def silence(self) -> None:
-        """Fall silent for good, and journal the dose, if that has not happened yet."""
-        with self._lock:
-            if not self._silenced:
-                self._silenced = True
-                if self._masker.level_db_a is not None:
-                    self._masker.stop()
-                    self._note()
+        """Fall silent for good."""
+        self._silenced = True
+        self.end()
 
-    def end(self, *, note: bool) -> None:
-        """Fall silent; `note` journals the dose."""
+    def end(self, *, note: bool = True) -> None:
+        """Fade out until the level is chosen anew, if it plays; `note` journals the dose."""
         with self._lock:
-            self._masker.stop()
-            if note:
-                self._note()
+            if self._masker.level_db_a is not None:
+                self._masker.stop()
+                if note:
+                    self._note()
 
     def _go(self, play: Callable[[float], float], level_db_a: float) -> float | None:
         """Return the level in force once it is on disk; None where the dose is used up."""

@@ -240,7 +240,7 @@ class _Session:
         self._devices = devices
         self._log = log
         masker = devices.masker
-        self._masking = Masking(masker, devices.console, log.write) if masker is not None else None
+        self._masking = Masking(masker, devices.console, log.write, devices.clock) if masker is not None else None
         session_min = protocol.exposure.session_min
         self._exposed = Exposed(
             ends_ns=devices.clock.now_ns() + int(session_min * 60e9) - spent_ns,
@@ -286,10 +286,8 @@ class _Session:
     def _run(self, contents: journal.Contents) -> Footer:
         try:
             self._begin(contents)
-            if self._masking is not None and self._log.done.remaining and not self._exposed.over():
-                probe = self._attempts.kind.probe
-                self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a, probe)
-            elif self._masking is None and self._noise and self._log.done.remaining:
+            self._mask()
+            if self._masking is None and self._noise and self._log.done.remaining:
                 self._confirm_noise()
             self._attempts.remarks.note_ignored()
             self._enrol()
@@ -316,6 +314,12 @@ class _Session:
         self._exposed.close()
         if self._ear is not None:
             self._ear.close()
+
+    def _mask(self) -> None:
+        """Have the masker begin where trials remain, and its level chosen."""
+        if self._masking is not None and self._log.done.remaining and not self._exposed.over():
+            probe = self._attempts.kind.probe
+            self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a, probe)
 
     def _confirm_noise(self) -> None:
         """Have it confirmed, and put on record, that the noise plays. Raises `PauseAsked` if it does not."""
@@ -363,11 +367,17 @@ class _Session:
         return ""
 
     def _next(self) -> PlannedTrial | None:
-        """Return the trial that comes next; at the end of the debriefing, if none is to be done again, None."""
+        """Return the trial that comes next; at the end of the debriefing, if none is to be done again, None.
+
+        The masker is silent in the debriefing, and its level is chosen anew for what is done again.
+        """
         if not self._log.done.remaining:
+            if self._masking is not None:
+                self._masking.end()
             if self._last:
                 self._attempts.remarks.ask_report()
             self._attempts.debrief()
+            self._mask()
         return next(iter(self._log.done.remaining), None)
 
     def _why_not(self, trial: int, begun: Counter[int]) -> str:

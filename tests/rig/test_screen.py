@@ -77,7 +77,10 @@ class Display:
         return blue_first[:, :, 2::-1]
 
     def press(self, *keys: str) -> None:
-        subprocess.run(["xdotool", "key", *keys], env=self.environment, check=True, timeout=10)
+        self.do("key", *keys)
+
+    def do(self, *what: str) -> None:
+        subprocess.run(["xdotool", *what], env=self.environment, check=True, timeout=10)
 
     def close_window(self) -> None:
         """Ask the topmost window to close, as its title bar does."""
@@ -248,6 +251,22 @@ def test_the_participants_keys_choose_and_others_do_nothing(
     wait_until(lambda: len(end.deeds) >= before + 3, "the keys did not come")
     assert end.deeds[before:] == [Choose(question=7, key=key) for key in ("+", "-", ENTER)]
     assert window.poll() is None
+
+
+def test_a_key_that_is_held_is_one_press(display: Display, end: End, window: subprocess.Popen[str]) -> None:
+    """X repeats a key from 0.66 s on, 25 times a second."""
+    end.say(MASKER.model_copy(update={"keys": ("h", "-", ENTER)}))
+    end.say(MASKER)
+    before = len(end.deeds)
+    for key in ("Up", "Down"):
+        display.do("keydown", key)
+        time.sleep(1.5)
+        display.do("keyup", key)
+    for _ in range(3):
+        display.press("Up")
+        time.sleep(0.1)
+    wait_until(lambda: len(end.deeds) >= before + 5, "the keys did not come")
+    assert end.deeds[before:] == [Choose(question=7, key=key) for key in "+-+++"]
 
 
 def test_where_nothing_is_asked_no_key_does_anything(display: Display, end: End, window: subprocess.Popen[str]) -> None:

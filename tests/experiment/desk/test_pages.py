@@ -78,6 +78,10 @@ SHOWN: dict[str, tuple[Prompt | None, str]] = {
         Prompt(show="finished"),
         "You have answered all of this part. Please wait for the experimenter.",
     ),
+    "finished, and silent": (
+        Prompt(show="finished", unmasked=True),
+        "You have answered all of this part. Please wait for the experimenter.\n\nYou may take the headphones off.",
+    ),
     "thanks": (Prompt(show="thanks"), "This session is over. Thank you."),
     "no session": (None, "Please wait a moment. The experimenter will be with you."),
 }

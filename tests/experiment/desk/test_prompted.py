@@ -29,6 +29,7 @@ from experiment.desk.messages import (
     Write,
 )
 from experiment.desk.prompts import Theirs
+from experiment.errors import PauseAsked
 from tests.experiment.desk.attended import Recorded
 
 SCREEN = Hello(role="screen", by="the participant's screen")
@@ -135,6 +136,18 @@ def test_the_participants_screen_tells_what_is_so_through_a_whole_session(
             desk.take(CONSOLE, Choose(question=question.number, key=question.choices[0].key))
         done.result(5)
         assert prompt(desk).show == afterwards, kind
+
+
+def test_headphones_may_come_off_after_the_tasks_that_had_a_masker(desk: LinkedConsole, session: Recorded) -> None:
+    assert not view(desk).masked
+    with pytest.raises(PauseAsked):
+        desk.take(CONSOLE, Pause())
+        level(desk)
+    assert view(desk).masked
+    desk.attend(None)
+    assert view(desk).masked, "while the files of its session are written"
+    desk.attend(session)
+    assert not view(desk).masked
 
 
 def open_question(desk: LinkedConsole, kind: str) -> Question:

@@ -52,7 +52,7 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
         gauges = other.gauges.model_copy(update=kept)
     matters = {
         name: getattr(view, name)
-        for name in ("state", "step", "pairs", "instruction", "again", "pause_until_ns", "label")
+        for name in ("state", "step", "pairs", "instruction", "again", "masked", "pause_until_ns", "label")
     }
     ended = view.ended
     if ended is not None and other.ended is not None:
@@ -113,6 +113,13 @@ def test_who_has_answered_everything_is_told_so_until_the_end(kind: str) -> None
     asked = Question.model_validate({"number": 3, "kind": kind, "text": "", "choices": ()})
     assert prompt(View(step="debriefing", question=asked), THEIRS).show == "finished"
     assert prompt(View(step="debriefing"), THEIRS).show == "finished"
+
+
+def test_who_wore_headphones_may_take_them_off_once_everything_is_answered() -> None:
+    for view, show in ((View(step="debriefing"), "finished"), (View(state="ended"), "thanks"), (View(), "wait")):
+        told = prompt(view.model_copy(update={"masked": True}), THEIRS)
+        assert (told.show, told.unmasked) == (show, show != "wait")
+        assert not prompt(view, THEIRS).unmasked
 
 
 @pytest.mark.parametrize(("exit_code", "show"), [(0, "thanks"), (2, "wait"), (70, "wait")])

@@ -208,7 +208,10 @@ class ScriptedConsole:
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         key = self.levels.popleft()
         assert key == "." or key in keys, f"{key} is not offered"
-        return key.rstrip(".")
+        if key == ".":
+            return ""
+        self._clock.sleep_ns(10**9)
+        return key
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
         self.said.append((words, take, why))

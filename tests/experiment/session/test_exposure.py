@@ -119,7 +119,7 @@ def watched(
     console = ScriptedConsole(clock, "")
     console.levels.append(".")
     masker = None if before is None else SteadyMasker(clock, before)
-    masking = None if masker is None else Masking(masker, console, log.write)
+    masking = None if masker is None else Masking(masker, console, log.write, clock)
     ends_ns = clock.now_ns() + lasts_ns
     return (
         Exposed(ends_ns=ends_ns, ended="it is over", masking=masking, console=console, clock=clock, log=log),

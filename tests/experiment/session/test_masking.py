@@ -7,10 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from experiment import storage
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import ManualClock
+from experiment.desk.port import Remark, Repeated
 from experiment.errors import DoseUsedUp
 from experiment.protocol.models import Probe, Protocol
 from experiment.records import journal
@@ -104,6 +107,27 @@ def test_nothing_can_be_still_heard_below_the_limit(protocol: Protocol, tmp_path
     one = masked(bench("cpt"), "h")
     with pytest.raises(AssertionError, match="h is not offered"):
         one.run(protocol, header("real"), tmp_path)
+
+
+def test_the_masker_is_silent_in_the_debriefing_and_chosen_anew_for_what_is_done_again(
+    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    one = masked(bench("cptc"), "+.+.")
+    assert one.masker is not None
+    playing: list[float | None] = []
+    said = iter([Repeated(trial=1, reason="it coughed"), None, None])
+
+    def debriefed() -> Remark | None:
+        assert one.masker is not None
+        playing.append(one.masker.level_db_a)
+        assert levels(tmp_path)[-1] is None, "its dose is on disk"
+        return next(said)
+
+    monkeypatch.setattr(one.console, "debrief", debriefed)
+    assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
+    assert playing == [None, None]
+    assert levels(tmp_path) == [50, 52, None, 52, 54, None]
+    assert not one.console.levels
 
 
 def test_a_resumed_session_begins_at_the_level_that_was_chosen(protocol: Protocol, tmp_path: Path) -> None:
@@ -221,10 +245,34 @@ def test_other_keys_are_not_the_maskers() -> None:
     clock = ManualClock(START_NS)
     masker = ScriptedMasker(clock)
     written: list[MaskerSet | Note] = []
-    one = Masking(masker, ScriptedConsole(clock, ""), written.append)
+    one = Masking(masker, ScriptedConsole(clock, ""), written.append, clock)
     assert one.change("+")
     assert (masker.level_db_a, written) == (None, []), "it stays silent"
     masker.start(50.0)
     assert not one.change("c")
     assert one.change("-")
     assert [entry.level_db_a for entry in written if isinstance(entry, MaskerSet)] == [48.0]
+
+
+@given(st.lists(st.tuples(st.sampled_from("+++-"), st.floats(0, 0.3)), max_size=60))
+def test_the_level_rises_no_faster_than_the_ear_follows_and_falls_at_once(presses: list[tuple[str, float]]) -> None:
+    """2 dB in half a second, however fast whichever keys come; every softer counts, and only changes are journaled."""
+    clock = ManualClock(START_NS)
+    masker = ScriptedMasker(clock, limit_db_a=80.0)
+    console, written = ScriptedConsole(clock, ""), list[MaskerSet | Note]()
+    one = Masking(masker, console, written.append, clock)
+    level_db_a, rose_s, now_s = masker.start(54.0), list[float](), 0.0
+    for count, (key, after_s) in enumerate(presses, start=1):
+        clock.sleep_ns(round(after_s * 1e9))
+        now_s += round(after_s * 1e9) / 1e9
+        assert one.change(key)
+        assert masker.level_db_a in ((level_db_a - 2,) if key == "-" else (level_db_a, level_db_a + 2))
+        if masker.level_db_a == level_db_a:
+            assert now_s - rose_s[-1] < 0.5
+            assert console.shown[-1].startswith(f"Masker still at {level_db_a:.0f} dB(A): it rises once in 0.5 s")
+        elif key == "+":
+            assert not rose_s or now_s - rose_s[-1] > 0.5 - 1e-6
+            rose_s.append(now_s)
+        level_db_a = masker.level_db_a or 0.0
+        assert len(console.shown) == count
+    assert len(written) == len(rose_s) + sum(key == "-" for key, _ in presses)
