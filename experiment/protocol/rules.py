@@ -324,7 +324,7 @@ def _presented(table: Table) -> Iterator[Broken]:
         if own != [name for name in every if name in own]:
             allowed = f"some of the protocol's, each once, in their order: {', '.join(every)}"
             yield Broken(("tasks", i, "materials"), allowed)
-    for i, test in _tables(table, "analysis"):
+    for i, test in _tables(table, "analysis") if len(every) > 1 else ():
         kind, sets = test.get("test"), [own for name, own in of if name in _list(test, "tasks")]
         least = 1 if kind == "equivalence" and len(sets) > 1 else 2
         if kind == "one-way ANOVA" and any(len(one) < least for one in sets):
