@@ -373,7 +373,8 @@ class LinkedConsole:
             self._now(lines=(*self._view.lines, said)[-LINES:])
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        begun_ns, told = wall_ns(), f"Familiarisation, {minutes(max(min_s, 0))} to {minutes(max_s)}."
+        least = minutes(min_s) if min_s > 0 else "up"
+        begun_ns, told = wall_ns(), f"Familiarisation, {least} to {minutes(max_s)}."
         self._now(state="familiarising", trial=None, instruction=instruction)
         ends = Choice(key=ENTER, words="the participant is familiar with the materials")
         try:
