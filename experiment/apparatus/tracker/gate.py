@@ -274,18 +274,19 @@ class GateDetector:
             return ""
         return f"the tracker's heights stay at {mm:.2f} mm inside the gate, as no foot's do; see to the sensor"
 
-    def passes_over(self, state: GateState, samples: Samples) -> bool:
-        """Return whether nothing can happen in the next samples: many at once, all of them above the gate."""
-        many = samples.height_mm.size >= MANY and state.landing is None
-        return many and bool(samples.height_mm.min() > self._levels_mm[0])
+    def passes_over(self, state: GateState, samples: Samples) -> int:
+        """Return in how many of the next samples, the first of many at once, nothing can happen: all above the gate."""
+        if samples.height_mm.size < MANY or state.landing is not None:
+            return 0
+        within = np.flatnonzero(samples.height_mm <= self._levels_mm[0])
+        return int(within[0]) if within.size else samples.height_mm.size
 
     def step(self, state: GateState, samples: Samples) -> tuple[GateState, tuple[Gate | Contact, ...]]:
         """Return the state after the next samples, and what happened, in order, however samples are cut."""
         us, mm = state.us + tuple(samples.device_us.tolist()), state.mm + tuple(samples.height_mm.tolist())
         events: list[Gate | Contact] = []
         # A read while a foot falls holds few samples: Python's loop over them is faster than numpy's calls.
-        begin = len(us) if self.passes_over(state, samples) else max(len(state.us), 1)
-        for i in range(begin, len(us)):
+        for i in range(max(len(state.us) + self.passes_over(state, samples), 1), len(us)):
             above_mm, below_mm = mm[i - 1], mm[i]
             if state.landing is not None:
                 if below_mm - self._step.contact_mm <= 2 * (self._levels_mm[3] - self._step.contact_mm):

@@ -213,7 +213,9 @@ class SimulatedMaterials:
         strength, stretch = np.exp(LANDING_SPREAD * rng.normal(size=2))
         duration_s = stretch * LANDING_S
         since_s = np.arange(self.samples) / self.rate_hz - at_s
-        shape = np.where((since_s >= 0) & (since_s < duration_s), np.sin(np.pi * since_s / duration_s), 0.0)
+        lands = slice(*np.searchsorted(since_s, (0.0, duration_s)))
+        shape = np.zeros(self.samples)
+        shape[lands] = np.sin(np.pi * since_s[lands] / duration_s)
         unit = LANDING_S * self.rate_hz * 2 / np.pi
         return np.asarray(strength * speed_mm_s / REFERENCE_SPEED_MM_S * shape / unit)
 
