@@ -1,7 +1,7 @@
 """Models of single trials: was the answer right, as a logit of task, material and what went with the trial.
 
-GEE (Liang and Zeger 1986; from statsmodels) gives odds in the population, with one correlation within a participant,
-the standard errors of Kauermann and Carroll (2001) for few participants, and Hotelling's F instead of chi-squared. The
+GEE (Liang and Zeger 1986) gives odds in the population, with one correlation within a participant, the standard errors
+of Kauermann and Carroll (2001) for few participants, and Hotelling's F instead of chi-squared. The
 mixed logit gives odds for one participant, with a normal random intercept each, by maximum likelihood; statsmodels only
 has it by variational Bayes, whose standard deviations are too small by construction, and which takes minutes.
 
@@ -14,7 +14,6 @@ and counted.
 from __future__ import annotations
 
 import math
-import warnings
 from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -286,6 +285,9 @@ LARGEST = 12.0
 SINGULAR = 1e-10
 """A covariance in units of its variances has no inverse if an eigenvalue is below this."""
 
+SCORING_STEPS, SCORED = 200, 1e-20
+"""Most steps towards the estimates of the GEE, and the square of one in standard errors at which they are found."""
+
 NO_ERRORS = (
     "standard errors by participant are not defined for the GEE logit: participants answered too much alike, or terms "
     "cannot be told apart"
@@ -317,17 +319,13 @@ class Term:
 
 @dataclass(frozen=True)
 class TrialModel:
-    """A fitted model; `spread` is GEE's correlation within a participant, or the SD of the random intercepts.
-
-    `warned` holds the warnings of the software during a fit that converged.
-    """
+    """A fitted model; `spread` is GEE's correlation within a participant, or the SD of the random intercepts."""
 
     trials: int
     participants: int
     coefficients: tuple[Coefficient, ...]
     terms: tuple[Term, ...]
     spread: float
-    warned: tuple[str, ...] = ()
 
 
 def gee(design: Design) -> TrialModel:
@@ -341,40 +339,52 @@ def gee(design: Design) -> TrialModel:
     # Decided before the fit: what a fit says of a singular matrix depends on the processor.
     if np.linalg.matrix_rank(design.matrix) < design.matrix.shape[1]:
         raise NotDefined(NO_ERRORS)
-    from statsmodels.genmod.cov_struct import Exchangeable
-    from statsmodels.genmod.families import Binomial
-    from statsmodels.genmod.generalized_estimating_equations import GEE
-
-    structure = Exchangeable()
-    with warnings.catch_warnings(record=True) as heard:
-        warnings.simplefilter("always")
-        model = GEE(design.correct, design.matrix, groups=design.participants, family=Binomial(), cov_struct=structure)
-        fitted = model.fit(maxiter=200)
-        estimates, alike = np.asarray(fitted.params), float(structure.dep_params)
-    warned = tuple(dict.fromkeys(str(one.message) for one in heard))
-    if not fitted.converged:
-        raise NotDefined(f"the GEE logit does not converge ({'; '.join(warned)})")
-    _bounded(design, estimates)
-    covariance = _of_few(design, estimates, alike)
+    estimates, alike, slopes, scores = _scored(design)
+    covariance = _of_few(slopes, scores)
     if not _positive(covariance):
         raise NotDefined(NO_ERRORS)
-    return _model(design, people, estimates, covariance, alike, warned, few=True)
+    return _model(design, people, estimates, covariance, alike, few=True)
 
 
-def _of_few(design: Design, estimates: Floats, alike: float) -> Floats:
+def _scored(design: Design) -> tuple[Floats, float, Floats, Floats]:
+    """Return estimates with scores that add up to zero, the correlation of trials, and D' V^-1 D and D' V^-1 r there.
+
+    The last two are those of each participant, shapes (people, parameters, parameters) and (people, parameters). From
+    the plain logit, without which odds may have no limit, Liang and Zeger's equation (7) takes turns with the moment
+    estimate of the correlation.
+    """
+    order, trials = np.argsort(design.participants, kind="stable"), np.bincount(design.participants)
+    count, pairs = design.matrix.shape[1], (trials * (trials - 1)).sum() / 2
+    estimates, alike, plain = np.zeros(count), 0.0, True
+    for _ in range(SCORING_STEPS):
+        share = 1 / (1 + np.exp(-design.matrix @ estimates))
+        root = np.sqrt(share * (1 - share))[:, None]
+        rows = np.column_stack([design.matrix * root, (design.correct - share)[:, None] / root])
+        own = np.split(rows[order], np.cumsum(trials)[:-1])
+        sums, grams = np.array([one.sum(axis=0) for one in own]), np.array([one.T @ one for one in own])
+        squares = grams[:, -1, -1].sum()
+        products = ((sums[:, -1] ** 2).sum() - squares) / 2
+        if not plain:
+            alike = float(products / (pairs - count) * (order.size - count) / squares)
+        common = alike / (1 + (trials - 1) * alike)
+        grams -= common[:, None, None] * sums[:, :, None] * sums[:, None, :]
+        slopes, scores = grams[:, :-1, :-1] / (1 - alike), grams[:, :-1, -1] / (1 - alike)
+        total = scores.sum(axis=0)
+        step = np.linalg.lstsq(slopes.sum(axis=0), total)[0]
+        if abs(step @ total) < SCORED:
+            if not plain:
+                return estimates, alike, slopes, scores
+            plain = False
+        estimates = estimates + step
+        _bounded(design, estimates)
+    raise NotDefined("the GEE logit does not converge")
+
+
+def _of_few(slopes: Floats, scores: Floats) -> Floats:
     """Return the covariance from scores D' V^-1 (I - H)^-1/2 r of participants, H = D B D' V^-1.
 
-    Kauermann and Carroll (2001), J. Am. Stat. Assoc. 96, 1387-1396; B = L L', and trials correlate by `alike`.
+    Kauermann and Carroll (2001), J. Am. Stat. Assoc. 96, 1387-1396; B = L L'.
     """
-    share = 1 / (1 + np.exp(-design.matrix @ estimates))
-    root = np.sqrt(share * (1 - share))[:, None]
-    rows = np.column_stack([design.matrix * root, (design.correct[:, None] - share[:, None]) / root])
-    rows = rows[np.argsort(design.participants, kind="stable")]
-    own = np.split(rows, np.cumsum(np.bincount(design.participants))[:-1])
-    sums = np.array([one.sum(axis=0) for one in own])
-    common = alike / (1 + (np.array([len(one) for one in own]) - 1) * alike)
-    grams = np.array([one.T @ one for one in own]) - common[:, None, None] * sums[:, :, None] * sums[:, None, :]
-    slopes, scores = grams[:, :-1, :-1] / (1 - alike), grams[:, :-1, -1] / (1 - alike)
     naive = np.linalg.inv(slopes.sum(axis=0))
     if not _positive(naive):
         raise NotDefined(NO_ERRORS)
@@ -414,7 +424,6 @@ def _model(
     estimates: Floats,
     covariance: Floats,
     spread: float,
-    warned: tuple[str, ...] = (),
     *,
     few: bool = False,
 ) -> TrialModel:
@@ -451,7 +460,7 @@ def _model(
             terms.append(Term(name, f, df, df2, float(fdtrc(df, df2, f))))
         else:
             terms.append(Term(name, wald, df, None, float(chdtrc(df, wald))))
-    return TrialModel(len(design.correct), people, coefficients, tuple(terms), spread, warned)
+    return TrialModel(len(design.correct), people, coefficients, tuple(terms), spread)
 
 
 def _bounded(design: Design, estimates: Floats) -> None:

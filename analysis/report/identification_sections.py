@@ -300,7 +300,7 @@ def _model_table(title: str, spread: str, model: TrialModel) -> Table:
             "material and task, they erred in 25 to 47 % of SIMULATED studies, at a nominal 5 %. The logit beside the "
             "analysis of variance allows for that."
         )
-    notes = (f"Wald tests: {tests}.", about, *(f"statsmodels warned during the fit: {said}." for said in model.warned))
+    notes = (f"Wald tests: {tests}.", about)
     size = f"{model.trials} trials of {model.participants} participants"
     return Table(f"{title}: {size}", ("term", "odds ratio", "95 % CI", "P"), rows, notes=notes)
 

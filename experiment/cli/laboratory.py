@@ -227,7 +227,7 @@ def schedule(
             typer.echo(f"{planned.trial:4d}  {' and '.join(planned.presented)}")
 
 
-ANALYSIS = ("numpy", "scipy.stats", "pandas", "matplotlib.figure", "analysis.analyse", "analysis.report.figures")
+ANALYSIS = ("numpy", "scipy.optimize", "pandas", "matplotlib.figure", "analysis.analyse", "analysis.report.figures")
 """What the analysis of a rehearsal imports, in parts that take some tenths of a second each."""
 
 
