@@ -209,10 +209,10 @@ class Scrutiny:
 
     def _all_near(self, believed: tuple[int, float] | None, samples: Samples) -> bool:
         """Return whether `_near` holds from each reading to the next, and to the first from what was believed last."""
-        before_us, before_mm = believed or (samples.device_us[0], samples.height_mm[0])
-        apart_us = np.diff(samples.device_us, prepend=before_us)
-        apart_mm = np.abs(np.diff(samples.height_mm, prepend=before_mm))
-        return bool((apart_mm <= apart_us * FASTEST_MM_S / 1e6 + self._apart_mm).all())
+        us, mm = samples.device_us, samples.height_mm
+        begins = believed is None or self._near(believed, (int(us[0]), float(mm[0])))
+        allowed_mm = (us[1:] - us[:-1]) * FASTEST_MM_S / 1e6 + self._apart_mm
+        return begins and bool((np.abs(mm[1:] - mm[:-1]) <= allowed_mm).all())
 
     def _jumps_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return by how much more than allowed the sample after each of `at` is off what its neighbours' speed makes.
