@@ -1,9 +1,9 @@
 """Models of single trials: was the answer right, as a logit of task, material and what went with the trial.
 
 GEE (Liang and Zeger 1986) gives odds in the population, with one correlation within a participant, the standard errors
-of Kauermann and Carroll (2001) for few participants, and Hotelling's F instead of chi-squared. The
-mixed logit gives odds for one participant, with a normal random intercept each, by maximum likelihood; statsmodels only
-has it by variational Bayes, whose standard deviations are too small by construction, and which takes minutes.
+of Kauermann and Carroll (2001) for few participants, and Hotelling's F instead of chi-squared. The mixed logit gives
+odds for one participant, with a normal random intercept each, by maximum likelihood; statsmodels only has it by
+variational Bayes, whose standard deviations are too small by construction, and which takes minutes.
 
 With log odds X b + s u, the likelihood is the integral over a standard normal u, by adaptive Gauss-Hermite quadrature
 (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Covariates are used if at least
@@ -353,29 +353,30 @@ def _scored(design: Design) -> tuple[Floats, float, Floats, Floats]:
     the plain logit, without which odds may have no limit, Liang and Zeger's equation (7) takes turns with the moment
     estimate of the correlation.
     """
+    from scipy.special import expit
+
     order, trials = np.argsort(design.participants, kind="stable"), np.bincount(design.participants)
     count, pairs = design.matrix.shape[1], (trials * (trials - 1)).sum() / 2
     estimates, alike, plain = np.zeros(count), 0.0, True
     for _ in range(SCORING_STEPS):
-        share = 1 / (1 + np.exp(-design.matrix @ estimates))
+        share = expit(design.matrix @ estimates)
         root = np.sqrt(share * (1 - share))[:, None]
+        if not root.all():
+            break
         rows = np.column_stack([design.matrix * root, (design.correct - share)[:, None] / root])
         own = np.split(rows[order], np.cumsum(trials)[:-1])
         sums, grams = np.array([one.sum(axis=0) for one in own]), np.array([one.T @ one for one in own])
-        squares = grams[:, -1, -1].sum()
-        products = ((sums[:, -1] ** 2).sum() - squares) / 2
         if not plain:
-            alike = float(products / (pairs - count) * (order.size - count) / squares)
+            squares = grams[:, -1, -1].sum() / (order.size - count)
+            alike = float(((sums[:, -1] ** 2).sum() - grams[:, -1, -1].sum()) / 2 / (pairs - count) / squares)
         common = alike / (1 + (trials - 1) * alike)
         grams -= common[:, None, None] * sums[:, :, None] * sums[:, None, :]
         slopes, scores = grams[:, :-1, :-1] / (1 - alike), grams[:, :-1, -1] / (1 - alike)
         total = scores.sum(axis=0)
         step = np.linalg.lstsq(slopes.sum(axis=0), total)[0]
-        if abs(step @ total) < SCORED:
-            if not plain:
-                return estimates, alike, slopes, scores
-            plain = False
-        estimates = estimates + step
+        if (found := abs(step @ total) < SCORED) and not plain:
+            return estimates, alike, slopes, scores
+        plain, estimates = plain and not found, estimates + step
         _bounded(design, estimates)
     raise NotDefined("the GEE logit does not converge")
 
@@ -419,13 +420,7 @@ def _participants(design: Design) -> int:
 
 
 def _model(
-    design: Design,
-    people: int,
-    estimates: Floats,
-    covariance: Floats,
-    spread: float,
-    *,
-    few: bool = False,
+    design: Design, people: int, estimates: Floats, covariance: Floats, spread: float, *, few: bool = False
 ) -> TrialModel:
     """Return the model of these estimates, with Wald's tests that all coefficients of a term are zero.
 

@@ -148,6 +148,7 @@ class Journal:
         Raises `SessionLocked` if another runner has it open, whatever became of the participant's lock.
         """
         self._path = path
+        self._paths = path, chain.head_path(path)
         self._clock = clock
         self._begun = bool(contents.lines)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -183,7 +184,7 @@ class Journal:
         except OSError as error:
             raise unwritable(self._path, error) from error
         self._begun = True
-        for file, path in zip(self._writer.descriptors, (self._path, chain.head_path(self._path)), strict=True):
+        for file, path in zip(self._writer.descriptors, self._paths, strict=True):
             check_place(file, path)
         return t_ns
 

@@ -318,7 +318,7 @@ class GateDetector:
             gate = Gate(state.top_us, state.bottom_us, speed_mm_s, us[i])
             return state._replace(given=gate), gate if gate != state.given else None
         if level == 3 and state.given is not None:
-            contact = Contact(self._contact_us(np.array(us), np.array(mm), i, state.given.bottom_us), us[i])
+            contact = Contact(self._contact_us(us, mm, i, state.given.bottom_us), us[i])
             return state._replace(landing=contact), None
         return state, None
 
@@ -326,13 +326,11 @@ class GateDetector:
         part = (mm[i - 1] - self._levels_mm[level]) / (mm[i - 1] - mm[i])
         return us[i - 1] + part * (us[i] - us[i - 1])
 
-    def _contact_us(self, us: NDArray[np.int64], mm: NDArray[np.float64], i: int, bottom_us: float) -> float:
-        contact_mm = self._step.contact_mm
-        since = int(np.searchsorted(us, us[i] - APPROACH_US))
-        far = np.nonzero(mm[since:i] > contact_mm + FAR_MM)[0]
-        begin = since + int(far[-1]) + 1 if far.size else since
-        near = slice(begin, i)
-        t_us, h_mm = (us[near] - us[i]).astype(np.float64), mm[near] - contact_mm
+    def _contact_us(self, us: tuple[int, ...], mm: tuple[float, ...], i: int, bottom_us: float) -> float:
+        contact_mm, begin = self._step.contact_mm, i
+        while begin and us[begin - 1] >= us[i] - APPROACH_US and mm[begin - 1] <= contact_mm + FAR_MM:
+            begin -= 1
+        t_us, h_mm = np.array(us[begin:i], np.float64) - us[i], np.array(mm[begin:i]) - contact_mm
         straight = h_mm > self._levels_mm[3] - contact_mm
         t_us, h_mm = t_us[straight], h_mm[straight]
         if t_us.size >= 3:

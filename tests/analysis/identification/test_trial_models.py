@@ -344,6 +344,14 @@ def test_odds_without_limit_are_named(model: Callable[[Design], TrialModel]) -> 
         model(never)
 
 
+@pytest.mark.parametrize("steepness", [1.0, 1e3, 1e6])
+def test_a_covariate_that_tells_right_from_wrong_has_no_gee(steepness: float) -> None:
+    data, x = _cbpp(), np.linspace(-1.0, 1.0, 842)
+    told = replace(data, matrix=np.column_stack([np.ones(842), steepness * x]), correct=(x > 0.1).astype(np.float64))
+    with pytest.raises(NotDefined, match=r"no limit|does not converge"):
+        gee(replace(told, names=("intercept", "x"), terms={"x": (1,)}))
+
+
 def test_too_few_participants(tmp_path: Path) -> None:
     found = trial_level(_study(tmp_path, 4))
     assert set(found.statements) == {"GEE logit", "mixed logit"}
