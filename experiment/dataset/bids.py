@@ -263,21 +263,16 @@ def _physio_rows(columns: Sequence[PhysioColumn]) -> bytes:
     recorded = np.any([np.isfinite(column.values) for column in columns], axis=0)
     edges = np.flatnonzero(np.diff(recorded, prepend=~recorded[:1], append=~recorded[-1:]))
     gap = "\t".join([MISSING] * len(columns)) + "\n"
+    row = "\t".join(f"%.{column.decimals}f" for column in columns) + "\n"
     parts: list[str] = []
     for start, stop in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
         if not recorded[start]:
             parts.append(gap * (stop - start))
             continue
-        cells = [_decimals(column.values[start:stop], column.decimals) for column in columns]
-        parts.append("\n".join(cells[0] if len(cells) == 1 else map("\t".join, zip(*cells, strict=True))) + "\n")
+        values = np.column_stack([column.values[start:stop] for column in columns]).ravel()
+        text = row * (stop - start) % tuple(np.where(np.isfinite(values), values, np.nan).tolist())
+        parts.append(text.replace("nan", MISSING))
     return "".join(parts).encode()
-
-
-def _decimals(values: NDArray[np.float64], decimals: int) -> list[str]:
-    text = list(map(f"%.{decimals}f".__mod__, values.tolist()))
-    for index in np.flatnonzero(~np.isfinite(values)).tolist():
-        text[index] = MISSING
-    return text
 
 
 def _cell(value: object) -> str:

@@ -29,10 +29,11 @@ GENESIS = "0" * 64
 
 @dataclass(frozen=True)
 class Link:
-    """One line: when it was written, ns since 1970-01-01T00:00Z, what it says, and its SHA-256."""
+    """One line: when it was written, ns since 1970-01-01T00:00Z, what it says, the JSON of that, and its SHA-256."""
 
     t_ns: int
     entry: dict[str, object]
+    json: bytes
     sha256: str
 
 
@@ -142,7 +143,7 @@ def _verified(where: str, number: int, line: bytes, last: str, error: type[Palpa
     # JSON lets a line hold more than what it says, another line among it: blanks, or one key twice.
     if line != _line(number, t_ns, prev, entry):
         raise error(f"{where} is not as palpate writes it: it was changed; {remedy}")
-    return Link(t_ns, entry, hashlib.sha256(line).hexdigest())
+    return Link(t_ns, entry, line.partition(b',"entry":')[2][:-1], hashlib.sha256(line).hexdigest())
 
 
 def _line(number: int, t_ns: int, last: str, entry: dict[str, object]) -> bytes:

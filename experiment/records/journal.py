@@ -6,7 +6,6 @@ Its lines are chained, so that nobody changes or cuts it unseen; `chain.py` tell
 from __future__ import annotations
 
 import errno
-import json
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -120,7 +119,7 @@ def _line(where: str, link: chain.Link, first: bool) -> Line:
     remedy = "keep a copy of it as it is, and restore it from a backup"
     try:
         _check_format(where, link.entry)
-        entry = ENTRY.validate_json(json.dumps(link.entry))
+        entry = ENTRY.validate_json(link.json)
     except (KeyError, ValidationError) as error:
         raise JournalError(f"{where} is no journal entry that this palpate knows; {remedy}") from error
     if isinstance(entry, Header) != first:
@@ -149,6 +148,7 @@ class Journal:
         Raises `SessionLocked` if another runner has it open, whatever became of the participant's lock.
         """
         self._path = path
+        self._paths = path, chain.head_path(path)
         self._clock = clock
         self._begun = bool(contents.lines)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -184,7 +184,7 @@ class Journal:
         except OSError as error:
             raise unwritable(self._path, error) from error
         self._begun = True
-        for file, path in zip(self._writer.descriptors, (self._path, chain.head_path(self._path)), strict=True):
+        for file, path in zip(self._writer.descriptors, self._paths, strict=True):
             check_place(file, path)
         return t_ns
 

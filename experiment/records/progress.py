@@ -84,7 +84,8 @@ class Progress:
         """Return where the session stands after one more entry."""
         if isinstance(entry, Withdrawal | Note | Commanded | Shown):
             return self
-        done = replace(self, footer=entry if isinstance(entry, Footer) else None)
+        footer = entry if isinstance(entry, Footer) else None
+        done = self if footer is self.footer else replace(self, footer=footer)
         if isinstance(entry, Armed):
             attempts = {**self.attempts, entry.trial: entry.attempt}
             return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)

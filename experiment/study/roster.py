@@ -7,7 +7,6 @@ same order.
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
@@ -253,7 +252,7 @@ class Roster:
         roster = cls(path, lines=lines)
         for number, link in enumerate(lines.links, start=1):
             try:
-                roster._apply(_ENTRY.validate_json(json.dumps(link.entry)))
+                roster._apply(_ENTRY.validate_json(link.json))
             except (ValidationError, RosterError) as error:
                 why = "this is no roster entry" if isinstance(error, ValidationError) else str(error)
                 raise RosterError(

@@ -209,10 +209,10 @@ class Scrutiny:
 
     def _all_near(self, believed: tuple[int, float] | None, samples: Samples) -> bool:
         """Return whether `_near` holds from each reading to the next, and to the first from what was believed last."""
-        before_us, before_mm = believed or (samples.device_us[0], samples.height_mm[0])
-        apart_us = np.diff(samples.device_us, prepend=before_us)
-        apart_mm = np.abs(np.diff(samples.height_mm, prepend=before_mm))
-        return bool((apart_mm <= apart_us * FASTEST_MM_S / 1e6 + self._apart_mm).all())
+        us, mm = samples.device_us, samples.height_mm
+        begins = believed is None or self._near(believed, (int(us[0]), float(mm[0])))
+        allowed_mm = (us[1:] - us[:-1]) * FASTEST_MM_S / 1e6 + self._apart_mm
+        return begins and bool((np.abs(mm[1:] - mm[:-1]) <= allowed_mm).all())
 
     def _jumps_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
         """Return by how much more than allowed the sample after each of `at` is off what its neighbours' speed makes.
@@ -274,18 +274,19 @@ class GateDetector:
             return ""
         return f"the tracker's heights stay at {mm:.2f} mm inside the gate, as no foot's do; see to the sensor"
 
-    def passes_over(self, state: GateState, samples: Samples) -> bool:
-        """Return whether nothing can happen in the next samples: many at once, all of them above the gate."""
-        many = samples.height_mm.size >= MANY and state.landing is None
-        return many and bool(samples.height_mm.min() > self._levels_mm[0])
+    def passes_over(self, state: GateState, samples: Samples) -> int:
+        """Return in how many of the next samples, the first of many at once, nothing can happen: all above the gate."""
+        if samples.height_mm.size < MANY or state.landing is not None:
+            return 0
+        within = np.flatnonzero(samples.height_mm <= self._levels_mm[0])
+        return int(within[0]) if within.size else samples.height_mm.size
 
     def step(self, state: GateState, samples: Samples) -> tuple[GateState, tuple[Gate | Contact, ...]]:
         """Return the state after the next samples, and what happened, in order, however samples are cut."""
         us, mm = state.us + tuple(samples.device_us.tolist()), state.mm + tuple(samples.height_mm.tolist())
         events: list[Gate | Contact] = []
         # A read while a foot falls holds few samples: Python's loop over them is faster than numpy's calls.
-        begin = len(us) if self.passes_over(state, samples) else max(len(state.us), 1)
-        for i in range(begin, len(us)):
+        for i in range(max(len(state.us) + self.passes_over(state, samples), 1), len(us)):
             above_mm, below_mm = mm[i - 1], mm[i]
             if state.landing is not None:
                 if below_mm - self._step.contact_mm <= 2 * (self._levels_mm[3] - self._step.contact_mm):
@@ -317,7 +318,7 @@ class GateDetector:
             gate = Gate(state.top_us, state.bottom_us, speed_mm_s, us[i])
             return state._replace(given=gate), gate if gate != state.given else None
         if level == 3 and state.given is not None:
-            contact = Contact(self._contact_us(np.array(us), np.array(mm), i, state.given.bottom_us), us[i])
+            contact = Contact(self._contact_us(us, mm, i, state.given.bottom_us), us[i])
             return state._replace(landing=contact), None
         return state, None
 
@@ -325,13 +326,11 @@ class GateDetector:
         part = (mm[i - 1] - self._levels_mm[level]) / (mm[i - 1] - mm[i])
         return us[i - 1] + part * (us[i] - us[i - 1])
 
-    def _contact_us(self, us: NDArray[np.int64], mm: NDArray[np.float64], i: int, bottom_us: float) -> float:
-        contact_mm = self._step.contact_mm
-        since = int(np.searchsorted(us, us[i] - APPROACH_US))
-        far = np.nonzero(mm[since:i] > contact_mm + FAR_MM)[0]
-        begin = since + int(far[-1]) + 1 if far.size else since
-        near = slice(begin, i)
-        t_us, h_mm = (us[near] - us[i]).astype(np.float64), mm[near] - contact_mm
+    def _contact_us(self, us: tuple[int, ...], mm: tuple[float, ...], i: int, bottom_us: float) -> float:
+        contact_mm, begin = self._step.contact_mm, i
+        while begin and us[begin - 1] >= us[i] - APPROACH_US and mm[begin - 1] <= contact_mm + FAR_MM:
+            begin -= 1
+        t_us, h_mm = np.array(us[begin:i], np.float64) - us[i], np.array(mm[begin:i]) - contact_mm
         straight = h_mm > self._levels_mm[3] - contact_mm
         t_us, h_mm = t_us[straight], h_mm[straight]
         if t_us.size >= 3:

@@ -132,9 +132,10 @@ def pulses(
 
 
 def ring(impulses: NDArray[np.float64], transfer: NDArray[np.complex128]) -> NDArray[np.float64]:
-    """Return the convolution of impulses with a structure's impulse response, m/s^2, shape (samples,)."""
-    length = fft.next_fast_len(2 * impulses.size)
-    return np.asarray(fft.irfft(fft.rfft(impulses, length) * transfer, length)[: impulses.size])
+    """Return the convolution of impulses with a structure's impulse response, m/s^2, shape (..., samples)."""
+    samples = impulses.shape[-1]
+    length = fft.next_fast_len(2 * samples)
+    return np.asarray(fft.irfft(fft.rfft(impulses, length) * transfer, length)[..., :samples])
 
 
 REFERENCE_SPEED_MM_S = 200.0
@@ -195,7 +196,7 @@ class SimulatedMaterials:
             return ring(self._landing(speed_mm_s=speed_mm_s, at_s=0.0, rng=rng), self._panel_response)
         crackle = crackle_of(material)
         if material not in self._responses:
-            self._responses[material] = self._response(crackle.modes)
+            self._responses[material] = np.array([self._response(crackle.modes), self._panel_response])
         relative, crush_s = speed_mm_s / REFERENCE_SPEED_MM_S, CRUSH_MM / speed_mm_s
         rate_per_s = crackle.pulses_per_s * relative**RATE_POWER
         impulses = relative**AMPLITUDE_POWER * pulses(
@@ -206,14 +207,17 @@ class SimulatedMaterials:
             rng=rng,
         )
         landing = self._landing(speed_mm_s=speed_mm_s, at_s=crush_s, rng=rng)
-        return ring(impulses, self._responses[material]) + ring(landing, self._panel_response)
+        crackles, lands = ring(np.array([impulses, landing]), self._responses[material])
+        return np.asarray(crackles + lands)
 
     def _landing(self, *, speed_mm_s: float, at_s: float, rng: np.random.Generator) -> NDArray[np.float64]:
         """Return half a sine of force, as strong as the foot is fast; at 200 mm/s a unit impulse on average."""
         strength, stretch = np.exp(LANDING_SPREAD * rng.normal(size=2))
         duration_s = stretch * LANDING_S
         since_s = np.arange(self.samples) / self.rate_hz - at_s
-        shape = np.where((since_s >= 0) & (since_s < duration_s), np.sin(np.pi * since_s / duration_s), 0.0)
+        lands = slice(*np.searchsorted(since_s, (0.0, duration_s)))
+        shape = np.zeros(self.samples)
+        shape[lands] = np.sin(np.pi * since_s[lands] / duration_s)
         unit = LANDING_S * self.rate_hz * 2 / np.pi
         return np.asarray(strength * speed_mm_s / REFERENCE_SPEED_MM_S * shape / unit)
 

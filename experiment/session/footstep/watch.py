@@ -283,15 +283,14 @@ class _Step:
                 return reason
             if reason := detector.stuck(*self._since(samples)):
                 return reason
-            over = self._gate is None and detector.passes_over(state, samples)
+            over = detector.passes_over(state, samples) if self._gate is None else 0
             state, events = detector.step(state, samples)
             upcoming = deque(events)
             aim_at: Landing | None = None
             if over:
                 # What a loop over them would leave behind.
                 self._falling = falling = predictor.init()
-            followed = () if over else zip(samples.device_us.tolist(), samples.height_mm.tolist(), strict=True)
-            for us, mm in followed:
+            for us, mm in zip(samples.device_us[over:].tolist(), samples.height_mm[over:].tolist(), strict=True):
                 if state.landing is not None and us == state.landing.given_us:
                     # The next sample tells whether this is contact.
                     break
@@ -384,11 +383,11 @@ class _Step:
         reads = [read for read in self._path if read.device_us.size and read.device_us[-1] >= contact.given_us]
         while True:
             for read in reads:
-                for us, mm in zip(read.device_us.tolist(), read.height_mm.tolist(), strict=True):
-                    if us >= contact.given_us:
-                        touch = predictor.touch(touch, us, mm, contact)
-            if touch.done:
-                return touch.landing
+                since = int(np.searchsorted(read.device_us, contact.given_us))
+                for us, mm in zip(read.device_us[since:].tolist(), read.height_mm[since:].tolist(), strict=True):
+                    touch = predictor.touch(touch, us, mm, contact)
+                    if touch.done:
+                        return touch.landing
             reads = [self._next()]
 
     def _parted(self, gate: Gate, contact: Contact) -> str:
