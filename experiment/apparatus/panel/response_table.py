@@ -131,7 +131,8 @@ def _rows(path: Path, text: str) -> list[_Row]:
             raise _wrong(path, line, str(error), "plain CSV", "correct the line") from error
         if not headed:
             if tuple(cells) != COLUMNS:
-                raise _wrong(path, line, repr(content[:60]), f"the header {','.join(COLUMNS)}", "add it")
+                remedy = "put commas for its semicolons, and points in its numbers" if ";" in content else "add it"
+                raise _wrong(path, line, repr(content[:60]), f"the header {','.join(COLUMNS)}", remedy)
             headed = True
             continue
         row = _row(path, line, cells)

@@ -51,6 +51,11 @@ def test_what_is_written_is_read_to_six_digits(tmp_path_factory: pytest.TempPath
         ("20, 0.1, 1.0\n20,1,8.0\n", "", "got 1 frequencies; allowed: two or more"),
         ("frequency_hz,drive_vrms", "f,V", "line 2: got 'f,V,.*'; allowed: the header frequency_hz,drive_vrms,acc"),
         ("frequency_hz,drive_vrms,acceleration_pp_m_s2\n", "", "line 3: got '10,0.1,0.5'; allowed: the header"),
+        (
+            "frequency_hz,drive_vrms,acceleration_pp_m_s2",
+            "frequency_hz;drive_vrms;acceleration_pp_m_s2",
+            "line 2: got 'frequency_hz;.*'; allowed: the header .*; put commas for its semicolons",
+        ),
         ("10,1,4.0", "10,1", "line 5: got 2 cells; allowed: 3"),
         ("10,1,4.0", "10,1,nan", "line 5: got acceleration_pp_m_s2 'nan'; allowed: a finite number of 0 or more"),
         ("10,1,4.0", "10,1,1e999", "line 5: got acceleration_pp_m_s2 '1e999'; allowed: a finite number"),
