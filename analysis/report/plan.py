@@ -38,9 +38,6 @@ WHEN = {
 
 ACTION = {"repeat-trial": "repeats the trial", "exclude-trial": "trial", "exclude-participant": "participant"}
 
-MANY = 20
-"""More exclusions than this are counted by rule alone, until a reader opens the list."""
-
 
 @dataclass(frozen=True)
 class Standing:

@@ -207,7 +207,8 @@ def calibrate_tracker(
 ) -> None:
     """Calibrate the tracker at known heights.
 
-    The command goes through the heights, reads the sensor at each, and prints points, residuals and noise. It never
+    The command goes through the heights, reads the sensor at each, and prints points, residuals, noise, and what to
+    question. Heights that do not reach past the gate of --protocol, or that readings contradict, are refused. It never
     changes the rig file itself: write a new one with --out, or replace the lines under [tracker] with those printed.
     """
     from experiment import storage
@@ -229,8 +230,11 @@ def calibrate_tracker(
     except (KeyboardInterrupt, EOFError):
         raise Interrupted("the calibration was interrupted; nothing was written") from None
     after = calibrating.calibrated(before, made, days)
-    for line in calibrating.report(made, after, step):
+    for line in calibrating.report(made):
         typer.echo(line)
+    if step is not None:
+        rigs.check(after, step)
+        typer.echo(f"It reaches past the gate ({step.gate_top_mm:g} mm) and the panel ({step.contact_mm:g} mm).")
     if out is None:
         typer.echo(f"\n{calibrating.table(after)}")
     else:

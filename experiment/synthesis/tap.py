@@ -6,8 +6,8 @@
 
 L is the amplitude at 0.2 m/s of Table 1, which is printed as a part of aluminum's; D says how the amplitude grows with
 the speed V. The amplitude is linear in V through the origin, so D is 1 / (0.2 m/s) for each of the five. The paper
-prints no unit of amplitude, so how strong aluminum is at 0.2 m/s is an argument. Q's own largest value is less than A
-(`peak`). B was 100 /s for all.
+prints no unit of amplitude, so how strong aluminum is at 0.2 m/s is an argument. Q's own largest value is less than
+A. B was 100 /s for all.
 
 Table 1 gives aluminum's stiffness as more than 160,000 N/m; here it is 160,000 N/m.
 """
@@ -15,7 +15,7 @@ Table 1 gives aluminum's stiffness as more than 160,000 N/m; here it is 160,000 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan2, exp, inf, log, pi, sin
+from math import exp, inf, log, pi
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -63,13 +63,6 @@ def amplitude(surface: Surface, *, speed_m_s: float) -> float:
     if not 0 <= speed_m_s < inf:
         raise SynthesisError(f"speed: got {speed_m_s} m/s; allowed: finite, and zero or more; check the tracker")
     return surface.amplitude * surface.per_speed_s_m * speed_m_s
-
-
-def peak(surface: Surface) -> tuple[float, float]:
-    """Return when Q is largest, s, and its value there as a part of A: where tan(W t) = W / B."""
-    turns = 2 * pi * surface.attack_hz
-    after = atan2(turns, surface.decay_per_s) / turns
-    return after, exp(-surface.decay_per_s * after) * sin(turns * after)
 
 
 def waveform(

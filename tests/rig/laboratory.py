@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
-import shutil
 from datetime import date
 from pathlib import Path
 
@@ -24,7 +24,10 @@ SPEED_MM_S = 200.0
 
 
 def write_rig(folder: Path, name: str, **changed: str) -> Path:
-    """A rig file of a laboratory, calibrated today, with the tracker's noise; `changed` replaces values by key."""
+    """A rig file of a laboratory, calibrated today, with the tracker's noise; `changed` replaces values by key.
+
+    The table of its response does not say that it is simulated.
+    """
     text = shipped(f"rigs/{name}.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
     text = text.replace(
         "[tracker]", f"[tracker]\nnoise_mm = {NOISE_MM}\ncalibrated_on = {date.today()}\ncalibration_days = 30"
@@ -33,7 +36,9 @@ def write_rig(folder: Path, name: str, **changed: str) -> Path:
     for key, value in changed.items():
         text, count = re.subn(rf"(?m)^{key} = \S+", f"{key} = {value}", text)
         assert count, key
-    shutil.copy(shipped("rigs/rehearsal-response.csv"), folder)
+    table = shipped("rigs/rehearsal-response.csv").read_bytes().replace(b"# SIMULATED f", b"# F")
+    (folder / "rehearsal-response.csv").write_bytes(table)
+    text = re.sub('response_sha256 = "[0-9a-f]+"', f'response_sha256 = "{hashlib.sha256(table).hexdigest()}"', text)
     path = folder / "rig.toml"
     path.write_text(text, "utf-8")
     return path

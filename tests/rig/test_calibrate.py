@@ -98,6 +98,16 @@ def test_without_a_new_file_the_table_is_printed(sensor: Sensor, palpate: Palpat
     assert [path.name for path in tmp_path.iterdir()] == ["rig.toml"]
 
 
+def test_heights_that_do_not_reach_past_the_gate_write_nothing(
+    sensor: Sensor, palpate: Palpate, tmp_path: Path
+) -> None:
+    where = ["--rig", "rig.toml", "--out", "new.toml", "--protocol", shipped("okamoto2012.toml")]
+    code, out, err = palpate("calibrate", "tracker", *where, "--points", "0,10,20")
+    assert (code, "residual mm" in out) == (2, True)
+    assert "reaches from 0 to 20 mm; this protocol needs -1 to 25 mm" in err
+    assert not (tmp_path / "new.toml").exists()
+
+
 def test_a_target_that_stays_where_it_is_calibrates_nothing(
     sensor: Sensor, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import date
@@ -162,10 +163,12 @@ def disturbed(found: Loopback, audio: AudioRig, *, exact: bool) -> str:
 def rewritten(rig_text: str, values: dict[str, str]) -> str:
     """Return the text of a valid rig file with other values (key -> what to write) in [audio.latency]; all else stays.
 
+    Only the remark of a new rig file that says NOT CALIBRATED of it goes.
+
     Raises:
         RigError: the file lacks the table or one of the keys.
     """
-    document = tomlkit.parse(rig_text)
+    document = tomlkit.parse(re.sub(" *# NOT CALIBRATED: `palpate calibrate audio`.*", "", rig_text))
     table = document.get("audio", {}).get("latency", {})
     missing = sorted(set(values) - set(table))
     if missing:

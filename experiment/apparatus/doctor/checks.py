@@ -69,7 +69,10 @@ def refused(name: str, error: PalpateError) -> Check:
 
 
 def table(rig: Rig, folder: Path) -> Check | None:
-    """Return whether the response table can be used and has the hash that the rig file states; None without one."""
+    """Return whether the response table can be used and has the hash that the rig file states; None without one.
+
+    A real rig has none that says SIMULATED. Of one that says nothing of itself nobody knows what it is worth.
+    """
     shaping = rig.actuator.shaping
     if shaping is None:
         return None
@@ -80,9 +83,14 @@ def table(rig: Rig, folder: Path) -> Check | None:
     except PalpateError as error:
         return refused(name, error)
     low_hz, high_hz = measured.frequencies_hz[0], measured.frequencies_hz[-1]
-    said = textwrap.shorten(" ".join(response.comments(content)), 160, placeholder=" ...")
-    said = said or "nothing, neither when it was measured nor under which load"
-    return Check(name, "green", f"{shaping.response}: {low_hz:g} to {high_hz:g} Hz, hash as stated; it says: {said}")
+    whole = " ".join(response.comments(content))
+    said = textwrap.shorten(whole, 160, placeholder=" ...")
+    told = f"{shaping.response}: {low_hz:g} to {high_hz:g} Hz, hash as stated; it says: "
+    measure = "measure the loaded panel, and say in comments (#) when and under which load"
+    if not said:
+        return unchecked(name, f"{told}nothing, neither when it was measured nor under which load", measure)
+    real = rig.rig.simulated or "SIMULATED" not in whole
+    return judged(name, real, told + said, allowed="" if real else "a table that was measured", remedy=measure)
 
 
 def reach(rig: Rig, step: Step) -> Check:

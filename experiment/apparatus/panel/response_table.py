@@ -18,7 +18,6 @@ sqrt 2 times the rms, half the peak to peak.
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from math import isfinite, sqrt
@@ -26,7 +25,6 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment import storage
 from experiment.errors import RecordingError
 from experiment.settings.characters import plain
 from experiment.synthesis.shaping import Response, not_rising
@@ -42,40 +40,12 @@ class _Row:
     acceleration_pp_m_s2: float
 
 
-def read(path: Path) -> Response:
-    """Return the response in a table.
-
-    Raises `RecordingError` if the table is missing, a cell is no number, frequencies or levels are out of order,
-    repeated or missing, or a response does not rise; it names file, line, what it got and what is allowed.
-    """
-    try:
-        content = storage.read_bytes(path)
-    except OSError as error:
-        raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}); allowed: the response table of a rig; name another file"
-        ) from error
-    return parse(path, content)
-
-
-def write(path: Path, response: Response, *, comments: Sequence[str]) -> None:
-    """Write a response as a table, six significant digits a number, under comments on what was measured and when.
-
-    Raises `RecordingError` if the file cannot be written.
-    """
-    lines = [f"# {comment}" for comment in comments] + [",".join(COLUMNS)]
-    for frequency_hz, answers in zip(response.frequencies_hz, response.accelerations_m_s2, strict=True):
-        for level_v, answer in zip(response.levels_v, answers, strict=True):
-            lines.append(f"{frequency_hz:.6g},{level_v / sqrt(2):.6g},{2 * answer:.6g}")
-    try:
-        storage.write(path, ("\n".join(lines) + "\n").encode())
-    except OSError as error:
-        raise RecordingError(
-            f"{path}: cannot be written ({error.strerror}); allowed: a place to write to; name the table otherwise"
-        ) from error
-
-
 def parse(path: Path, content: bytes) -> Response:
-    """Return the response in the content of a table that was read from `path`; errors are those of `read`."""
+    """Return the response in the content of a table that was read from `path`.
+
+    Raises `RecordingError` if a cell is no number, frequencies or levels are out of order, repeated or missing, or a
+    response does not rise; it names file, line, what it got and what is allowed.
+    """
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -131,7 +101,8 @@ def _rows(path: Path, text: str) -> list[_Row]:
             raise _wrong(path, line, str(error), "plain CSV", "correct the line") from error
         if not headed:
             if tuple(cells) != COLUMNS:
-                raise _wrong(path, line, repr(content[:60]), f"the header {','.join(COLUMNS)}", "add it")
+                remedy = "put commas for its semicolons, and points in its numbers" if ";" in content else "add it"
+                raise _wrong(path, line, repr(content[:60]), f"the header {','.join(COLUMNS)}", remedy)
             headed = True
             continue
         row = _row(path, line, cells)

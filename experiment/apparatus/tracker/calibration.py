@@ -14,30 +14,37 @@ again.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from datetime import date, timedelta
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import Any, cast
 
 import numpy as np
 import tomlkit
 from numpy.typing import NDArray
+from tomlkit.items import AoT, Item, Key, SingleKey, Table
 
-from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Rester, Tracker
 from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.clock import Clock, day
 from experiment.errors import RigError, TrackerError
-from experiment.protocol.models import Step
 
 READINGS = 1000
 """Readings at each height."""
 
 APART = 6.0
 """Readings at neighbouring heights lie at least this many standard deviations apart."""
+
+BENT_PART, BROKEN_PART = 0.1, 0.5
+"""Residual of an inner point, as a part of the distance between its neighbours: told above the one, refused above the
+other. A reading that falls as one over the height has 0.375 at 20 mm between 10 and 50."""
+
+NOISY_MM = 0.1
+"""A sensor with more noise than this is told of, mm."""
 
 START_READINGS = 100
 """Readings that are looked at before a session."""
@@ -67,21 +74,22 @@ class Level:
 class Point:
     """A calibrated point: its median reading and its height, mm; noise is the readings' standard deviation as a height.
 
-    `residual_mm` is the distance of an inner point from the line through its neighbours; 0 for the outermost.
+    `residual_mm` is the distance of an inner point from the line through its neighbours; None for the outermost.
     """
 
     counts: int
     mm: float
-    residual_mm: float
+    residual_mm: float | None
     noise_mm: float
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Points in the order of their readings, and when they were made."""
+    """Points in the order of their readings, when they were made, and what the link did meanwhile."""
 
     points: tuple[Point, ...]
     calibrated_on: date
+    link: LinkCounts = field(default_factory=LinkCounts)
 
     @property
     def noise_mm(self) -> float:
@@ -97,7 +105,8 @@ def raw(rig: Rig) -> Rig:
 def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     """Return the points for a rig file from readings at two heights or more, dated today.
 
-    Raises `TrackerError` if there are too few heights, or the readings do not tell them apart, in one direction.
+    Raises `TrackerError` if there are too few heights, or the readings do not tell them apart, in one direction, or
+    one lies far from the line through its neighbours.
     """
     by_height = sorted(levels, key=lambda one: one.mm)
     if len(by_height) < 2 or any(lower.mm == upper.mm for lower, upper in pairwise(by_height)):
@@ -118,11 +127,17 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     mm = np.array([one.mm for one in by_height])
     order = np.argsort(counts)
     counts, mm, spreads = counts[order], mm[order], spreads[order]
-    residuals = np.zeros(mm.size)
+    residuals: list[float | None] = [None] * mm.size
     for i in range(1, mm.size - 1):
-        residuals[i] = mm[i] - np.interp(counts[i], counts[[i - 1, i + 1]], mm[[i - 1, i + 1]])
+        residuals[i] = off_mm = float(mm[i] - np.interp(counts[i], counts[[i - 1, i + 1]], mm[[i - 1, i + 1]]))
+        if abs(off_mm) > BROKEN_PART * abs(mm[i + 1] - mm[i - 1]):
+            raise TrackerError(
+                f"calibration: got {counts[i]:g} counts at {mm[i]:g} mm, which the line through its neighbours puts at "
+                f"{mm[i] - off_mm:.1f} mm; allowed: off by at most {BROKEN_PART:g} of the distance between them; see "
+                "that nothing moved and the sensor sits as it should, or add heights between"
+            )
     noises = spreads * np.abs(np.gradient(mm, counts))
-    rows = zip(np.rint(counts).astype(int).tolist(), mm.tolist(), residuals.tolist(), noises.tolist(), strict=True)
+    rows = zip(np.rint(counts).astype(int).tolist(), mm.tolist(), residuals, noises.tolist(), strict=True)
     return Calibration(tuple(Point(*row) for row in rows), calibrated_on)
 
 
@@ -182,11 +197,15 @@ def walk(tracker: Tracker, heights_mm: Sequence[float], *, ask: Callable[[str], 
     The tracker was opened with the rig of `raw`. `ask` shows a prompt and returns when Enter was pressed. Raises
     `PalpateError` if the tracker failed, or the readings make no calibration.
     """
-    levels = []
+    levels, link = [], LinkCounts()
     for place, mm in enumerate(heights_mm, start=1):
         ask(f"Height {place} of {len(heights_mm)}: hold the target {mm:g} mm above the panel. Press Enter: ")
+        # Frames that came and went before Enter was pressed say nothing of the line.
+        tracker.drain()
+        before = tracker.counts
         levels.append(Level(mm, heights(tracker, READINGS)))
-    return calibrate(levels, day(clock.now_ns()))
+        link = link.plus(tracker.counts.since(before))
+    return replace(calibrate(levels, day(clock.now_ns())), link=link)
 
 
 def calibrated(rig: Rig, made: Calibration, days: int) -> Rig:
@@ -201,22 +220,22 @@ def calibrated(rig: Rig, made: Calibration, days: int) -> Rig:
     return rig.model_copy(update={"tracker": rig.tracker.model_copy(update=tracker)})
 
 
-def report(made: Calibration, rig: Rig, step: Step | None) -> Iterator[str]:
-    """Yield the results line by line, of a calibration and the rig with it.
-
-    With a protocol's `step`, the last line says whether heights reach past its gate and contact.
-    """
+def report(made: Calibration) -> Iterator[str]:
+    """Yield the results of a calibration line by line, and then what to question."""
     yield "counts      mm   residual mm   noise mm"
     for point in made.points:
-        yield f"{point.counts:6d} {point.mm:7.2f} {point.residual_mm:13.3f} {point.noise_mm:10.3f}"
+        residual = "-" if point.residual_mm is None else f"{point.residual_mm:.3f}"
+        yield f"{point.counts:6d} {point.mm:7.2f} {residual:>13} {point.noise_mm:10.3f}"
     yield "Residual: from the line through a point's neighbours; about a quarter of it is left between points."
-    if step is not None:
-        try:
-            rigs.check(rig, step)
-        except RigError as error:
-            yield f"Not far enough: {error}"
-        else:
-            yield f"It reaches past the gate ({step.gate_top_mm:g} mm) and the panel ({step.contact_mm:g} mm)."
+    for before, point, after in zip(made.points, made.points[1:], made.points[2:], strict=False):
+        if abs(point.residual_mm or 0.0) > BENT_PART * abs(after.mm - before.mm):
+            yield f"Look: {point.mm:g} mm lies far from that line; see that the target was there, or add heights."
+    for point in made.points:
+        if point.noise_mm > NOISY_MM:
+            yield f"Look: the noise at {point.mm:g} mm is above {NOISY_MM:g} mm; see to the sensor, and hold it still."
+    if any(made.link[1:]):
+        lost = f"{made.link.lost} frames were lost, {made.link.damaged} damaged and {made.link.repeated} repeated"
+        yield f"Look: {lost} beside {made.link.received} received; see to the line, for palpate doctor is red for it."
 
 
 def table(rig: Rig) -> str:
@@ -227,15 +246,27 @@ def table(rig: Rig) -> str:
 
 
 def rewritten(text: str, rig: Rig) -> str:
-    """Return the text of a rig file with the calibration of `rig` in place of its own; all else stays, comments too."""
-    document = tomlkit.parse(text)
-    _put(cast("MutableMapping[str, Any]", document["tracker"]), rig)
+    """Return the text of a rig file with the calibration of `rig` in place of its own; all else stays, comments too.
+
+    Only the line of a new rig file that says NOT CALIBRATED of it goes.
+    """
+    document = tomlkit.parse(re.sub("(?m)^# NOT CALIBRATED: `palpate calibrate tracker`.*\n", "", text))
+    tracker = cast("Table", document["tracker"])
+    behind: list[tuple[Key | None, Item]] = []
+    if isinstance(points := tracker["calibration"], AoT):
+        # What stands between the last point and the next table is about that.
+        behind = list(takewhile(lambda pair: pair[0] is None, reversed(points[-1].value.body)))[::-1]
+        tracker.remove("calibration")
+        if (along := tracker.pop("along_calibration", None)) is not None:
+            behind.append((SingleKey("along_calibration"), along))
+    _put(tracker, rig)
+    for key, item in behind:
+        tracker.append(key, item)
     return tomlkit.dumps(document)
 
 
 def _put(tracker: MutableMapping[str, Any], rig: Rig) -> None:
     settings = rig.tracker
-    tracker.pop("calibration", None)
     tracker["calibrated_on"] = settings.calibrated_on
     tracker["calibration_days"] = settings.calibration_days
     tracker["noise_mm"] = settings.noise_mm

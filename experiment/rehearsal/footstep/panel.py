@@ -21,13 +21,11 @@ import socket
 import threading
 import time
 from math import sqrt
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from experiment.apparatus import host
-from experiment.apparatus.panel import response_table
 from experiment.apparatus.rig import ActuatorRig
 from experiment.errors import AudioError
 from experiment.rehearsal.wires.listener import Tap
@@ -43,11 +41,6 @@ FREQUENCIES_HZ = (*range(10, 30, 2), *range(30, 605, 5))
 """Where the simulated rig was measured: closer together where the response is relatively steep."""
 
 LEVELS_VRMS = (0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
-
-COMMENTS = (
-    "SIMULATED frequency response of the rehearsal's rig; no rig was measured.",
-    "A sinusoid of drive_vrms (V, root mean square) moves the panel by acceleration_pp_m_s2 (m/s^2, peak to peak).",
-)
 
 
 def gain(frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -79,11 +72,6 @@ def measured() -> Response:
     """Return the response at the frequencies and levels of the shipped table."""
     frequencies_hz, levels_v = np.array(FREQUENCIES_HZ, dtype=np.float64), sqrt(2) * np.array(LEVELS_VRMS)
     return Response(frequencies_hz, levels_v, answered(frequencies_hz[:, None], levels_v))
-
-
-def write(path: Path) -> None:
-    """Write the shipped table: `protocols/rigs/rehearsal-response.csv`."""
-    response_table.write(path, measured(), comments=COMMENTS)
 
 
 _SAMPLE = np.dtype("<f4")

@@ -62,3 +62,11 @@ def test_xruns_of_a_server_that_waits_disturb_nothing() -> None:
     assert AUDIO is not None
     found, _ = DISTURBED["xruns"]
     assert calibration.steadily(lambda: found, AUDIO, exact=True) == found
+
+
+def test_a_calibrated_table_no_longer_says_that_it_is_not() -> None:
+    before = shipped("rigs/laboratory.toml").read_text("utf-8")
+    after = calibration.rewritten(before, {"output_ms": "3.5"})
+    assert "palpate calibrate audio` measures it" in before
+    stale = "[audio.latency]         # NOT CALIBRATED: `palpate calibrate audio` measures it\noutput_ms = 0.0\n"
+    assert after == before.replace(stale, "[audio.latency]\noutput_ms = 3.5\n")

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from experiment.apparatus import rig
 from experiment.apparatus.audio.stream import Fit, StreamHealth
-from experiment.apparatus.doctor import devices
+from experiment.apparatus.doctor import checks, devices
 from experiment.apparatus.doctor.devices import Heard
+from experiment.apparatus.rig import ShapingRig
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts
 from experiment.protocol.files import shipped
@@ -30,6 +33,53 @@ def heard(device_us: np.ndarray, delay_ms: list[float], drift_ppm: float = 0.0) 
 )
 def test_reads_that_come_late_are_red(late_ms: list[float], verdict: str) -> None:
     assert devices.arrival(heard(np.arange(2), late_ms), RIG.tracker).verdict == verdict
+
+
+@pytest.mark.parametrize(("ppm", "told"), [(1e4, "+10000"), (-1e4, "-10000")])
+def test_a_clock_beyond_what_a_map_believes_is_told_as_that_and_no_delay_is_judged_by_it(ppm: float, told: str) -> None:
+    strayed = heard(np.arange(2), [-438.0] * 100, ppm)
+    found, arrived = devices.drift(strayed), devices.arrival(strayed, RIG.tracker)
+    assert found.verdict == "red"
+    assert found.measured.startswith(f"drift {told} ppm or more against this machine's clock")
+    assert (arrived.verdict, arrived.measured) == (
+        "not checked",
+        "delays are told by the tracker's clock, which does not hold",
+    )
+    near = heard(np.arange(2), [1.0] * 100, 9_999.0)
+    assert [devices.drift(near).verdict, devices.arrival(near, RIG.tracker).verdict] == ["green", "green"]
+
+
+def table_of(folder: Path, comments: str, *, simulated: bool) -> checks.Check:
+    content = f"{comments}frequency_hz,drive_vrms,acceleration_pp_m_s2\n10,0.1,0.1\n20,0.1,0.2\n".encode()
+    (folder / "t.csv").write_bytes(content)
+    shaping = ShapingRig(
+        response="t.csv",
+        response_sha256=hashlib.sha256(content).hexdigest(),
+        full_scale_v=12.0,
+        gain_limit_v_per_m_s2=4.0,
+    )
+    of = RIG.model_copy(
+        update={
+            "rig": RIG.rig.model_copy(update={"simulated": simulated}),
+            "actuator": RIG.actuator.model_copy(update={"shaping": shaping}),
+        }
+    )
+    found = checks.table(of, folder)
+    assert found is not None
+    return found
+
+
+def test_a_real_rig_has_no_simulated_response_and_of_a_nameless_one_nobody_knows(tmp_path: Path) -> None:
+    simulated = "# SIMULATED response.\n"
+    red = table_of(tmp_path, simulated, simulated=False)
+    assert (red.verdict, red.allowed) == ("red", "a table that was measured")
+    assert red.measured == "t.csv: 10 to 20 Hz, hash as stated; it says: SIMULATED response."
+    assert table_of(tmp_path, simulated, simulated=True).verdict == "green"
+    # Where it says so is one.
+    assert table_of(tmp_path, f"# {'Long. ' * 50}\n{simulated}", simulated=False).verdict == "red"
+    assert table_of(tmp_path, "# 4 May 2026, with a foot of 1 kg.\n", simulated=False).verdict == "green"
+    nameless = table_of(tmp_path, "", simulated=False)
+    assert (nameless.verdict, nameless.remedy.split(",")[0]) == ("not checked", "measure the loaded panel")
 
 
 def test_lost_frames_do_not_change_the_rate() -> None:
@@ -68,12 +118,16 @@ def test_a_clock_at_the_end_of_what_is_believed_is_red(drift_ppm: float, verdict
 
 
 @pytest.mark.parametrize(
-    ("drift_ppm", "said"),
-    [(499.0, ""), (-5000.0, "; no crystal's but a resonator's: the foot's speed is off by 0.5 %"), (10_000.0, "")],
+    ("drift_ppm", "more", "said"),
+    [
+        (499.0, "", ""),
+        (-5000.0, "", "; no crystal's but a resonator's: the foot's speed is off by 0.5 %"),
+        (10_000.0, " or more", ""),
+    ],
 )
-def test_a_resonators_drift_is_green_with_a_word(drift_ppm: float, said: str) -> None:
+def test_a_resonators_drift_is_green_with_a_word(drift_ppm: float, more: str, said: str) -> None:
     found = devices.drift(heard(np.arange(2), [], drift_ppm))
-    assert found.measured == f"drift {drift_ppm:+.0f} ppm against this machine's clock over 0.0 s{said}"
+    assert found.measured == f"drift {drift_ppm:+.0f} ppm{more} against this machine's clock over 0.0 s{said}"
 
 
 @pytest.mark.parametrize(

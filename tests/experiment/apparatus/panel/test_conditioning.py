@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from experiment.apparatus.panel.conditioning import Conditioner, open_drive
-from experiment.apparatus.panel.response_table import read
 from experiment.apparatus.rig import ActuatorRig, ShapingRig
 from experiment.errors import RigError
 from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
@@ -17,7 +16,7 @@ from experiment.synthesis.shaping import drive
 from experiment.synthesis.spectra import Bins, Grid, inverse_on
 from experiment.synthesis.voltages import Driven
 from experiment.synthesis.waveforms import Basis, prepare
-from tests.experiment.apparatus.panel.tables import GOOD, Write
+from tests.experiment.apparatus.panel.tables import GOOD, Write, read
 from tests.experiment.synthesis.stimuli import given, of_bins
 
 

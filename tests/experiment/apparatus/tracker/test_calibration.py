@@ -20,11 +20,9 @@ from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.apparatus.tracker.frames import LinkCounts, Samples
 from experiment.clock import ManualClock
 from experiment.errors import RigError, TrackerError, TrackerStopped
-from experiment.protocol.models import Step
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 TODAY = date(2026, 5, 4)
-STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 
 
 @pytest.fixture(scope="session")
@@ -70,14 +68,16 @@ def test_a_straight_sensor_has_no_residuals(counts_per_mm: float, way: int, coun
     counts = [point.counts for point in made.points]
     assert counts == sorted(counts)
     assert [point.mm for point in made.points] == pytest.approx(mm[::way].tolist())
-    assert [point.residual_mm for point in made.points] == pytest.approx([0.0] * count, abs=1e-9)
+    first, *inner, last = (point.residual_mm for point in made.points)
+    assert (first, last) == (None, None)
+    assert inner == pytest.approx([0.0] * (count - 2), abs=1e-9)
     assert made.noise_mm == pytest.approx(0.0, abs=1e-9)
 
 
 def test_the_residual_of_a_bent_sensor_is_the_chords_distance() -> None:
     # mm = c^2: at the middle of three points c - h, c, c + h the chord lies h^2 above the parabola.
     made = calibration.calibrate([Level(float(c * c), np.full(9, float(c))) for c in (10, 14, 18)], TODAY)
-    assert [point.residual_mm for point in made.points] == pytest.approx([0.0, -16.0, 0.0])
+    assert [point.residual_mm for point in made.points] == [None, pytest.approx(-16.0), None]
 
 
 def test_noise_is_that_of_the_readings_in_mm() -> None:
@@ -97,6 +97,8 @@ def test_noise_is_that_of_the_readings_in_mm() -> None:
         ([(0.0, 50.0), (10.0, 50.0)], ".* readings that all rise or all fall with height"),
         ([(0.0, 50.0), (10.0, 90.0), (20.0, 50.0)], ".* readings that all rise or all fall with height"),
         ([(0.0, 50.0), (10.0, 50.4)], ".*6 spreads apart"),
+        # 20 mm below the middle of 10 and 50: 43.3 mm by the line, off by 23.3 of the 40 between them.
+        ([(10.0, 100.0), (20.0, 183.3), (50.0, 200.0)], r"got 183.3 counts at 20 mm, which the line .* at 43\.3 mm"),
     ],
 )
 def test_readings_that_are_no_calibration_are_refused(levels: list[tuple[float, float]], message: str) -> None:
@@ -148,13 +150,70 @@ def test_a_rig_file_keeps_all_but_its_calibration(rehearsal: Rig, rehearsal_file
             assert line in (tmp_path / "rig.toml").read_text("utf-8").splitlines(), line
 
 
-def test_the_report_says_whether_it_reaches_past_the_gate(rehearsal: Rig) -> None:
-    def told(*heights_mm: float) -> str:
-        made = calibration.calibrate([Level(h, np.full(9, 40 * h + 500)) for h in heights_mm], TODAY)
-        return "\n".join(calibration.report(made, calibration.calibrated(rehearsal, made, 90), STEP))
+def reported(*levels: tuple[float, float], noise_counts: float = 0.0, link: LinkCounts | None = None) -> list[str]:
+    rng = np.random.default_rng(1)
+    read = [Level(mm, counts + rng.normal(0, noise_counts, 999)) for mm, counts in levels]
+    return list(calibration.report(replace(calibration.calibrate(read, TODAY), link=link or LinkCounts(999))))
 
-    assert "It reaches past the gate (20 mm) and the panel (0 mm)." in told(-2.0, 0.0, 50.0)
-    assert "Not far enough: rig 'rehearsal': tracker.calibration reaches from 0 to 20 mm" in told(0.0, 20.0)
+
+def test_a_sensor_in_order_is_reported_without_a_residual_where_none_was_measured() -> None:
+    assert reported((0.0, 500.0), (10.0, 900.0), (20.0, 1300.0)) == [
+        "counts      mm   residual mm   noise mm",
+        "   500    0.00             -      0.000",
+        "   900   10.00         0.000      0.000",
+        "  1300   20.00             -      0.000",
+        "Residual: from the line through a point's neighbours; about a quarter of it is left between points.",
+    ]
+
+
+def test_what_is_to_be_questioned_is_reported() -> None:
+    """A sensor that reads 1000 / (h + 28) is bent; its residual at 20 mm is 5.85, of the 40 mm from 10 to 50."""
+    bent = [(h, 1e5 / (h + 28.0)) for h in (10.0, 20.0, 50.0)]
+    assert [line for line in reported(*bent) if line.startswith("Look")] == [
+        "Look: 20 mm lies far from that line; see that the target was there, or add heights.",
+    ]
+    # 6 counts of 40 a mm: 0.15 mm.
+    restless = reported((0.0, 500.0), (10.0, 900.0), noise_counts=6.0)
+    assert [line[:30] for line in restless[4:]] == ["Look: the noise at 0 mm is abo", "Look: the noise at 10 mm is ab"]
+    assert reported((0.0, 500.0), (10.0, 900.0), link=LinkCounts(2000, 3, 600))[-1] == (
+        "Look: 3 frames were lost, 600 damaged and 0 repeated beside 2000 received; see to the line, for palpate "
+        "doctor is red for it."
+    )
+
+
+def test_frames_count_while_the_sensor_is_read_and_not_while_somebody_holds_the_target() -> None:
+    class Damaging(Heights):
+        """Each read damages a frame, and each wait for Enter a hundred."""
+
+        counts = LinkCounts()
+
+        def read(self) -> Samples:
+            self.counts = self.counts.plus(LinkCounts(received=1, damaged=1))
+            return super().read()
+
+    tracker, heights_mm = Damaging([]), iter((100.0, 900.0))
+
+    def ask(_: str) -> str:
+        tracker.counts = tracker.counts.plus(LinkCounts(damaged=100))
+        tracker._heights_mm = np.full(500, next(heights_mm))
+        return ""
+
+    made = calibration.walk(tracker, (0.0, 20.0), ask=ask, clock=ManualClock(0))
+    # 1000 readings at each of two heights, 500 a read.
+    assert made.link == LinkCounts(received=4, damaged=4)
+
+
+@pytest.mark.parametrize("name", ["laboratory", "tapping", "headless"])
+def test_comments_of_other_tables_stay_and_the_stale_one_goes(name: str, repository_root: Path) -> None:
+    file = repository_root / "protocols" / "rigs" / f"{name}.toml"
+    levels = [Level(h, np.full(9, 4000 - 30 * h)) for h in (-2.0, 0.0, 30.0)]
+    after = calibration.calibrated(rigs.load(file), calibration.calibrate(levels, TODAY), 60)
+    before, made = file.read_text("utf-8"), calibration.rewritten(file.read_text("utf-8"), after)
+    comments, left = ([line for line in text.splitlines() if line.startswith(("#", "["))] for text in (before, made))
+    stale = ("# NOT CALIBRATED: `palpate calibrate tracker`", "[[tracker.calibration]]")
+    assert left == [line for line in comments if not line.startswith(stale)]
+    assert "NOT CALIBRATED: `palpate calibrate tracker`" not in made
+    assert calibration.rewritten(made, after) == made
 
 
 @pytest.mark.parametrize("text", ["", "5", "5,5", "a,b", "0,nan", "0;10"])

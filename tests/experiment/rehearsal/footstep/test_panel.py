@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus.panel.response_table import read
 from experiment.rehearsal.footstep.panel import (
     FREQUENCIES_HZ,
     LEVELS_VRMS,
@@ -16,10 +15,10 @@ from experiment.rehearsal.footstep.panel import (
     gain,
     measured,
     moved,
-    write,
 )
 from experiment.synthesis.shaping import shape
 from experiment.synthesis.spectra import inverse, spectrum
+from tests.experiment.apparatus.panel.tables import read, write
 
 WORST_INTERPOLATION = 0.01
 """Straight lines between the table's frequencies, relative to the closed form: worst at 11 Hz, where it is steepest."""
@@ -28,8 +27,14 @@ TYPICAL_INTERPOLATION = 4e-4
 """The same, median over the table."""
 
 
+COMMENTS = (
+    "SIMULATED frequency response of the rehearsal's rig; no rig was measured.",
+    "A sinusoid of drive_vrms (V, root mean square) moves the panel by acceleration_pp_m_s2 (m/s^2, peak to peak).",
+)
+
+
 def test_the_shipped_table_is_the_one_this_code_writes(tmp_path: Path, repository_root: Path) -> None:
-    write(tmp_path / "response.csv")
+    write(tmp_path / "response.csv", measured(), comments=COMMENTS)
     shipped = repository_root / "protocols" / "rigs" / "rehearsal-response.csv"
     assert (tmp_path / "response.csv").read_bytes() == shipped.read_bytes()
     assert "SIMULATED" in shipped.read_text().splitlines()[0]
