@@ -48,7 +48,6 @@ def import_trials(
     study: str,
     source: str,
     materials: Sequence[str] = (),
-    software_version: str = __version__,
 ) -> Imported:
     """Build the dataset `out` from files of single trials.
 
@@ -70,7 +69,7 @@ def import_trials(
     sessions = _sessions(trials.rows, layout)
     said = _sentences(trials, labels, layout, kept=kept)
     with new_dataset(out) as root:
-        text = _description(study, source, tuple(tasks.values()), said, software_version)
+        text = _description(study, source, tuple(tasks.values()), said)
         files = description(root, text)
         people = sorted(set(labels.values()), key=int)
         files |= participants(root, ({"participant_id": f"sub-{label}"} for label in people), origin="IMPORTED")
@@ -200,9 +199,7 @@ def _task_text(task: str, title: str, source: str, materials: Sequence[str], lay
     )
 
 
-def _description(
-    study: str, source: str, tasks: tuple[str, ...], said: Sequence[str], software_version: str
-) -> DatasetText:
+def _description(study: str, source: str, tasks: tuple[str, ...], said: Sequence[str]) -> DatasetText:
     paragraphs = (
         f"These answers were given by participants of a laboratory that measured them elsewhere: {source}. palpate "
         "read them from tables. It saw neither the sessions nor a record of them, and vouches for no answer.",
@@ -220,7 +217,7 @@ def _description(
         authors=(f"Whoever measured {study}",),
         tasks=tasks,
         references=(source,),
-        software_version=software_version,
+        software_version=__version__,
         readme="\n\n".join(textwrap.fill(paragraph, 100) for paragraph in paragraphs),
     )
 

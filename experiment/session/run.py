@@ -157,7 +157,7 @@ def run(
 
 @dataclass(kw_only=True)
 class _Visit:
-    """A visit that may begin; who sits at the panel is asked before its first session."""
+    """A visit that may begin; who takes part in it is asked before its first session."""
 
     protocol_file: Path
     protocol: Protocol
@@ -181,7 +181,7 @@ class _Visit:
         root, protocol, rig, console, clock = self.root, self.protocol, self.rig, self.console, self.clock
         participant, tasks = self.allocation.participant, self.allocation.tasks
         steps = visit.visit_steps(tasks)
-        # The order of the tasks is concealed until it is known who is at the panel.
+        # The order of the tasks is concealed until it is known who takes part.
         if self._identity is not None:
             console.at(step=task_id, steps=steps)
         _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
@@ -271,7 +271,7 @@ class _Visit:
         return remarks.paused(self.root, self.allocation.participant, self.allocation.tasks, self.clock)
 
     def _identify(self) -> None:
-        """Have it confirmed, once, that the participant of the label is at the panel. Raises `Interrupted` if not."""
+        """Have it confirmed, once, that the participant of the label is in the room. Raises `Interrupted` if not."""
         who = self.allocation.participant
         if self._identity is not None:
             told = f"participant {who}, as the experimenter confirmed when this program began; not asked again"
@@ -282,11 +282,11 @@ class _Visit:
         so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
         kept = people.known(self.protocol, self.root).get(who)
         name = f", {kept.name}" if kept is not None and kept.name else ""
-        text = f"Is the person at the panel participant {who}{name}? {consent}{so_far}"
+        text = f"Is the person in front of you participant {who}{name}? {consent}{so_far}"
         if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
             raise Interrupted(
-                f"the person at the panel is not participant {who}; nothing was begun; look up their label, and give "
-                "it with --participant"
+                f"the person in front of you is not participant {who}; nothing was begun; look up their label, and "
+                "give it with --participant"
             )
         self._identity = Visited(step="identity", text=f"participant {who}, as the experimenter confirmed")
 

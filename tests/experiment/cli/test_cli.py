@@ -538,6 +538,24 @@ class TestALaboratorysStudy:
         ]
         assert [entry["consent_on"] for entry in entries] == [str(date.today()), str(before)]
 
+    def test_who_enrols_under_a_protocol_without_a_seal_is_told(self, palpate: Palpate, protocol: Path) -> None:
+        code, _, err = self.enrol(palpate, protocol)
+        assert (code, err.startswith("palpate: the protocol is not sealed. No session begins before it is")) == (
+            0,
+            True,
+        )
+        new = protocol.with_name("new.toml")
+        assert palpate("new", new, "--id", "fresh", "--yes")[0] == 0
+        code, _, err = palpate("enrol", new, "-p", "01", "--dataset", protocol.with_name("fresh"))
+        assert (code, "not sealed. Texts of it still say TO BE FILLED IN. No session" in " ".join(err.split())) == (
+            0,
+            True,
+        )
+
+    def test_who_enrols_under_a_sealed_protocol_is_told_nothing(self, palpate: Palpate, protocol: Path) -> None:
+        self.seal(palpate, protocol)
+        assert self.enrol(palpate, protocol)[2] == ""
+
     def test_a_refused_enrolment_begins_nothing(self, palpate: Palpate, protocol: Path) -> None:
         assert "allowed: 01" in self.enrol(palpate, protocol, "02")[2]
         assert not protocol.with_name("dataset").exists()
