@@ -12,6 +12,7 @@ from experiment import storage
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
+from experiment.apparatus.servo import settings as servo
 from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from experiment.dataset import beliefs, build, register
@@ -133,6 +134,8 @@ def run(
         fidelity.refuse_what_leaves_out_too_much(
             protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings
         )
+    if protocol.comparison is not None and any(protocol.task(task).stimulus == "virtual" for task in tasks):
+        servo.refuse_beyond(protocol.surfaces, servo.of(rig.servo, rig=rig.rig.name), rig=rig.rig.name)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)

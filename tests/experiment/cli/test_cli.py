@@ -385,6 +385,21 @@ class TestALaboratorysStudy:
         assert (code, len(lines(err)), told in err) == (2, 1, True), err
         assert not list(protocol.with_name("dataset").glob("sourcedata/sub-*"))
 
+    def test_nothing_is_asked_of_a_person_where_the_rig_has_no_device_for_the_surfaces(
+        self, palpate: Palpate, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def asks(prompt: str) -> str:
+            raise AssertionError(prompt)
+
+        monkeypatch.setattr("builtins.input", asks)
+        study = tmp_path / "taps.toml"
+        shutil.copy(shipped("wellman1995.toml"), study)
+        self.seal(palpate, study)
+        root = tmp_path / "taps"
+        assert palpate("enrol", study, "-p", "01", "--dataset", root)[0] == 0
+        code, _, err = palpate("run", study, "-p", "01", "--rig", rig, "--dataset", root)
+        assert (code, "got no table [servo]" in err) == (2, True), err
+
     def test_a_slip_in_a_seal_is_mended(
         self, palpate: Palpate, protocol: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
