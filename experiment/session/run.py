@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -175,9 +175,7 @@ class _Visit:
     consent_on: date | None
     console: Console
     clock: Clock
-
-    def __post_init__(self) -> None:
-        self._identity: Visited | None = None
+    _identity: Visited | None = field(default=None, init=False)
 
     def session(self, task_id: str) -> Footer:
         """Run the session of one task, or the rest of one."""
