@@ -139,7 +139,16 @@ def analyse(
     comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
     parts = sections(study, results, comparison, printed)
     say("Drawing figures and writing the report" if figures else "Writing the report")
-    content = _content(study, results, comparison, parts, figures=figures, pictures=pictures, titles=titles)
+    drawn: tuple[Sheet, ...] = ()
+    if figures:
+        from analysis.report.figures import sheets
+
+        drawn = _named(study, sheets(results, study.label, titles=titles))
+    title, numbers = study.name.removeprefix(f"{study.label}: "), _numbers(study, results, comparison)
+    further = (_counts(results),)
+    content = page.folder(
+        title, study.label, parts, drawn, methods(), numbers, further=further, pictures=pictures
+    ) | _bids(study)
     return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
 
 
@@ -172,28 +181,6 @@ def _named(study: Study, sheets: tuple[Sheet, ...]) -> tuple[Sheet, ...]:
 
 def _compared(study: Study, found: Compared) -> dict[str, Any]:
     return {**_facts(study), "quality": found.quality, "tasks": [_plain(task) for task in found.tasks]}
-
-
-def _content(
-    study: Study,
-    results: Results,
-    comparison: Comparison | None,
-    parts: tuple[Section, ...],
-    *,
-    figures: bool,
-    pictures: bool,
-    titles: bool,
-) -> dict[str, bytes]:
-    title = study.name.removeprefix(f"{study.label}: ")
-    drawn: tuple[Sheet, ...] = ()
-    if figures:
-        from analysis.report.figures import sheets
-
-        drawn = _named(study, sheets(results, study.label, titles=titles))
-    numbers, counts = _numbers(study, results, comparison), _counts(results)
-    return page.folder(
-        title, study.label, parts, drawn, methods(), numbers, further=(counts,), pictures=pictures
-    ) | _bids(study)
 
 
 def _bids(study: Study) -> dict[str, bytes]:

@@ -135,8 +135,7 @@ def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterato
         return
     alone = all(test.result.n == 1 for test in found)
     why = "one participant has no spread" if alone else "the ratios of all participants are the same"
-    chance = f"where chance is {task.chance:.4g}"
-    yield f"Answers were right for {_listed(found, cells)}, {chance}; t has no P, because {why}."
+    yield f"Ratios of right answers: {_listed(found, cells)}; chance is {task.chance:.4g}. t has no P, because {why}."
     shown = [test for test in found if task.above(test, task.flip(test), level)]
     if shown:
         most = max(p for test in shown if (p := task.flip(test)) is not None)

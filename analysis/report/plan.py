@@ -237,9 +237,10 @@ def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
     above = sum(found.above(test, test.p_holm if found.correction else test.result.p, level) for test in tested)
     flips = sum(found.above(test, found.flip(test), level) for test in found.tests)
     missing = [test for test in found.tests if test.result.p is None]
-    why = f", not defined for {', '.join(test.material for test in missing)}" * bool(missing)
-    of = f"{above} of {len(found.tests)} materials above chance"
-    ours = f", and {flips} by sign flips, ours" if any(test.flip for test in found.tests) else ""
+    why = f", not defined for {', '.join(test.material for test in missing)}" * bool(missing and tested)
+    of = f"{above} of {len(found.tests)} materials shown above chance" if tested else "t is defined for no material"
+    by_flips = f"{flips} by sign flips, ours" if tested else f"{flips} shown above chance by sign flips, ours"
+    ours = f", and {by_flips}" if any(test.flip for test in found.tests) else ""
     return f"{task} run: {of}{ours}{why}"
 
 

@@ -14,6 +14,7 @@ from analysis.reading.study import Study
 LITTLE = 5e-6
 """Shares below are shown as less than 0.001 %."""
 
+PRACTISED = " The rig is simulated, and practice is not refused for it; sessions of a study are, by left_out_max."
 
 ABOUT = (
     "What the actuator was handed is held against what equations (1) to (5) ask for, in every attempt of the "
@@ -62,7 +63,7 @@ def left_out(study: Study) -> tuple[str, ...]:
     return (
         f"The rig did not carry all that was asked for: up to {_percent(most['left_out'])} % of a vibration (rms) was "
         f"left out, of {most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s. What participants felt and answered "
-        "is about what was played.",
+        f"is about what was played.{PRACTISED if study.origin == 'PRACTICE' else ''}",
     )
 
 

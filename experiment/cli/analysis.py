@@ -437,6 +437,7 @@ def status(
     The order of a participant's tasks is not shown before their first session has begun. Nothing is changed. The exit
     code is 1 if anything speaks against the evidence.
     """
+    options.at_once("Reading the study; that takes some seconds.")
     from analysis.documents import drawing
 
     drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}

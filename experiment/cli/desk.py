@@ -75,6 +75,7 @@ def screen(
     It is closed by Ctrl-C, with its window, or by itself a minute after the session has ended. It needs PsychoPy, which
     palpate[lab] installs.
     """
+    options.at_once("The participant's screen opens; that takes some seconds.")
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.display import ScreenRig
     from experiment.desk import link

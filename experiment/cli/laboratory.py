@@ -79,6 +79,8 @@ def enrol(
     _check_roster(protocol_file, dataset, pilot=pilot)
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
+    if told := enrolment.unsealed(protocol_file):
+        options.say(f"palpate: {told}", err=True)
 
 
 @commands.command(epilog="Example: palpate consent study.toml --participant 01 --consent-on 2026-05-04")
@@ -125,7 +127,7 @@ def consent(
 def person(
     protocol_file: ProtocolFile,
     participant: Participant,
-    name: Annotated[str | None, typer.Option("--name", help="Their name, as it is asked for at the panel.")] = None,
+    name: Annotated[str | None, typer.Option("--name", help="Their name, as `palpate run` asks for them.")] = None,
     contact: Annotated[str | None, typer.Option("--contact", help="How they are reached.")] = None,
     forget: Annotated[bool, typer.Option("--forget", help="Delete what is known of them.")] = False,
     dataset: StudyFolder = None,
@@ -133,8 +135,8 @@ def person(
     """Keep who a participant is, outside of every dataset.
 
     A study needs no names. Where a lab wants them, they stand in one file of yours that only you may read, and no
-    dataset, journal or table holds any. `palpate run` asks for the person at the panel by the name that stands there,
-    and `palpate withdraw` deletes it. Without options it is printed.
+    dataset, journal or table holds any. `palpate run` asks by the name that stands there whether it is they, and
+    `palpate withdraw` deletes it. Without options it is printed.
     """
     from experiment.protocol import files
     from experiment.study import enrolment, people

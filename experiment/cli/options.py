@@ -89,7 +89,15 @@ def default_folder(protocol: "Protocol", *, practice: bool) -> Path:
 def at_once(words: str) -> None:
     """Tell whoever sits at a terminal what is being done, before it loads for seconds."""
     if sys.stderr is not None and sys.stderr.isatty():
-        typer.echo(words, err=True)
+        say(words, err=True)
+
+
+def say(words: str, *, err: bool = False) -> None:
+    """Print sentences in lines that end between words where the terminal does."""
+    import textwrap
+
+    for line in words.split("\n"):
+        typer.echo(textwrap.fill(line, columns(10_000), break_long_words=False, break_on_hyphens=False), err=err)
 
 
 def confirm(asked: str, wanted: str, nothing: str) -> None:

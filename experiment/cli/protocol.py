@@ -162,7 +162,7 @@ def _answered(asks: str, default: str, given: str | None, ask: bool, take: Calla
         try:
             return take(typed or default)
         except PalpateError as error:
-            typer.echo(f"  {error}")
+            options.say(f"  {error}")
 
 
 def _typed(prompt: str) -> str:

@@ -147,7 +147,7 @@ def run(
 
         heading = "PRACTICE" if practice else f"Participant {participant}."
         console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
-        typer.echo(told(once(console), last=task is None))
+        options.say(told(once(console), last=task is None))
     else:
         _attend(folder, who, by)
 
@@ -206,10 +206,10 @@ def _attend(folder: Path, participant: str, by: str) -> None:
             if left.why == "gone" and left.again:
                 continue
             if left.why == "left":
-                typer.echo("The session goes on without a console. The same command comes back to it.")
+                options.say("The session goes on without a console. The same command comes back to it.")
                 return
             if left.ended is not None:
-                typer.echo(left.ended.words)
+                options.say(left.ended.words)
                 raise typer.Exit(left.ended.exit_code)
             raise LinkError(
                 _last_words(said) if begun else "the session's process is gone; the same command resumes it"

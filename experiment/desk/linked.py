@@ -284,8 +284,8 @@ class LinkedConsole:
                 self._ignored += TYPED.get(deed.key, deed.key) if at_console else ""
                 return False, CLOSED
             if deed.key not in {choice.key for choice in asked.choices}:
-                counts = self._view.pause_until_ns is not None and not asked.choices
-                until = " until the countdown is over" if counts else ""
+                early = deed.key == ENTER and self._view.pause_until_ns is not None
+                until = " until the countdown is over" if early else ""
                 return False, f"{characters.quoted(deed.key)} is no key here{until}."
             self._pick(asked, deed.key)
             return True, ""
@@ -372,18 +372,21 @@ class LinkedConsole:
             self._anchored = said if said.startswith((LAB_BOOK, NOT_ANCHORED)) else self._anchored
             self._now(lines=(*self._view.lines, said)[-LINES:])
 
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
+        counts = " A key counts how often a material was handled." if handled else ""
         least = minutes(min_s) if min_s > 0 else "up"
-        begun_ns, told = wall_ns(), f"Familiarisation, {least} to {minutes(max_s)}."
+        begun_ns, told = wall_ns(), f"Familiarisation, {least} to {minutes(max_s)}.{counts}"
         self._now(state="familiarising", trial=None, instruction=instruction)
         ends = Choice(key=ENTER, words="the participant is familiar with the materials")
         try:
             if min_s > 0:
                 self._now(pause_until_ns=begun_ns + int(min_s * 1e9))
                 early = f"{told} Enter works once the countdown is over. {instruction}"
-                self._put("familiarise", early, (), most_s=min_s)
+                if key := self._put("familiarise", early, _choices(handled), most_s=min_s):
+                    return key
             self._now(pause_until_ns=begun_ns + int(max_s * 1e9))
-            self._put("familiarise", f"{told} {instruction}", (ends,))
+            key = self._put("familiarise", f"{told} {instruction}", (*_choices(handled), ends))
+            return "" if key == ENTER else key
         finally:
             self._now(state="preparing", instruction="", pause_until_ns=None)
 
@@ -508,7 +511,9 @@ class LinkedConsole:
         waited = self._awaits_screen and not self._screens
         if waited:
             without = Choice(key=ENTER, words="go on without the screen")
-            self._put("agree", SCREEN_OPENS, (without,), most_s=SCREEN_S, over=lambda: self._screens > 0)
+            with self._open("agree", SCREEN_OPENS, (without,)), self._changed:
+                self._changed.wait_for(lambda: self._screens or self._chosen or self._pausing or self._failed, SCREEN_S)
+                self._check(attended=True)
             if not self._screens:
                 self.show("The session goes on without the participant's screen, which is shown once it opens.")
         self._awaits_screen = False
@@ -524,16 +529,8 @@ class LinkedConsole:
             wanted, self._repeated = self._repeated, None
             return wanted
 
-    def _put(
-        self,
-        kind: Kind,
-        text: str,
-        choices: tuple[Choice, ...],
-        *,
-        most_s: float = inf,
-        over: Callable[[], bool] = lambda: False,
-    ) -> str:
-        """Ask, and return what was chosen, or "" after `most_s` or once it is `over`; then nobody is missed meanwhile.
+    def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...], *, most_s: float = inf) -> str:
+        """Ask, and return what was chosen, or "" after `most_s`; nobody is missed at what ends by itself.
 
         Raises `PauseAsked` and `LinkError`.
         """
@@ -541,7 +538,7 @@ class LinkedConsole:
         with self._open(kind, text, choices), self._changed:
             # It may have been asked for before the question was.
             self._check(attended=True)
-            while self._chosen is None and not over() and (left_s := ends_s - monotonic_ns() / 1e9) > 0:
+            while self._chosen is None and (left_s := ends_s - monotonic_ns() / 1e9) > 0:
                 attended = self._changed.wait(min(left_s, self._alone_s)) or bool(self._consoles) or left_s < inf
                 # What was chosen counts; a pause that was asked for right after it comes at the next question.
                 if self._chosen is None:

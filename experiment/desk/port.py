@@ -106,8 +106,8 @@ class Console(Rester, Protocol):
         """Show the experimenter a line."""
         ...
 
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
-        """Return when the experimenter ends the participant's free handling of the real materials."""
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
+        """Return a key of `handled`, of a material that the participant handled, or "" once they know them all."""
         ...
 
     def instruct(self, *, instruction: str) -> None:

@@ -151,10 +151,15 @@ class TerminalConsole(_Lines):
         """Return that it does not: the command ends, and is given again."""
         return False
 
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
         least = minutes(min_s) if min_s > 0 else "up"
         self.show(f"{self._heading}  Familiarisation, {least} to {minutes(max_s)}. {instruction}")
-        self._ask("Press Enter when the participant is familiar with the materials: ")
+        counts = "  ".join(f"[{key}] {words}" for key, words in handled.items())
+        told = f"Handled: {counts}; type a key to count one more.\n" if counts else ""
+        ends = "Press Enter when the participant is familiar with the materials: "
+        while (key := self._ask(f"{told}{ends}").strip().lower()) and key not in handled:
+            self._refuse(key, "is no key; press Enter, or type the key of a material")
+        return key
 
     def instruct(self, *, instruction: str) -> None:
         self.show(f"{self._heading}  Tell the participant: {instruction}")

@@ -121,7 +121,8 @@ def with_material(study: NewStudy, place: int, typed: str) -> NewStudy:
 def text(study: NewStudy) -> str:
     """Return the protocol file of a study, with a comment for every key."""
     tasks, count = TASKS[study.tasks], len(study.materials)
-    names = _listed([one.name for one in study.materials], "or")
+    *others, last = [one.name for one in study.materials] or [""]
+    names = " or ".join(filter(None, (", ".join(others), last)))
     trials = study.repetitions * count
     pauses_s = BREAK_S * (len(tasks) - 1)
     shortest_s, longest_s = (
@@ -223,11 +224,6 @@ def _check(made: str, of: Sequence[NewMaterial] = ()) -> None:
             got, allowed = f"the key {got}, which stands for '{OTHER_KEYS[problem.path]}'", "a key of its own"
         allowed = re.sub(r"materials\[(\d+)\]\.\S+", lambda one: quoted(of[int(one[1])].name), allowed)
         raise PalpateError(f"got {got}; allowed: {allowed}") from error
-
-
-def _listed(names: list[str], last: str) -> str:
-    """Return names as they are read aloud: `a, b or c`."""
-    return f" {last} ".join(part for part in (", ".join(names[:-1]), names[-1] if names else "") if part)
 
 
 def _up_to(step: int, value: float) -> int:

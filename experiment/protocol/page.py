@@ -616,7 +616,7 @@ def _left_empty(protocol: Protocol) -> Iterator[Block]:
     for name in empty:
         yield Item(name)
     if unfilled:
-        yield Said(f"These still say {approval.UNFILLED}, and the protocol cannot be sealed before they do not:")
+        yield Said(f"These still say {approval.UNFILLED}, and the protocol can be sealed once none does:")
     for name in unfilled:
         yield Item(name)
 

@@ -74,9 +74,10 @@ class SimulatedPerson:
         if self.screen is not None:
             self.screen.show(f"REHEARSAL  {text}")
 
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:  # noqa: ARG002
         self.show(f"Familiarisation: {instruction}")
         self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
+        return ""
 
     def instruct(self, *, instruction: str) -> None:
         """Read nothing: a simulated participant knows what to do."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
 
@@ -11,6 +11,7 @@ from experiment import storage
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
+from experiment.apparatus.servo import settings as servo
 from experiment.apparatus.tracker import calibration
 from experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from experiment.dataset import beliefs, build, register
@@ -102,6 +103,8 @@ def run(
         fidelity.refuse_what_leaves_out_too_much(
             protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings
         )
+    if protocol.comparison is not None and any(protocol.task(task).stimulus == "virtual" for task in tasks):
+        servo.refuse_beyond(protocol.surfaces, servo.of(rig.servo, rig=rig.rig.name), rig=rig.rig.name)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
@@ -126,7 +129,7 @@ def run(
 
 @dataclass(kw_only=True)
 class _Visit:
-    """A visit that may begin; who sits at the panel is asked before its first session."""
+    """A visit that may begin; who takes part in it is asked before its first session."""
 
     protocol_file: Path
     protocol: Protocol
@@ -141,16 +144,14 @@ class _Visit:
     consent_on: date | None
     console: Console
     clock: Clock
-
-    def __post_init__(self) -> None:
-        self._identity: Visited | None = None
+    _identity: Visited | None = field(default=None, init=False)
 
     def session(self, task_id: str) -> Footer:
         """Run the session of one task, or the rest of one."""
         root, protocol, rig, console, clock = self.root, self.protocol, self.rig, self.console, self.clock
         participant, tasks = self.allocation.participant, self.allocation.tasks
         steps = visit.visit_steps(tasks)
-        # The order of the tasks is concealed until it is known who is at the panel.
+        # The order of the tasks is concealed until it is known who takes part.
         if self._identity is not None:
             console.at(step=task_id, steps=steps)
         _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
@@ -240,7 +241,7 @@ class _Visit:
         return remarks.paused(self.root, self.allocation.participant, self.allocation.tasks, task_id, self.clock)
 
     def _identify(self) -> None:
-        """Have it confirmed, once, that the participant of the label is at the panel. Raises `Interrupted` if not."""
+        """Have it confirmed, once, that the participant of the label is in the room. Raises `Interrupted` if not."""
         who = self.allocation.participant
         if self._identity is not None:
             told = f"participant {who}, as the experimenter confirmed when this program began; not asked again"
@@ -251,11 +252,11 @@ class _Visit:
         so_far = f"Complete so far: {', '.join(done)}." if done else "No task is complete yet."
         kept = people.known(self.protocol, self.root).get(who)
         name = f", {kept.name}" if kept is not None and kept.name else ""
-        text = f"Is the person at the panel participant {who}{name}? {consent}{so_far}"
+        text = f"Is the person in front of you participant {who}{name}? {consent}{so_far}"
         if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
             raise Interrupted(
-                f"the person at the panel is not participant {who}; nothing was begun; look up their label, and give "
-                "it with --participant"
+                f"the person in front of you is not participant {who}; nothing was begun; look up their label, and "
+                "give it with --participant"
             )
         self._identity = Visited(step="identity", text=f"participant {who}, as the experimenter confirmed")
 

@@ -478,13 +478,23 @@ class _Session:
         clock = self._devices.clock
         self._log.write(Phase(state=self._state))
         begun_ns = clock.now_ns()
-        lasted_s = 0.0
+        lasted_s, handled = 0.0, Counter[str]()
+        names = {one.key: one.id for one in self._protocol.materials if one.key}
         while True:
-            left_s, most_s = wanted.min_s - lasted_s, wanted.max_s - lasted_s
-            self._devices.console.familiarise(instruction=wanted.instruction, min_s=left_s, max_s=most_s)
+            key = self._devices.console.familiarise(
+                instruction=wanted.instruction,
+                min_s=wanted.min_s - lasted_s,
+                max_s=wanted.max_s - lasted_s,
+                handled={key: f"{name} ({handled[key]})" for key, name in names.items()},
+            )
             lasted_s = (clock.now_ns() - begun_ns) / 1e9
-            if lasted_s >= wanted.min_s:
+            if key:
+                handled[key] += 1
+            elif lasted_s >= wanted.min_s:
                 break
-            asked = f"the protocol asks for {wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
-            self._devices.console.show(f"It is too early to go on: {asked}.")
-        self._log.write(Phase(state=FAMILIARISED, detail=f"{lasted_s:.1f} s"))
+            else:
+                asked = f"{wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
+                self._devices.console.show(f"It is too early to go on: the protocol asks for {asked}.")
+        counts = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
+        detail = f"{lasted_s:.1f} s{f'; handled: {counts}' if counts else ''}"
+        self._log.write(Phase(state=FAMILIARISED, detail=detail))

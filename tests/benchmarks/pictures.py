@@ -65,7 +65,7 @@ BASE = View(study="small", participant="07", step="two", steps=("one", "two", "d
 def made_up() -> dict[str, View]:
     """Return views of what practice never comes to."""
     consent = "No consent of participant 07 is on record. Did they read the consent text and sign today?"
-    identity = "Is the person at the panel participant 07? Consent is of 2026-05-04. Complete so far: one."
+    identity = "Is the person in front of you participant 07? Consent is of 2026-05-04. Complete so far: one."
     rest = "Zeroing: have the foot rest still on the bare panel."
     wait = "The break after task one lasts 10 min at least."
     gone = GAUGES.model_copy(update={"lamps": (Lamp(name="tracker", good=False, words="no frame for 3 s"),)})

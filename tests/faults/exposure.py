@@ -266,8 +266,9 @@ class Dawdler:
     def show(self, text: str) -> None:
         pass
 
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: Mapping[str, str]) -> str:
         self._machine.go(max_s)
+        return ""
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: Mapping[str, str]) -> str:
         self._machine.go(2.0)

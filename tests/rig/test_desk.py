@@ -47,7 +47,7 @@ BREAK_S = 5.0
 STEPS: dict[str, Callable[[View], bool]] = {
     "consent": at_question("agree", "consent"),
     "voices": at_question("agree", "sound"),
-    "identity": at_question("agree", "at the panel"),
+    "identity": at_question("agree", "in front of you"),
     "familiarise": lambda view: view.step == TASKS[0] and at_question("familiarise")(view),
     "masker": at_question("level"),
     "say": at_question("say"),

@@ -234,7 +234,8 @@ def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
     present = devices()
     named = [(i, each) for i, each in enumerate(present) if (each.host_api, each.name) == (host_api, name)]
     if not named:
-        there = "; ".join(sorted({f"{each.host_api}: {each.name}" for each in present})) or "none"
+        names = {f"{each.host_api}: {each.name}" for each in present}
+        there = "; ".join(sorted(names)) or "one that this machine has; it has none now"
         raise AudioError(
             f"audio device '{name}' of {host_api}: got no device of this name; allowed: {there}; plug it in, start its "
             "server, or close the program that holds it, or correct [audio] in the rig file"

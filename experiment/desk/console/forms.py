@@ -61,7 +61,7 @@ def opened(name: str, view: View) -> Form:
             form = Form(name, title, "corrects it", blanks, f"Keys: {keys}" if keys else "")
         case "repeat":
             under_way = str(trial) if trial is not None else answered
-            title = "Have a trial done again at the end of its block. An answer that it has no longer counts."
+            title = "Have a trial done again at the end of its block. If it was answered, that answer no longer counts."
             form = Form(name, title, "has it done again", (Blank("Trial", under_way), Blank("Reason")))
         case "break":
             title = "Pause for a break as soon as nothing can be felt. Its end is told, and nothing begins by itself."

@@ -14,7 +14,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from experiment.desk.messages import Choice, Gauges, Lamp, Question, Told, View
+from experiment.desk.messages import ENTER, Choice, Gauges, Lamp, Question, Told, View
 
 PRESSES = "presses"
 """The name under which a style carries the key that a click on the text presses."""
@@ -316,7 +316,8 @@ def counts_down(question: Question | None, lasts: bool) -> Text:
     """Return what the numbers of a countdown are: of a break, or of a familiarisation before and after its least."""
     if question is None or question.kind != "familiarise":
         return Text("left of\nthe break" if lasts else "The break\nis over.")
-    return Text("until Enter\nworks" if not question.choices else "left\nat most" if lasts else "The time\nis over.")
+    early = ENTER not in {choice.key for choice in question.choices}
+    return Text("until Enter\nworks" if early else "left\nat most" if lasts else "The time\nis over.")
 
 
 def commands(wide: bool) -> Text:

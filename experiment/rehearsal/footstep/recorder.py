@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import socket
 import threading
-from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,7 +34,6 @@ from experiment.recordings.workflow import Step
 from experiment.rehearsal.footstep import recorded_takes
 from experiment.rehearsal.footstep.foot import Foot
 from experiment.rehearsal.footstep.recorded_takes import CRUSH_MM, RecordingSession
-from experiment.rehearsal.participant import Tick
 from experiment.rehearsal.wires.serial_line import SerialLine
 
 REST_NOISE_M_S2 = 0.002
@@ -181,15 +179,12 @@ FRESH_TAKES = 10
 
 @dataclass
 class SimulatedExperimenter:
-    """Implements `TakesConsole`: lays out, steps, and keeps every take without a problem; `tick` is
-    called after each.
-    """
+    """Implements `TakesConsole`: lays out, steps, and keeps every take without a problem."""
 
     foot: Foot
     sensor: Sensor
     clock: Clock
     session: RecordingSession
-    tick: Tick
     problems: tuple[str, ...] = ()
     """What was wrong with the last step."""
 
@@ -212,10 +207,7 @@ class SimulatedExperimenter:
     def keeps(self, step: Step) -> bool:
         self.foot.finish()
         self.problems = step.problems
-        if step.problems:
-            return False
-        self.tick()
-        return True
+        return not step.problems
 
 
 def record_simulated(
@@ -226,14 +218,11 @@ def record_simulated(
     seed: int,
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
-    total: Callable[[int], None] = lambda _: None,
-    tick: Tick = lambda: None,
 ) -> Path:
     """Record SIMULATED materials unattended, or continue such a recording, and return the manifest's path.
 
-    Arguments are those of `workflow.record_on_rig`; `seed` names every random draw, `total` is called with the number
-    of takes, and `tick` after each kept take. The rig's actuator and its table are not opened. Raises `PalpateError` if
-    a file cannot be used.
+    Arguments are those of `workflow.record_on_rig`; `seed` names every random draw. The rig's actuator and its table
+    are not opened. Raises `PalpateError` if a file cannot be used.
     """
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if not rig.rig.simulated:
@@ -256,7 +245,6 @@ def record_simulated(
     )
     store.check(out, planned)
     drawn = recorded_takes.session(planned, seed=seed)
-    total(len(planned.conditions()))
     with ExitStack() as opened:
         line = opened.enter_context(SerialLine())
         foot = Foot(line, rig.tracker)
@@ -276,7 +264,7 @@ def record_simulated(
             tracker=ports,
             accelerometer=ports,
             detector=GateDetector(protocol.footsteps.step),
-            console=SimulatedExperimenter(foot=foot, sensor=sensor, clock=clock, session=drawn, tick=tick),
+            console=SimulatedExperimenter(foot=foot, sensor=sensor, clock=clock, session=drawn),
             clock=clock,
             note=recorded_takes.note(drawn),
         )

@@ -102,7 +102,7 @@ def test_what_one_of_the_two_tests_shows_is_said_of_it_alone_and_stars_without_s
     assert [row[5:] for row in table.rows[:2]] == [("0.004", "0.062", "(**)"), ("0.122", "0.031", "")]
     (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
     told = done_of(results)(planned)
-    assert told == "virtual run: 1 of 3 materials above chance, and 1 by sign flips, ours; real not run: no trial"
+    assert told == "virtual run: 1 of 3 materials shown above chance, and 1 by sign flips, ours; real not run: no trial"
     brackets = " Sign flips, the exact test over participants, which is ours, do not show stars in brackets."
     assert table.notes[0].endswith(brackets)
     for section in (sections.confusion_section(results), sections.tests_section(results)):
@@ -144,7 +144,7 @@ def test_where_sign_flips_are_not_defined_nothing_is_said_of_them(tmp_path: Path
     assert "By t answers were right more often than by chance (0.3333) for " in said
     assert "; sign flips, which are ours, are not defined for it." in said
     (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
-    assert done_of(results)(planned).startswith("virtual run: 3 of 3 materials above chance; real")
+    assert done_of(results)(planned).startswith("virtual run: 3 of 3 materials shown above chance; real")
 
 
 def test_at_the_ceiling_t_has_no_p_and_sign_flips_have_one(tmp_path: Path) -> None:
@@ -153,15 +153,18 @@ def test_at_the_ceiling_t_has_no_p_and_sign_flips_have_one(tmp_path: Path) -> No
     study = read(write_dataset(tmp_path, {str(k): {"virtual": right} for k in range(7)}, tasks=("virtual",)))
     (said,) = _found(study, compute(study, {})).paragraphs
     assert "not shown" not in said
-    assert "glass (1.00), sand (1.00) and snow (1.00), where chance is 0.3333; t has no P, because the ratios" in said
+    assert "Ratios of right answers: glass (1.00), sand (1.00) and snow (1.00); chance is 0.3333. t has no" in said
     assert "Sign flips, which are ours, show more right answers than by chance for all of them (P = 0.016 or" in said
 
 
 def test_one_participant_is_no_test(tmp_path: Path) -> None:
     study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}}, tasks=("virtual",)))
     said, *_ = _found(study, compute(study, {})).paragraphs
-    assert "where chance is 0.3333; t has no P, because one participant has no spread." in said
+    assert "; chance is 0.3333. t has no P, because one participant has no spread." in said
     assert "Sign flips" not in said
+    (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
+    told = done_of(compute(study, {}))(planned)
+    assert told.startswith("virtual run: t is defined for no material, and 0 shown above chance by sign flips, ours; ")
 
 
 def test_every_number_of_the_sentences_has_a_row(repository_root: Path) -> None:

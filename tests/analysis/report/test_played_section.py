@@ -47,6 +47,16 @@ def test_figures_by_task_and_material(tmp_path: Path) -> None:
     assert section.records[0]["left_out_max"] == pytest.approx(0.25)
 
 
+def test_practice_is_said_not_to_be_refused_for_what_its_rig_leaves_out(tmp_path: Path) -> None:
+    rows = {"1": {"virtual": [played(1, "sand", 0.3, 0.2961, 1.0)]}}
+    (practised,) = left_out(read(write_dataset(tmp_path / "practice", rows, origin="PRACTICE")))
+    assert practised.endswith(
+        "The rig is simulated, and practice is not refused for it; sessions of a study are, by left_out_max."
+    )
+    (measured,) = left_out(read(write_dataset(tmp_path / "study", rows)))
+    assert "practice" not in measured
+
+
 def test_a_rig_that_carried_everything_is_said_to_have(tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"1": {"virtual": [played(1, "sand", 2.5e-8, 0.0, 0.0)]}})
     (section,) = played_sections(read(root))

@@ -385,6 +385,21 @@ class TestALaboratorysStudy:
         assert (code, len(lines(err)), told in err) == (2, 1, True), err
         assert not list(protocol.with_name("dataset").glob("sourcedata/sub-*"))
 
+    def test_nothing_is_asked_of_a_person_where_the_rig_has_no_device_for_the_surfaces(
+        self, palpate: Palpate, rig: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        def asks(prompt: str) -> str:
+            raise AssertionError(prompt)
+
+        monkeypatch.setattr("builtins.input", asks)
+        study = tmp_path / "taps.toml"
+        shutil.copy(shipped("wellman1995.toml"), study)
+        self.seal(palpate, study)
+        root = tmp_path / "taps"
+        assert palpate("enrol", study, "-p", "01", "--dataset", root)[0] == 0
+        code, _, err = palpate("run", study, "-p", "01", "--rig", rig, "--dataset", root)
+        assert (code, "got no table [servo]" in err) == (2, True), err
+
     def test_a_slip_in_a_seal_is_mended(
         self, palpate: Palpate, protocol: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -537,6 +552,24 @@ class TestALaboratorysStudy:
             json.loads(line)["entry"] for line in (root / "sourcedata" / "roster.jsonl").read_text().splitlines()
         ]
         assert [entry["consent_on"] for entry in entries] == [str(date.today()), str(before)]
+
+    def test_who_enrols_under_a_protocol_without_a_seal_is_told(self, palpate: Palpate, protocol: Path) -> None:
+        code, _, err = self.enrol(palpate, protocol)
+        assert (code, err.startswith("palpate: the protocol is not sealed. No session begins before it is")) == (
+            0,
+            True,
+        )
+        new = protocol.with_name("new.toml")
+        assert palpate("new", new, "--id", "fresh", "--yes")[0] == 0
+        code, _, err = palpate("enrol", new, "-p", "01", "--dataset", protocol.with_name("fresh"))
+        assert (code, "not sealed. Texts of it still say TO BE FILLED IN. No session" in " ".join(err.split())) == (
+            0,
+            True,
+        )
+
+    def test_who_enrols_under_a_sealed_protocol_is_told_nothing(self, palpate: Palpate, protocol: Path) -> None:
+        self.seal(palpate, protocol)
+        assert self.enrol(palpate, protocol)[2] == ""
 
     def test_a_refused_enrolment_begins_nothing(self, palpate: Palpate, protocol: Path) -> None:
         assert "allowed: 01" in self.enrol(palpate, protocol, "02")[2]

@@ -9,7 +9,7 @@ from typing import Any, BinaryIO
 import pytest
 
 from experiment import storage
-from experiment.cli import desk, session
+from experiment.cli import desk, options, session
 from experiment.cli.analysis import status_of
 from experiment.errors import DatasetError, LinkError
 from experiment.protocol.files import shipped
@@ -185,6 +185,8 @@ def test_no_session_of_a_study_is_begun_from_a_desk_that_shows_practice(monkeypa
         (("new", "none.txt"), "A new protocol."),
         (("rehearse", "--participants", "16"), "REHEARSAL: the simulated laboratory is being set up ..."),
         (("run", "okamoto2012", "--lines", "--practice", "--task", "x"), "Opening the session of PRACTICE, with a "),
+        (("screen", "okamoto2012", "--rig", "none.toml"), "The participant's screen opens; that takes some seconds."),
+        (("status", "none"), "Reading the study; that takes some seconds."),
     ],
 )
 @pytest.mark.parametrize("terminal", [True, False])
@@ -201,3 +203,18 @@ def test_a_terminal_is_told_at_once_what_is_done(
     monkeypatch.setattr("sys.stderr.isatty", lambda: terminal, raising=False)
     _, _, err = palpate(*command)
     assert err.startswith(told) is terminal
+
+
+def test_sentences_end_their_lines_between_words(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    said = (
+        "The session is paused, with 1 answer on disk. The same command goes on with it, today or tomorrow.\nHash: "
+        + "0" * 90
+    )
+    for columns, lines in (("80", 4), ("2000", 2)):
+        monkeypatch.setenv("COLUMNS", columns)
+        options.say(said)
+        printed = capsys.readouterr().out
+        assert printed.split() == said.split(), "no word is broken"
+        assert len(printed.splitlines()) == lines

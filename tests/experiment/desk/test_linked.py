@@ -137,7 +137,7 @@ def test_an_answer_is_chosen_then_confirmed_each_by_its_own_question(bench: Benc
 
 QUESTIONS: dict[str, Callable[[LinkedConsole], object]] = {
     "agree": lambda one: one.agree(text="Is it 01?", yes="yes", no="no"),
-    "familiarise": lambda one: one.familiarise(instruction="Feel.", min_s=0, max_s=60),
+    "familiarise": lambda one: one.familiarise(instruction="Feel.", min_s=0, max_s=60, handled={}),
     "level": lambda one: one.level(level_db_a=50, limit_db_a=80, criterion="Nothing.", keys={"+": "louder"}),
     "say": lambda one: one.say(words="copy paper", take=1, takes=2, why=""),
     "rest": lambda one: one.rest(why=""),
@@ -498,7 +498,7 @@ def test_a_line_of_text_is_written_or_nothing(bench: Bench) -> None:
 
 
 def test_a_familiarisation_counts_down_to_the_key_that_ends_it_and_then_to_its_most(bench: Bench) -> None:
-    bench.asks(lambda: bench.linked.familiarise(instruction="Feel.", min_s=100, max_s=580))
+    bench.asks(lambda: bench.linked.familiarise(instruction="Feel.", min_s=100, max_s=580, handled={}))
     early = bench.question("familiarise")
     assert early.text == "Familiarisation, 1 min 40 s to 9 min 40 s. Enter works once the countdown is over. Feel."
     until_ns = shown(bench.linked).pause_until_ns
@@ -510,7 +510,7 @@ def test_a_familiarisation_counts_down_to_the_key_that_ends_it_and_then_to_its_m
 
 
 def test_once_its_least_has_passed_a_familiarisation_ends_by_enter(bench: Bench) -> None:
-    ended = bench.asks(lambda: bench.linked.familiarise(instruction="Feel.", min_s=0.05, max_s=580))
+    ended = bench.asks(lambda: bench.linked.familiarise(instruction="Feel.", min_s=0.05, max_s=580, handled={}))
     ends_s = time.monotonic() + 10
     while not bench.question("familiarise").choices and time.monotonic() < ends_s:
         time.sleep(0.01)
@@ -521,6 +521,18 @@ def test_once_its_least_has_passed_a_familiarisation_ends_by_enter(bench: Bench)
     bench.press("familiarise", "enter")
     ended.result(10)
     assert shown(bench.linked).pause_until_ns is None
+
+
+def test_a_material_is_counted_before_and_after_the_least_of_a_familiarisation(bench: Bench) -> None:
+    for least_s, keys in ((100, ["c"]), (0, ["c", "enter"])):
+        handled = bench.asks(
+            lambda least_s=least_s: bench.linked.familiarise(  # type: ignore[misc]
+                instruction="Feel.", min_s=least_s, max_s=580, handled={"c": "cork (2)"}
+            )
+        )
+        assert [choice.key for choice in bench.question("familiarise").choices] == keys
+        bench.press("familiarise", "c")
+        assert handled.result(10) == "c"
 
 
 def armed(bench: Bench) -> Future[bool]:

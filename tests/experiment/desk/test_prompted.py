@@ -100,7 +100,12 @@ ORDER: tuple[tuple[str, Callable[[LinkedConsole], object], str, str], ...] = (
         "wait",
         "wait",
     ),
-    ("familiarise", lambda desk: desk.familiarise(instruction="Feel.", min_s=0, max_s=60), "instructions", "wait"),
+    (
+        "familiarise",
+        lambda desk: desk.familiarise(instruction="Feel.", min_s=0, max_s=60, handled={}),
+        "instructions",
+        "wait",
+    ),
     ("level", level, "masker", "wait"),
     ("rest", lambda desk: desk.rest(why=""), "rest", "wait"),
     ("place", lambda desk: desk.place(trial=1, presented=("foil",)), "wait", "wait"),
@@ -162,7 +167,7 @@ def open_question(desk: LinkedConsole, kind: str) -> Question:
 def test_between_two_presses_for_the_masker_the_screen_stays_after_familiarisation_too(
     desk: LinkedConsole, aside: ThreadPoolExecutor, now: list[int]
 ) -> None:
-    familiar = aside.submit(desk.familiarise, instruction="Feel.", min_s=0, max_s=60)
+    familiar = aside.submit(desk.familiarise, instruction="Feel.", min_s=0, max_s=60, handled={})
     question = open_question(desk, "familiarise")
     desk.take(CONSOLE, Choose(question=question.number, key=ENTER))
     familiar.result(5)

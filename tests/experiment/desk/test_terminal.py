@@ -98,7 +98,7 @@ QUESTIONS: tuple[Callable[[TerminalConsole], object], ...] = (
     lambda one: one.place(trial=1, presented=("foil",)),
     lambda one: one.rest(why=""),
     lambda one: one.level(level_db_a=50.0, limit_db_a=80.0, criterion="", keys={"+": "louder"}),
-    lambda one: one.familiarise(instruction="", min_s=0, max_s=1),
+    lambda one: one.familiarise(instruction="", min_s=0, max_s=1, handled={}),
 )
 
 
@@ -204,12 +204,20 @@ def test_the_end_of_the_input_is_named() -> None:
 
 def test_what_is_on_disk_is_said() -> None:
     one, screen, _ = console("")
-    one.familiarise(instruction="Crinkle them.", min_s=180, max_s=300)
+    one.familiarise(instruction="Crinkle them.", min_s=180, max_s=300, handled={})
     one.confirmed(trial=1, answer=None)
     assert screen.getvalue().splitlines() == [
         "Participant 01.  Familiarisation, 3 min to 5 min. Crinkle them.",
         "Participant 01.  Trial 1: the answer is on disk: no answer.",
     ]
+
+
+def test_a_key_counts_what_was_handled_and_enter_ends_a_familiarisation() -> None:
+    one, screen, prompts = console("x", "c", "")
+    said = [one.familiarise(instruction="", min_s=0, max_s=60, handled={"c": "cork (2)"}) for _ in range(2)]
+    assert said == ["c", ""]
+    assert prompts[0].startswith("Handled: [c] cork (2); type a key to count one more.\nPress Enter when ")
+    assert "'x' is no key; press Enter, or type the key of a material" in screen.getvalue()
 
 
 def test_a_screen_that_is_closed_is_named() -> None:

@@ -165,6 +165,8 @@ class ScriptedConsole:
         self.early: deque[str] = deque()
         """What was typed before each question; before those that follow, nothing."""
         self.familiarised = 0
+        self.handles: deque[str] = deque()
+        self.counts: list[dict[str, str]] = []
         self.instructed: list[str] = []
         self.attended: list[Attended | None] = []
         self.said: list[tuple[str, int, str]] = []
@@ -201,9 +203,13 @@ class ScriptedConsole:
     def show(self, text: str) -> None:
         self.shown.append(text)
 
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float) -> None:
+    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
+        if self.handles:
+            self.counts.append(handled)
+            return self.handles.popleft()
         self.familiarised += 1
         self._clock.sleep_ns(100 * 10**9)
+        return ""
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         key = self.levels.popleft()

@@ -104,6 +104,18 @@ def test_familiarisation_lasts_as_long_as_the_protocol_asks(protocol: Protocol, 
     assert one.console.shown.count(early) == 1
 
 
+def test_how_often_each_material_was_handled_is_counted_and_on_record(protocol: Protocol, tmp_path: Path) -> None:
+    one = bench("cpt")
+    keys = {material.key: material.id for material in protocol.materials if material.key}
+    first, second, *_ = keys
+    one.console.handles.extend([first, second, first])
+    one.run(protocol, header("real"), tmp_path)
+    assert one.console.counts[0] == {key: f"{name} (0)" for key, name in keys.items()}
+    assert one.console.counts[2] == one.console.counts[0] | {key: f"{keys[key]} (1)" for key in (first, second)}
+    said = [e.detail for e in entries(tmp_path, "real") if isinstance(e, Phase) and e.state == "familiarised"]
+    assert said == [f"200.0 s; handled: {keys[first]} 2, {keys[second]} 1"]
+
+
 @pytest.mark.parametrize("keys", ["cq", "cpt"], ids=["paused", "complete"])
 def test_nobody_who_withdrew_is_resumed(protocol: Protocol, tmp_path: Path, keys: str) -> None:
     bench(keys).run(protocol, header("real"), tmp_path)

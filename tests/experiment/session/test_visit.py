@@ -131,7 +131,7 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
     assert said == ["participant 01, as the experimenter confirmed", again, again]
     vars(visit)["_identity"] = None
     monkeypatch.setattr(console, "agree", lambda **_: False)
-    with pytest.raises(Interrupted, match="the person at the panel is not participant 01; nothing was begun"):
+    with pytest.raises(Interrupted, match="the person in front of you is not participant 01; nothing was begun"):
         visit._identify()
 
 
