@@ -105,7 +105,7 @@ class Seen:
 
 
 class Kind(Protocol):
-    """The trials of one session, one attempt after the other."""
+    """The trials of one session, one attempt after the other. A kind inherits what it has none of."""
 
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         """Lay out and arm an attempt; `answered_ns` is the session time of the answer just before, None without one.
@@ -132,31 +132,31 @@ class Kind(Protocol):
     @property
     def keys(self) -> Mapping[str, str]:
         """Further keys while a question is open, and what each does; none where nothing can be done."""
-        ...
+        return {}
 
     def press(self, key: str) -> None:
         """Do what one of `keys` stands for. Raises `PalpateError`."""
-        ...
+        raise RuntimeError(f"a kind of trial without keys got {key}")
 
     def rest(self) -> str:
         """Have nothing felt from now on: the question is answered, or is none any more.
 
         Return why the attempt does not count after all, or nothing. It may be called again.
         """
-        ...
+        return ""
 
     def measured(self) -> Measured:
         """Return what is measured now; it may be called from any thread."""
-        ...
+        return Measured()
 
     @property
     def probe(self) -> Callable[[], None] | None:
         """What plays the masker's probe once, after it is on record; None where the protocol or the task has none."""
-        ...
+        return None
 
-    def reconnect(self, timeout_s: float) -> None:
+    def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
         """Wait until the device that fell silent is back. Raises `TrackerStopped` if it is not back in time."""
-        ...
+        return
 
 
 class KindDevices(Protocol):

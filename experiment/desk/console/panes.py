@@ -153,16 +153,16 @@ class Blanks(Vertical):
         yield Static(markup=False, id="hint")
 
     def open(self, form: Form) -> None:
-        """Show a form's fields as they are at first."""
+        """Show a form's fields as they are at first; what is typed goes to the first that is empty."""
         self.query_one("#title", Static).update(Text(form.title, style="bold"))
-        self.query_one("#hint", Static).update(picture.hint(form.hint, form.does))
+        self.query_one("#hint", Static).update(picture.hint(form.hint, form.does, fields=len(form.blanks)))
         for number, row in enumerate(self.query(Horizontal)):
             row.display = number < len(form.blanks)
             if row.display:
                 row.query_one(Label).update(form.blanks[number].name)
                 row.query_one(Input).value = form.blanks[number].text
         self.display = True
-        self._focus(next(iter(self._shown), None))
+        self._begin()
 
     def close(self) -> None:
         """Show no form."""
@@ -172,7 +172,7 @@ class Blanks(Vertical):
     def take_keys(self) -> None:
         """Have what is typed go to a field, if a click elsewhere took it away."""
         if self.screen.focused is None:
-            self._focus(next(iter(self._shown), None))
+            self._begin()
 
     def goes_to_next(self) -> bool:
         """Go on to the next field that is empty; return False if there is none behind the one that is typed into."""
@@ -192,6 +192,10 @@ class Blanks(Vertical):
     @property
     def _shown(self) -> list[Input]:
         return [row.query_one(Input) for row in self.query(Horizontal) if row.display]
+
+    def _begin(self) -> None:
+        fields = self._shown
+        self._focus(next((field for field in fields if not field.value), fields[0] if fields else None))
 
     def _focus(self, field: Input | None) -> None:
         # What stands in a field is selected there: typing replaces it, and Enter keeps it.

@@ -27,7 +27,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Link, Probed, Track
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen, Stimuli
+from experiment.session.kind import FarEnds, Kind, Limits, Log, Meaning, Seen, Stimuli
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -150,7 +150,7 @@ class _Parted:
     error: TrackerError
 
 
-class Footsteps:
+class Footsteps(Kind):
     """Implements `Kind`: each attempt is one step of the foot."""
 
     def __init__(
@@ -264,18 +264,6 @@ class Footsteps:
     def answers(self, planned: PlannedTrial) -> dict[str, Meaning]:  # noqa: ARG002
         """Return the materials of the study by their keys; in every trial the same."""
         return self._answers
-
-    @property
-    def keys(self) -> Mapping[str, str]:
-        """There are none."""
-        return {}
-
-    def press(self, key: str) -> None:
-        """Do nothing: there are no further keys."""
-
-    def rest(self) -> str:
-        """Return nothing: a stimulus has ended when its question is asked."""
-        return ""
 
     def measured(self) -> Measured:
         """Return the foot's height in the last seconds, mm, and how the last step went."""

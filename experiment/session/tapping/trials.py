@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING
 
 from experiment.apparatus.rig import Rig
 from experiment.clock import Clock
-from experiment.desk.messages import Measured
 from experiment.desk.port import Console
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Header, PlannedTrial
 from experiment.records.tapping import FIRST, SECOND, PairLaidOut
-from experiment.session.kind import FarEnds, KindDevices, Limits, Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Kind, KindDevices, Limits, Log, Meaning, Seen
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -57,7 +56,7 @@ def open_comparisons(
 
 
 @dataclass(kw_only=True)
-class Comparisons:
+class Comparisons(Kind):
     """Implements `Kind`: each attempt is one pair of samples before the participant.
 
     The participant tries both, and changes from one to the other, as often as they wish; the question is asked from the
@@ -91,28 +90,3 @@ class Comparisons:
         first, second = planned.presented
         words = {FIRST: f"the first ({first})", SECOND: f"the second ({second})"}
         return {key: Meaning(one, words.get(one, "neither")) for key, one in self.protocol.comparisons.answers.items()}
-
-    @property
-    def keys(self) -> Mapping[str, str]:
-        """There are none."""
-        return {}
-
-    def press(self, key: str) -> None:
-        """Do nothing: there are no further keys."""
-
-    def rest(self) -> str:
-        """Return nothing: nothing was felt from a device."""
-        return ""
-
-    def measured(self) -> Measured:
-        """Return that nothing is measured."""
-        return Measured()
-
-    @property
-    def probe(self) -> None:
-        """There is none: no device plays anything."""
-        return
-
-    def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
-        """Return at once: there is no device that could fall silent."""
-        return

@@ -21,7 +21,7 @@ from experiment.errors import RigError, TrackerStopped
 from experiment.protocol.models import Protocol, Virtual
 from experiment.records.entries import Header, PlannedTrial
 from experiment.records.tapping import WORDS, Changed, PairLaidOut, Place
-from experiment.session.kind import FarEnds, Limits, Log, Meaning, Seen
+from experiment.session.kind import FarEnds, Kind, Limits, Log, Meaning, Seen
 from experiment.session.tapping.taps import Lying, Taps
 from experiment.synthesis import tap
 from experiment.synthesis.contact.block import Block
@@ -142,7 +142,7 @@ def block(virtual: Virtual, *, tracker_hz: int) -> Block:
 
 
 @dataclass(kw_only=True)
-class VirtualSurfaces:
+class VirtualSurfaces(Kind):
     """Implements `Kind`: each attempt is one pair of surfaces, of which one is rendered at a time.
 
     The question is asked from the moment at which the first can be tapped, and response times count from it. `rings`
@@ -219,11 +219,6 @@ class VirtualSurfaces:
             hand_mm=felt.height_mm[-1],
             lamps=(Lamp(name="hand", good=not fast, words=words),),
         )
-
-    @property
-    def probe(self) -> None:
-        """There is none: the rules refuse a probe in a study of comparisons."""
-        return
 
     def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
         """Open the servo anew."""
