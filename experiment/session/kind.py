@@ -77,6 +77,11 @@ class Limits(Protocol):
         ...
 
 
+def nothing_more(why: str) -> str:
+    """Return the sentence for the experimenter that nothing is felt any more, and why, as `Limits.over` says it."""
+    return f"Nothing more will be felt: {'paused ' if why.startswith('by ') else ''}{why}."
+
+
 @dataclass(frozen=True)
 class Meaning:
     """What an answer key stands for: what goes on record, and the words for the experimenter."""

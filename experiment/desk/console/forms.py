@@ -49,7 +49,7 @@ BREAK_MIN = "5"
 def opened(name: str, view: View) -> Form:
     """Return the form with this name as it is at first: `note`, `correct`, `repeat`, `break`, `stop` or `leave`."""
     trial, kind = view.trial, view.question.kind if view.question is not None else ""
-    again = f" Trial {trial} waits for its answer: it comes again." if kind in ("answer", "confirm") else ""
+    again = f" Trial {trial}, which waits for its answer, comes again." if kind in ("answer", "confirm") else ""
     answered = str(view.standing.recent[-1].trial) if view.standing.recent else ""
     match name:
         case "note":

@@ -20,7 +20,8 @@ from experiment.desk.messages import Question, View
 
 STYLE = """
 Screen { background: #0e1418; color: #e8edf0; overflow: hidden; scrollbar-size-vertical: 1; }
-VerticalScroll { scrollbar-background: #1c252c; scrollbar-color: #5d6a74; scrollbar-color-hover: #9aa4ad; }
+VerticalScroll { scrollbar-size-vertical: 1; scrollbar-background: #1c252c; scrollbar-color: #5d6a74; }
+VerticalScroll { scrollbar-color-hover: #9aa4ad; }
 Board { height: 1fr; }
 #heading, #visit { height: auto; padding: 0 1; }
 #heading { background: #1c252c; text-style: bold; }
@@ -36,17 +37,17 @@ Places .lit { text-style: bold; }
 #notice.refused { background: #8f1d16; color: #ffffff; text-style: bold; }
 #notice.ignored { background: #7a5b00; color: #ffffff; text-style: bold; }
 #notice.done { color: #4cc27a; }
-#text, #keys { height: auto; scrollbar-size-vertical: 1; }
+#text, #keys { height: auto; }
 #asked, #offered, #lines { height: auto; }
 #offered { padding: 0 0 1 0; }
-#told { height: 1fr; min-height: 0; border-top: solid #2b363f; scrollbar-size-vertical: 1; }
+#told { height: 1fr; min-height: 0; border-top: solid #2b363f; border-title-color: #9aa4ad; }
 Blanks { height: auto; display: none; border-left: thick #f2c230; padding: 0 1; }
 Blanks Horizontal { height: 1; }
 Blanks Label { width: 9; }
 Blanks Input { width: 1fr; height: 1; border: none; padding: 0; background: #26323a; }
 Blanks Input:focus { border: none; background: #3a4a55; }
 Blanks Static { height: auto; }
-#side { height: 1fr; padding: 0 1; border-left: solid #2b363f; scrollbar-size-vertical: 1; }
+#side { height: 1fr; padding: 0 1; border-left: solid #2b363f; }
 #left, #trace, #gauges, #recent { height: auto; }
 #left { text-style: bold; }
 #recent.roomy { padding: 1 0 0 0; }
@@ -214,6 +215,7 @@ class Board(Vertical):
         self._text = VerticalScroll(id="text", can_focus=False)
         self._keys = VerticalScroll(id="keys", can_focus=False)
         self._told = VerticalScroll(id="told", can_focus=False)
+        self._told.border_title = "PageUp shows what was told before"
         self._side = VerticalScroll(id="side", can_focus=False)
         self._fitted: tuple[object, ...] = ()
         self.says = ""

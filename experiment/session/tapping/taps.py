@@ -22,7 +22,7 @@ from experiment.errors import PalpateError
 from experiment.protocol.models import Step
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.records.tapping import Place, Tapped
-from experiment.session.kind import Limits, Log
+from experiment.session.kind import Limits, Log, nothing_more
 from experiment.synthesis.contact.block import Block
 from experiment.synthesis.tap import Rings
 
@@ -163,7 +163,7 @@ class Taps:
             self.servo.render(None)
             self._lying = None
             self._withdraw()
-            self.console.show(f"{over}. Nothing more will be felt.")
+            self.console.show(nothing_more(over))
         touches = list(felt.touches)
         for us, mm in zip(felt.device_us, felt.height_mm, strict=True):
             while touches and touches[0].device_us <= us:
