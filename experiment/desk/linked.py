@@ -14,8 +14,12 @@ from math import inf
 from experiment.clock import Clock, minutes, monotonic_ns, wall_ns
 from experiment.desk import prompts
 from experiment.desk.messages import (
+    CLOSED,
     ENTER,
+    ESCAPE,
     LINES,
+    SAFE,
+    TYPED,
     Choice,
     Choose,
     Correct,
@@ -66,12 +70,6 @@ SCREEN_S = 60.0
 
 SCREEN_OPENS = "The participant's screen opens; that takes some seconds. The trial is armed once it is there."
 
-ESCAPE = "escape"
-"""The key that takes a choice back."""
-
-TYPED = {ENTER: "\n", ESCAPE: "\x1b"}
-"""Keys that are no characters, as they go on record when they answered nothing."""
-
 KEEPS_STATE = ("answer", "confirm", "familiarise", "break", "continue")
 """Questions that belong to a state of the session; while any other is asked, and after it, what comes is prepared."""
 
@@ -85,10 +83,11 @@ PROMPTS = 20
 STOP = "s"
 """The key that ends the process of a session that paused."""
 
+EARLY = (Choice(key=ENTER, words="end the break"), Choice(key=ESCAPE, words="go on with the break"))
+"""What ends a break before its time: a key that is leaned on is one press, and no answer to this."""
+
 NEXT = "── Task {step} ──"
 """The line between what was told of one task and what is told of the next."""
-
-CLOSED = "That question is no longer asked; the key answered nothing."
 
 NO_SESSION = (
     "No session has begun or is open, and nothing can go on record now. Keep it on paper, and note it here once one is."
@@ -262,7 +261,7 @@ class LinkedConsole:
             return False, "The participant's screen may not ask for that."
         with self._changed:
             asked = self._view.question
-            if asked is not None and asked.number == deed.question and asked.kind not in self._theirs.answerable:
+            if asked is not None and asked.kind not in self._theirs.answerable:
                 return False, "The participant does not answer this question at the screen."
             return self._choose(deed, at_console=False)
 
@@ -279,7 +278,8 @@ class LinkedConsole:
     def _choose(self, deed: Choose, *, at_console: bool) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
-            if asked is None or asked.number != deed.question or self._chosen is not None:
+            other = asked is None or (asked.number != deed.question and deed.key not in SAFE)
+            if asked is None or other or self._chosen is not None:
                 # What the participant presses is not what the experimenter typed.
                 self._ignored += TYPED.get(deed.key, deed.key) if at_console else ""
                 return False, CLOSED
@@ -486,7 +486,11 @@ class LinkedConsole:
                 until_ns = wall_ns() + int(pausing.minutes * 60e9)
             self._now(state="paused", lay_out="", trial=None, pause_until_ns=until_ns)
             try:
-                return self._put("continue", why, choices) == ENTER
+                chosen = self._put("continue", why, choices)
+                if chosen == ENTER and until_ns is not None and wall_ns() < until_ns:
+                    chosen = self._put("continue", "The break is not over. End it now?", EARLY)
+                if chosen != ESCAPE:
+                    return chosen == ENTER
             except PauseAsked:
                 # A pause is paused already; a break begins its countdown.
                 if self._pausing is None:

@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from experiment.errors import LinkError
+from experiment.protocol.rules import SOFTER_KEY
 from experiment.settings import characters
 
 LONGEST = 65_536
@@ -28,6 +29,17 @@ TRACE_S = 3.0
 
 ENTER = "enter"
 """The key that goes on where nothing else is to be chosen, and that confirms."""
+
+ESCAPE = "escape"
+"""The key that takes a choice back."""
+
+TYPED = {ENTER: "\n", ESCAPE: "\x1b"}
+"""Keys that are no characters, as they go on record when they answered nothing."""
+
+SAFE = frozenset({SOFTER_KEY})
+"""Keys of which every press counts, held or not, at whatever question offers them."""
+
+CLOSED = "That question is no longer asked; the key answered nothing."
 
 
 class Message(BaseModel):

@@ -220,7 +220,7 @@ class TerminalConsole(_Lines):
         return 0
 
     def heard(self, *, words: str) -> None:
-        self.show(f"{words}; type what the participant said")
+        self.show(words)
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         # Not Enter: a key that somebody leans on repeats.

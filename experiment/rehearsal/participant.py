@@ -150,20 +150,25 @@ class Practised:
     participant: SimulatedPerson
 
     def __post_init__(self) -> None:
-        self._said = ""
-        self._wished = ""
+        self._said = self._wished = self._proposed = ""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.desk, name)
 
-    def _tell(self, words: str) -> None:
-        self.desk.show(f"The participant says: {words}.")
+    def heard(self, *, words: str) -> None:
+        self._proposed = words
+        self._tell()
+
+    def _tell(self) -> None:
+        """Show beside the question what the participant says, and what the microphone proposes."""
+        said = f"The participant says: {self._said}." if self._said else ""
+        self.desk.heard(words=f"{said} {self._proposed}".strip())
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
         wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
         said = {LOUDER_KEY: "louder", PROBE_KEY: "let me feel it", HEARD_KEY: "I still hear it"}
-        self._tell(said.get(wanted, "I no longer hear it"))
+        self.desk.show(f"The participant says: {said.get(wanted, 'I no longer hear it')}.")
         return self.desk.level(**asked, criterion=criterion, keys=keys)
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
@@ -175,12 +180,12 @@ class Practised:
         self.participant.rest(why=why)
 
     def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        self._said = ""
+        self._said = self._proposed = ""
         self.desk.place(trial=trial, presented=presented)
         self.participant.place(trial=trial, presented=presented)
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        self._said = ""
+        self._said = self._proposed = ""
         self.desk.arm(trial=trial, attempt=attempt, trials=trials)
         # The participant steps only now: nothing was felt while the desk was waited for.
         return self.participant.arm(trial=trial, attempt=attempt, trials=trials)
@@ -192,7 +197,7 @@ class Practised:
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         if not self._said:
             self._wished, self._said = self.participant.says(trial)
-        self._tell(self._said)
+        self._tell()
         said = self.desk.ask(trial=trial, answers=answers, others=others)
         if said == self._wished and said in others:
             # What the participant wished for has been done; they go on from there.

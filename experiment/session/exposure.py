@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 from experiment.apparatus import host
 from experiment.errors import PalpateError
 from experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
+from experiment.session.kind import nothing_more
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -140,9 +141,8 @@ class Exposed:
                 self.look()
                 if not shown and self.over() and (why := self._over):
                     shown = True
-                    self._console.show(
-                        f"\n{why}. Nothing more will be felt. Answer what is asked; then the session ends or pauses."
-                    )
+                    told = f"\n{nothing_more(why)} Answer what is asked; then the session ends or pauses."
+                    self._console.show(told)
         except Exception as failed:
             # It is told where the session asks next; the masker does not wait for that.
             self._failed = failed

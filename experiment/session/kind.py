@@ -77,6 +77,11 @@ class Limits(Protocol):
         ...
 
 
+def nothing_more(why: str) -> str:
+    """Return the sentence for the experimenter that nothing is felt any more, and why, as `Limits.over` says it."""
+    return f"Nothing more will be felt: {'paused ' if why.startswith('by ') else ''}{why}."
+
+
 @dataclass(frozen=True)
 class Meaning:
     """What an answer key stands for: what goes on record, and the words for the experimenter."""
@@ -134,9 +139,9 @@ class Kind(Protocol):
         """Further keys while a question is open, and what each does; none where nothing can be done."""
         return {}
 
-    def press(self, key: str) -> None:  # noqa: ARG002
+    def press(self, key: str) -> None:
         """Do what one of `keys` stands for. Raises `PalpateError`."""
-        return
+        raise RuntimeError(f"a kind of trial without keys got {key}")
 
     def lacking(self) -> str:
         """Return in a sentence why no answer can count yet, or nothing."""

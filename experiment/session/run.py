@@ -8,6 +8,7 @@ from datetime import date
 from pathlib import Path
 
 from experiment import storage
+from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
@@ -104,7 +105,7 @@ def run(
             protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings
         )
     if protocol.comparison is not None and any(protocol.task(task).stimulus == "virtual" for task in tasks):
-        servo.refuse_beyond(protocol.surfaces, servo.of(rig.servo, rig=rig.rig.name), rig=rig.rig.name)
+        servo.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)

@@ -237,8 +237,7 @@ class Visit:
         if asked is None:
             return
         if asked.kind == "answer":
-            said = [line for line in view.lines if "The participant says: " in line]
-            words = said[-1].rpartition(": ")[2].rstrip(".") if said else ""
+            words = view.heard.rpartition(": ")[2].rstrip(".")
             keys = [choice.key for choice in asked.choices if choice.answer and words in choice.words]
             await self.press("z")
             await asyncio.sleep(SETTLES_S)

@@ -120,8 +120,7 @@ class Desk:
         if asked.kind == "write":
             self.there.send(Write(question=asked.number, text=f"an answer to {asked.text[:8]}"))
         elif asked.kind == "answer":
-            said = next(line for line in reversed(view.lines) if line.startswith("The participant says: "))
-            words = said.removeprefix("The participant says: ").rstrip(".")
+            words = view.heard.removeprefix("The participant says: ").rstrip(".")
             self.press(view, next(choice.key for choice in asked.choices if choice.answer and words in choice.words))
         elif asked.kind == "say":
             self.press(view, WITHOUT)

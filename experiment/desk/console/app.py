@@ -13,6 +13,7 @@ from typing import Literal
 from textual import events
 from textual.app import App, ComposeResult
 from textual.message import Message
+from textual.screen import Screen
 from textual.widget import Widget
 
 from experiment.apparatus import host
@@ -21,9 +22,12 @@ from experiment.desk.console.panes import STYLE, Board
 from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from experiment.desk.console.presses import MOUSE, Presses
 from experiment.desk.link import Line, connected
-from experiment.desk.linked import CLOSED, ESCAPE, TYPED
 from experiment.desk.messages import (
+    CLOSED,
     ENTER,
+    ESCAPE,
+    SAFE,
+    TYPED,
     Choice,
     Choose,
     Deed,
@@ -44,6 +48,12 @@ SAME = {"ctrl+c": PAUSE, "ctrl+q": LEAVE}
 """Other keys for the same."""
 
 FORMS = {"f2": "note", "f3": "correct", "f4": "repeat", "f6": "break", "f8": "stop", LEAVE: "leave"}
+
+FIELDS = {"tab": Screen.focus_next, "shift+tab": Screen.focus_previous}
+"""Keys that change between a form's fields."""
+
+SCROLLS = ("pageup", "pagedown", "up", "down")
+"""Keys that scroll, as often as they are pressed."""
 
 GONE = Question(
     number=-1,
@@ -221,7 +231,7 @@ class Console(App[Left]):
     async def on_event(self, event: events.Event) -> None:
         """Look at every key before anything else does: no widget has a key that this one did not let through."""
         if isinstance(event, events.Key) and not event.is_forwarded:
-            if event.key == ENTER and self.focused is not None:
+            if event.key in (ENTER, *FIELDS) and self.focused is not None:
                 await _through(self.focused)
             if self._takes_key(event):
                 return
@@ -235,7 +245,7 @@ class Console(App[Left]):
         if event.button != 1 or key is None:
             return
         if self._presses.held(MOUSE, event.time):
-            self._say("That click came right after another one. Only the first one counts.", "ignored")
+            self._say("That click came right after another one, and does not count. Click again for it.", "ignored")
         else:
             self._press(key, event.time)
 
@@ -247,10 +257,14 @@ class Console(App[Left]):
         held = self._presses.held(key, event.time)
         if self._form is not None:
             self._board.blanks.take_keys()
+            if key in FIELDS:
+                FIELDS[key](self.screen)
+                return True
             if key not in (ENTER, ESCAPE, *COMMANDS):
                 return False
-        if held:
-            self._say(f"{keycap(key)} was held down, or pressed again at once. It counts only once.", "ignored")
+        if held and key not in (*SAFE, *SCROLLS):
+            pressed = f"{keycap(key)} was held down, or pressed again at once, which does not count."
+            self._say(f"{pressed} If you mean it, press it after a second.", "ignored")
         else:
             self._press(key, event.time)
         return True
@@ -267,7 +281,7 @@ class Console(App[Left]):
             self._press_in_form(key)
         elif key in FORMS and not (self._lost or self.view_now.ended):
             self._open(forms.opened(FORMS[key], self.view_now))
-        elif key in ("pageup", "pagedown", "up", "down"):
+        elif key in SCROLLS:
             self._board.scroll(key)
         else:
             self._answer(key, at_s)
@@ -290,7 +304,7 @@ class Console(App[Left]):
             return
         if question is None:
             self._ignore(TYPED.get(key, key), f"{keycap(key)} was pressed while nothing was asked, and was ignored.")
-        elif question.number != seen:
+        elif question.number != seen and key not in SAFE & keys:
             again = " If you mean it, press it again." if key in keys else ""
             words = f"{keycap(key)} was pressed before the question was on the screen, and was ignored.{again}"
             self._ignore(TYPED.get(key, key), words)

@@ -48,7 +48,8 @@ BREAK_MIN = "5"
 
 def opened(name: str, view: View) -> Form:
     """Return the form with this name as it is at first: `note`, `correct`, `repeat`, `break`, `stop` or `leave`."""
-    trial = view.trial
+    trial, kind = view.trial, view.question.kind if view.question is not None else ""
+    again = f" Trial {trial}, which waits for its answer, comes again." if kind in ("answer", "confirm") else ""
     answered = str(view.standing.recent[-1].trial) if view.standing.recent else ""
     match name:
         case "note":
@@ -65,7 +66,7 @@ def opened(name: str, view: View) -> Form:
             form = Form(name, title, "has it done again", (Blank("Trial", under_way), Blank("Reason")))
         case "break":
             title = "Pause for a break as soon as nothing can be felt. Its end is told, and nothing begins by itself."
-            form = Form(name, title, "pauses", (Blank("Minutes", BREAK_MIN),))
+            form = Form(name, title + again, "pauses", (Blank("Minutes", BREAK_MIN),))
         case "stop":
             paused = view.state == "paused"
             how = "is paused" if paused else "pauses as soon as nothing can be felt"
@@ -74,7 +75,7 @@ def opened(name: str, view: View) -> Form:
                 "Every confirmed answer is on disk, and the same command continues another time. "
                 "A withdrawal is recorded afterwards, by palpate withdraw."
             )
-            form = Form(name, title, "ends for today" if paused else "stops")
+            form = Form(name, title + again, "ends for today" if paused else "stops")
         case _:
             title = (
                 "Leave the console? The session keeps running, and the same command comes back to it. "

@@ -20,7 +20,8 @@ from experiment.desk.messages import Question, View
 
 STYLE = """
 Screen { background: #0e1418; color: #e8edf0; overflow: hidden; scrollbar-size-vertical: 1; }
-VerticalScroll { scrollbar-background: #1c252c; scrollbar-color: #5d6a74; scrollbar-color-hover: #9aa4ad; }
+VerticalScroll { scrollbar-size-vertical: 1; scrollbar-background: #1c252c; scrollbar-color: #5d6a74; }
+VerticalScroll { scrollbar-color-hover: #9aa4ad; }
 Board { height: 1fr; }
 #heading, #visit { height: auto; padding: 0 1; }
 #heading { background: #1c252c; text-style: bold; }
@@ -36,17 +37,17 @@ Places .lit { text-style: bold; }
 #notice.refused { background: #8f1d16; color: #ffffff; text-style: bold; }
 #notice.ignored { background: #7a5b00; color: #ffffff; text-style: bold; }
 #notice.done { color: #4cc27a; }
-#text, #keys { height: auto; scrollbar-size-vertical: 1; }
+#text, #keys { height: auto; }
 #asked, #offered, #lines { height: auto; }
 #offered { padding: 0 0 1 0; }
-#told { height: 1fr; min-height: 0; border-top: solid #2b363f; scrollbar-size-vertical: 1; }
+#told { height: 1fr; min-height: 0; border-top: solid #2b363f; border-title-color: #9aa4ad; }
 Blanks { height: auto; display: none; border-left: thick #f2c230; padding: 0 1; }
 Blanks Horizontal { height: 1; }
 Blanks Label { width: 9; }
 Blanks Input { width: 1fr; height: 1; border: none; padding: 0; background: #26323a; }
 Blanks Input:focus { border: none; background: #3a4a55; }
 Blanks Static { height: auto; }
-#side { height: 1fr; padding: 0 1; border-left: solid #2b363f; scrollbar-size-vertical: 1; }
+#side { height: 1fr; padding: 0 1; border-left: solid #2b363f; }
 #left, #trace, #gauges, #recent { height: auto; }
 #left { text-style: bold; }
 #recent.roomy { padding: 1 0 0 0; }
@@ -153,16 +154,16 @@ class Blanks(Vertical):
         yield Static(markup=False, id="hint")
 
     def open(self, form: Form) -> None:
-        """Show a form's fields as they are at first."""
+        """Show a form's fields as they are at first; what is typed goes to the first that is empty."""
         self.query_one("#title", Static).update(Text(form.title, style="bold"))
-        self.query_one("#hint", Static).update(picture.hint(form.hint, form.does))
+        self.query_one("#hint", Static).update(picture.hint(form.hint, form.does, fields=len(form.blanks)))
         for number, row in enumerate(self.query(Horizontal)):
             row.display = number < len(form.blanks)
             if row.display:
                 row.query_one(Label).update(form.blanks[number].name)
                 row.query_one(Input).value = form.blanks[number].text
         self.display = True
-        self._focus(next(iter(self._shown), None))
+        self._begin()
 
     def close(self) -> None:
         """Show no form."""
@@ -172,7 +173,7 @@ class Blanks(Vertical):
     def take_keys(self) -> None:
         """Have what is typed go to a field, if a click elsewhere took it away."""
         if self.screen.focused is None:
-            self._focus(next(iter(self._shown), None))
+            self._begin()
 
     def goes_to_next(self) -> bool:
         """Go on to the next field that is empty; return False if there is none behind the one that is typed into."""
@@ -193,6 +194,10 @@ class Blanks(Vertical):
     def _shown(self) -> list[Input]:
         return [row.query_one(Input) for row in self.query(Horizontal) if row.display]
 
+    def _begin(self) -> None:
+        fields = self._shown
+        self._focus(next((field for field in fields if not field.value), fields[0] if fields else None))
+
     def _focus(self, field: Input | None) -> None:
         # What stands in a field is selected there: typing replaces it, and Enter keeps it.
         self.screen.set_focus(field)
@@ -210,6 +215,7 @@ class Board(Vertical):
         self._text = VerticalScroll(id="text", can_focus=False)
         self._keys = VerticalScroll(id="keys", can_focus=False)
         self._told = VerticalScroll(id="told", can_focus=False)
+        self._told.border_title = "PageUp shows what was told before"
         self._side = VerticalScroll(id="side", can_focus=False)
         self._fitted: tuple[object, ...] = ()
         self.says = ""

@@ -172,11 +172,12 @@ def lines(told: tuple[str, ...]) -> Text:
     return text.append("".join(told[-1:]), style=PLAIN)
 
 
-def hint(words: str, does: str) -> Text:
-    """Return what may be filled in, and the keys that end a form."""
+def hint(words: str, does: str, *, fields: int) -> Text:
+    """Return what may be filled in, the keys that end a form, and the one that changes between its fields."""
     text = Text(f"{words}\n" if words else "", style=DIM)
     text.append_text(_cap("enter")).append(f" {does}   ", style=Style(meta={PRESSES: "enter"}))
-    return text.append_text(_cap("escape")).append(" closes this", style=Style(meta={PRESSES: "escape"}))
+    text.append_text(_cap("escape")).append(" closes this", style=Style(meta={PRESSES: "escape"}))
+    return text.append("   Tab changes the field" if fields > 1 else "", style=DIM)
 
 
 def offered(choices: tuple[Choice, ...], roomy: bool) -> Table:

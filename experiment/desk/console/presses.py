@@ -21,14 +21,17 @@ class Presses:
 
     def __init__(self) -> None:
         self.question: int | None = None
-        self._latest: dict[str, float] = {}
+        self._latest: dict[bool, tuple[str, float]] = {}
         self._since_s = 0.0
 
     def held(self, key: str, at_s: float) -> bool:
-        """Take note of a press, and return whether it only continues the one before of the same key."""
-        before_s = self._latest.get(key)
-        self._latest[key] = at_s
-        return before_s is not None and at_s - before_s < HELD_S
+        """Take note of a press, and return whether it only continues the one before.
+
+        That was of the same key: a key that is held repeats no longer once another one is pressed. A click is no key.
+        """
+        before, before_s = self._latest.get(key == MOUSE, ("", 0.0))
+        self._latest[key == MOUSE] = key, at_s
+        return key == before and at_s - before_s < HELD_S
 
     def drawn(self, question: int | None, at_s: float) -> None:
         """Take note that this question has been drawn; None for no question, and while something covers it."""

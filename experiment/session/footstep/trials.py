@@ -26,7 +26,7 @@ from experiment.records.footstep import BrokenOff, FootStep, Link, Probed, Track
 from experiment.session import scene
 from experiment.session.footstep.stimulus import Sounder
 from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Stimuli
+from experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Stimuli, nothing_more
 
 if TYPE_CHECKING:
     from experiment.apparatus.audio.stream import AudioStream
@@ -283,7 +283,7 @@ class Footsteps(Kind):
         if probe is None or sounder is None:
             raise RuntimeError("no probe is played where there is none")
         if over := self._limits.over():
-            self._console.show(f"{over}. Nothing more will be felt.")
+            self._console.show(nothing_more(over))
             return
         played = sounder.actuator.prepare(sounder.materials[probe.material].at(probe.speed_mm_s))
         stimulus = played.on_record()

@@ -20,7 +20,7 @@ from experiment.errors import PalpateError
 from experiment.protocol.models import Step
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.records.tapping import Place, Tapped
-from experiment.session.kind import Lent
+from experiment.session.kind import Lent, nothing_more
 from experiment.synthesis.contact.block import Block
 from experiment.synthesis.tap import Rings
 
@@ -167,7 +167,7 @@ class Taps:
             self.servo.render(None)
             self._lying = None
             self._withdraw()
-            self.lent.console.show(f"{over}. Nothing more will be felt.")
+            self.lent.console.show(nothing_more(over))
         touches = list(felt.touches)
         for us, mm in zip(felt.device_us, felt.height_mm, strict=True):
             while touches and touches[0].device_us <= us:

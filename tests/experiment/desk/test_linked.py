@@ -14,6 +14,7 @@ from experiment.clock import MonotonicClock
 from experiment.desk import linked as linked_module
 from experiment.desk.linked import LinkedConsole
 from experiment.desk.messages import (
+    CLOSED,
     Choice,
     Choose,
     Correct,
@@ -91,13 +92,13 @@ class Bench:
     def asks(self, question: Callable[[], T]) -> Future[T]:
         return self._pool.submit(question)
 
-    def question(self, kind: str) -> Question:
-        """Wait for a question of this kind."""
+    def question(self, kind: str, after: int = 0) -> Question:
+        """Wait for a question of this kind, after the one with this number."""
         ends_s = time.monotonic() + 10
         while time.monotonic() < ends_s:
             self._woken.clear()
             asked = shown(self.linked).question
-            if asked is not None and asked.kind == kind:
+            if asked is not None and asked.kind == kind and asked.number > after:
                 return asked
             self._woken.wait(1)
         raise AssertionError(f"no {kind} question came: {shown(self.linked)}")
@@ -105,8 +106,8 @@ class Bench:
     def do(self, deed: Deed) -> tuple[bool, str]:
         return self.linked.take(ME, deed)
 
-    def press(self, kind: str, key: str) -> Question:
-        asked = self.question(kind)
+    def press(self, kind: str, key: str, after: int = 0) -> Question:
+        asked = self.question(kind, after)
         assert self.do(Choose(question=asked.number, key=key))[0]
         return asked
 
@@ -348,7 +349,9 @@ def test_a_later_pause_takes_neither_a_stop_back_nor_a_breaks_length(
     if goes_on:
         bench.question("continue")
         assert (shown(bench.linked).pause_until_ns is not None) == until
-        bench.press("continue", "enter")
+        first = bench.press("continue", "enter")
+        if until:
+            bench.press("continue", "enter", first.number)
     assert asked.result(10) is goes_on
 
 
@@ -365,7 +368,7 @@ def test_a_key_answers_only_the_question_that_it_was_pressed_at(bench: Bench) ->
             closing.__enter__()
 
         bench.attending.commanded = close_meanwhile  # type: ignore[method-assign]
-        assert bench.do(Choose(question=first.number, key="enter")) == (False, linked_module.CLOSED)
+        assert bench.do(Choose(question=first.number, key="enter")) == (False, CLOSED)
         assert linked._chosen is None
         closing.__exit__(None, None, None)
     bench.attending.commanded = recorded  # type: ignore[method-assign]
@@ -447,7 +450,9 @@ def test_a_pause_goes_on_when_wanted_a_stop_does_not(bench: Bench) -> None:
             minutes = deed.minutes if isinstance(deed, Pause) else None
             assert (until_ns is None) == (minutes is None)
             assert until_ns is None or 290 < until_ns / 1e9 - time.time() <= 300
-            bench.press("continue", key)
+            first = bench.press("continue", key)
+            if minutes is not None:
+                bench.press("continue", key, first.number)
         assert asked.result(10) is goes_on
         bench.linked.attend(bench.attending)
 
@@ -463,8 +468,40 @@ def test_a_break_asked_for_while_it_is_paused_begins_its_countdown_and_ends_noth
     while (again := shown(bench.linked)).question in (None, first) and time.monotonic() < ends_s:
         time.sleep(0.01)
     assert again.pause_until_ns is not None
-    bench.press("continue", "enter")
+    asked_once = bench.press("continue", "enter")
+    bench.press("continue", "enter", asked_once.number)
     assert asked.result(10)
+
+
+def test_a_break_that_was_asked_for_ends_early_only_when_that_is_meant(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert bench.do(Pause(minutes=5))[0]
+    bench.linked.attend(None)
+    asked = bench.asks(lambda: bench.linked.goes_on(why="It paused."))
+    number = 0
+    for key, text in (("enter", "It paused."), ("escape", "The break is not over. End it now?")) * 2:
+        told = bench.question("continue", number)
+        assert (told.text, shown(bench.linked).state) == (text, "paused")
+        number = bench.press("continue", key, number).number
+    bench.question("continue", number)
+    until_ns = shown(bench.linked).pause_until_ns
+    assert until_ns is not None
+    monkeypatch.setattr(linked_module, "wall_ns", lambda: until_ns)
+    bench.press("continue", "enter", number)
+    assert asked.result(10), "one key goes on once its time is over"
+
+
+@pytest.mark.parametrize(("key", "taken"), [("-", True), ("+", False)])
+def test_softer_counts_at_the_level_that_is_asked_for_now(bench: Bench, key: str, taken: bool) -> None:
+    """A press that was made for the level before is one for this one."""
+    level = {"level_db_a": 60.0, "limit_db_a": 80.0, "criterion": "Nothing is heard."}
+    asked = bench.asks(lambda: bench.linked.level(keys={"+": "louder", "-": "softer"}, **level))  # type: ignore[arg-type]
+    now = bench.question("level")
+    assert bench.do(Choose(question=now.number - 1, key=key))[0] is taken
+    if not taken:
+        bench.press("level", "-")
+    assert asked.result(10) == "-"
 
 
 def test_a_pause_asked_for_while_devices_are_opened_is_not_forgotten(bench: Bench) -> None:

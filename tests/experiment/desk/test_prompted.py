@@ -192,6 +192,17 @@ def test_what_the_participant_presses_too_late_is_nothing_that_the_experimenter_
     assert desk.ignored() == "\n"
 
 
+def test_softer_at_the_participants_screen_changes_nothing_that_is_not_theirs_to_answer(
+    desk: LinkedConsole, aside: ThreadPoolExecutor
+) -> None:
+    answered = aside.submit(desk.ask, trial=1, answers={"c": "copy paper"}, others={"-": "masker softer"})
+    asked = open_question(desk, "answer")
+    for number in (asked.number, asked.number - 1):
+        assert not desk.take(SCREEN, Choose(question=number, key="-"))[0]
+    desk.take(CONSOLE, Choose(question=asked.number, key="c"))
+    assert answered.result(5) == "c"
+
+
 @pytest.fixture
 def now(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     moment = [monotonic_ns()]

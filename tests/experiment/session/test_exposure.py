@@ -24,6 +24,7 @@ from experiment.records.journal import AnyEntry, Contents, Line
 from experiment.records.progress import Progress, progress
 from experiment.session import exposure
 from experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WINDOW_NS, Exposed, dose_before, spent_ns
+from experiment.session.kind import nothing_more
 from experiment.session.masker import Masking
 from experiment.session.runner import SessionLog
 from tests.experiment.session.bench import Bench, as_read, bench, entries, header
@@ -343,7 +344,7 @@ def test_the_experimenter_is_told_that_the_session_is_over(monkeypatch: pytest.M
     exposed.begin()
     exposed._thread.join(60)
     exposed.close()
-    assert told == ["\nit is over. Nothing more will be felt. Answer what is asked; then the session ends or pauses."]
+    assert told == ["\nNothing more will be felt: it is over. Answer what is asked; then the session ends or pauses."]
     with pytest.raises(ScreenGone):
         exposed.over()
 
@@ -498,3 +499,14 @@ def test_a_session_that_was_killed_counts_all_of_its_time(lasted_ns: int, killed
     if not killed:
         log.write(Footer(reason="paused", answered=0))
     assert 0 <= spent_ns(log.contents) - lasted_ns <= (KILLED_NS if killed else 0)
+
+
+@pytest.mark.parametrize(
+    ("why", "told"),
+    [
+        ("by the experimenter", "Nothing more will be felt: paused by the experimenter."),
+        ("the protocol's 60 min are over", "Nothing more will be felt: the protocol's 60 min are over."),
+    ],
+)
+def test_that_nothing_more_is_felt_is_told_in_a_whole_sentence(why: str, told: str) -> None:
+    assert nothing_more(why) == told

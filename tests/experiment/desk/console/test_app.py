@@ -15,8 +15,8 @@ from textual.widgets import Input
 from experiment.desk.console import panes, presses
 from experiment.desk.console.app import Left, attend
 from experiment.desk.console.panes import Pane
-from experiment.desk.linked import CLOSED
 from experiment.desk.messages import (
+    CLOSED,
     Choice,
     Choose,
     Correct,
@@ -99,10 +99,52 @@ def test_a_key_that_is_held_answers_neither_this_question_twice_nor_the_next(tmp
             await there.deeds(first + 1)
             await there.show(asking(kind, first + 1))
             await there.press(*[key] * 40, after_s=0.03)
-            assert "It counts only once." in there.said
+            assert "at once, which does not count. If you mean it, press it after a second." in there.said
             await there.press("z")
             found = (await there.deeds(first + 2))[first:]
             assert found == [Choose(question=first, key=key), Choose(question=first + 1, key="z")]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_a_key_between_two_presses_shows_that_none_was_held(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        await there.press("f3")
+        await there.press("shift+tab", "enter", "a", "enter", *"slip", "enter", after_s=0.08)
+        assert await there.deeds(1) == [Correct(trial=2, key="a", reason="slip")]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+@pytest.mark.parametrize("after_s", [0.03, 0.35, 0.6])
+def test_every_press_of_softer_counts_held_or_not(tmp_path: Path, after_s: float) -> None:
+    """Also one that comes right as the next level is asked for."""
+
+    async def then(there: Desk) -> None:
+        now_s = time.monotonic()
+        for number in range(6):
+            await there.show(asking("level", number))
+            await there.press("-", at_s=now_s + number * after_s)
+            assert "does not count" not in there.said
+            assert "was pressed before" not in there.said
+        assert await there.deeds(6) == [Choose(question=number, key="-") for number in range(6)]
+        await there.press("+", at_s=now_s + 10)
+        await there.press("+", at_s=now_s + 10.4)
+        assert "+ was held down, or pressed again at once, which does not count." in there.said
+        assert (await there.deeds(7))[6:] == [Choose(question=5, key="+")]
+
+    at_a_desk(tmp_path, ARMED, then)
+
+
+def test_a_key_from_before_its_question_that_comes_again_at_once_has_not_counted(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        pressed_s = time.monotonic()
+        await there.show(asking("answer"))
+        await there.press("c", at_s=pressed_s)
+        await there.press("c", at_s=pressed_s + 0.4)
+        assert "c was held down, or pressed again at once, which does not count." in there.said
+        assert "once." not in there.said.replace("at once", "")
+        assert await there.deeds(1) == [Typed(keys="c")]
 
     at_a_desk(tmp_path, ARMED, then)
 
@@ -151,7 +193,7 @@ def test_the_mouse_needs_a_second_press_too(tmp_path: Path, monkeypatch: pytest.
             monkeypatch.setattr(presses, "HELD_S", 1000.0)
             await there.show(asking("confirm", first + 1))
             await there.pilot.click("#offered", offset=(9, 0))
-            assert "Only the first one counts." in there.said
+            assert "and does not count. Click again for it." in there.said
             monkeypatch.setattr(presses, "HELD_S", 0.0)
             await there.pilot.click("#offered", offset=(9, 0))
             chosen, confirmed = Choose(question=first, key=key_of(kind)), Choose(question=first + 1, key="enter")
@@ -231,9 +273,11 @@ def test_capital_letters_stand_for_small_ones(tmp_path: Path) -> None:
         (("ctrl+c",), Pause()),
         (("f7",), Pause()),
         (("f2", *"q c", "enter"), TakeNote(text="q c", trial=3)),
-        (("f3", "enter", "a", "enter", *"slip", "enter"), Correct(trial=2, key="a", reason="slip")),
-        (("f3", "1", "enter", "a", "enter", *"slip", "enter"), Correct(trial=1, key="a", reason="slip")),
-        (("f4", "enter", *"cough", "enter"), Repeat(trial=3, reason="cough")),
+        (("f3", "a", "enter", *"slip", "enter"), Correct(trial=2, key="a", reason="slip")),
+        (("f3", "shift+tab", "1", "enter", "a", "enter", *"slip", "enter"), Correct(trial=1, key="a", reason="slip")),
+        (("f3", "a", "tab", *"slip", "tab", "1", "enter"), Correct(trial=1, key="a", reason="slip")),
+        (("f4", *"cough", "enter"), Repeat(trial=3, reason="cough")),
+        (("f4", "shift+tab", "1", "enter", *"cough", "enter"), Repeat(trial=1, reason="cough")),
         (("f6", *"2,5", "enter"), Pause(minutes=2.5)),
         (("f8", "enter"), Stop()),
     ],
@@ -290,7 +334,7 @@ def test_enter_that_ends_a_form_and_is_held_confirms_nothing(tmp_path: Path) -> 
 def test_what_a_refused_form_held_is_kept(tmp_path: Path) -> None:
     async def then(there: Desk) -> None:
         there.end.refusals = {"x": "'x' does not stand for an answer."}
-        await there.press("f3", "enter", "x", "enter", *"slip", "enter")
+        await there.press("f3", "x", "enter", *"slip", "enter")
         await there.until(lambda: "does not stand for an answer" in there.text)
         assert [field.value for field in there.app.query(Input)] == ["2", "x", "slip"]
 
@@ -300,8 +344,9 @@ def test_what_a_refused_form_held_is_kept(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("keys", "words"),
     [
-        (("f3", "enter", "a", "enter", "enter"), "Reason is empty."),
-        (("f4", "enter", "enter"), "Reason is empty."),
+        (("f3", "a", "enter", "enter"), "Reason is empty."),
+        (("f3", "enter"), "Key is empty."),
+        (("f4", "enter"), "Reason is empty."),
         (("f6", "0", "enter"), "is no length of a break."),
         (("f2", "enter"), "Note is empty."),
     ],
@@ -490,7 +535,8 @@ def test_the_newest_line_stays_on_the_screen_whatever_is_asked(tmp_path: Path) -
             await there.press("f3")
             await there.until(lambda number=number: f"newest {number}" in there.text)  # type: ignore[misc]
             await there.press("escape")
-        await there.press("pageup", "pageup")
+        await there.press("pageup", "pageup", after_s=0.05)
+        assert "does not count" not in there.said
         await there.until(lambda: "newest" not in there.text)
 
     at_a_desk(tmp_path, ARMED, then)

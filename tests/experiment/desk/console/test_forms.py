@@ -32,6 +32,14 @@ def test_who_stops_in_a_break_is_asked_about_the_day_and_no_trial() -> None:
     assert forms.opened("stop", VIEW).title.startswith("Stop for today? The session pauses as soon as nothing")
 
 
+@pytest.mark.parametrize("kind", ["answer", "confirm", "level", "debrief"])
+@pytest.mark.parametrize("name", ["break", "stop"])
+def test_who_pauses_while_an_answer_is_asked_for_is_told_that_the_trial_comes_again(name: str, kind: str) -> None:
+    title = forms.opened(name, VIEW.model_copy(update={"question": question(kind)})).title
+    warned = "Trial 7, which waits for its answer, comes again." in title
+    assert warned is (kind in ("answer", "confirm"))
+
+
 @pytest.mark.parametrize("text", ["\u202e", "a\u0000b", "\u043enly"])
 def test_what_cannot_go_on_record_is_said_before_it_is_sent(text: str) -> None:
     with pytest.raises(forms.NotFilledIn, match=r"Note holds U\+.*Type it without that character"):

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.desk.console.presses import HELD_S, SEEN_S, Presses
+from experiment.desk.console.presses import HELD_S, MOUSE, SEEN_S, Presses
 
 DELAYS_S = (0.225, 0.25, 0.375, 0.4, 0.5, 0.6, 0.66)
 """After which the keys of systems begin to repeat, as they are shipped: macOS, Windows, GNOME, KDE, X11 (xset q)."""
@@ -25,13 +25,17 @@ def test_it_counts_again_once_it_was_let_go() -> None:
     assert [presses.held("c", at_s) for at_s in (0.0, 0.5, 0.5 + HELD_S, 0.6 + HELD_S)] == [False, True, False, True]
 
 
-def test_another_key_in_between_does_not_make_it_another_press() -> None:
+@pytest.mark.parametrize(("between", "held"), [("c", False), (MOUSE, True)])
+def test_another_key_in_between_makes_it_another_press_and_a_click_does_not(between: str, held: bool) -> None:
+    """A keyboard repeats the key that was pressed last, and no longer the one before, though that is still down."""
     presses = Presses()
-    assert [presses.held(key, at_s) for key, at_s in (("enter", 0.0), ("c", 0.1), ("enter", 0.2))] == [
-        False,
-        False,
-        True,
-    ]
+    pressed = [presses.held(key, at_s) for key, at_s in (("enter", 0.0), (between, 0.1), ("enter", 0.2))]
+    assert pressed == [False, False, held]
+
+
+def test_a_key_does_not_make_it_another_click() -> None:
+    presses = Presses()
+    assert [presses.held(key, at_s) for key, at_s in ((MOUSE, 0.0), ("c", 0.1), (MOUSE, 0.2))] == [False, False, True]
 
 
 def test_only_what_could_be_seen_is_answered() -> None:
@@ -48,10 +52,11 @@ def test_only_what_could_be_seen_is_answered() -> None:
 
 
 @given(st.lists(st.tuples(st.sampled_from("ab"), st.floats(0, 3)), max_size=40))
-def test_two_that_count_of_one_key_are_apart(gaps: list[tuple[str, float]]) -> None:
-    presses, at_s, counted = Presses(), 0.0, dict[str, float]()
+def test_two_that_count_of_one_key_are_apart_or_have_another_between(gaps: list[tuple[str, float]]) -> None:
+    presses, at_s, latest, counted = Presses(), 0.0, "", dict[str, float]()
     for key, gap_s in gaps:
         at_s += gap_s
         if not presses.held(key, at_s):
-            assert at_s - counted.get(key, -HELD_S) >= HELD_S
+            assert key != latest or at_s - counted.get(key, -HELD_S) >= HELD_S
             counted[key] = at_s
+        latest = key

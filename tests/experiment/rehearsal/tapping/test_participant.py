@@ -77,4 +77,6 @@ def test_who_practises_is_told_what_the_participant_says() -> None:
     one.place(trial=1, presented=("plastic", "silicone"))
     assert one.ask(trial=1, answers={"1": "first"}, others={}) == "1"
     assert desk.placed == [(1, "plastic | silicone")]
-    assert desk.shown == ["The participant says: the first."]
+    assert desk.proposed == ["The participant says: the first."]
+    one.heard(words="heard: first (0.92)")
+    assert desk.proposed[1:] == ["The participant says: the first. heard: first (0.92)"]
