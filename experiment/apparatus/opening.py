@@ -314,17 +314,15 @@ def open_actuator(
             f"rig '{rig.rig.name}': got {got} frequency shaping for its actuator; allowed: {allowed}, as the rig file "
             "says; correct [actuator.shaping] there"
         )
+    from experiment.apparatus.panel.conditioning import Conditioner
+
+    condition = Conditioner(
+        full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=settings.carries_hz
+    )
     if where is not None:
         from experiment.apparatus.panel.pcm import PcmActuator
 
-        server = PcmActuator(
-            where,
-            rate_hz=settings.rate_hz,
-            full_scale=settings.full_scale,
-            limit_m_s2=limit_m_s2,
-            drive=drive,
-            carries_hz=settings.carries_hz,
-        )
+        server = PcmActuator(where, rate_hz=settings.rate_hz, condition=condition)
         server.reach()
         return server
     from experiment.apparatus.audio.actuator import AudioActuator
@@ -333,14 +331,7 @@ def open_actuator(
         raise ActuatorError(
             f"rig '{rig.rig.name}': got no audio stream for its actuator; allowed: the session's; open [audio] first"
         )
-    return AudioActuator(
-        stream,
-        audio_of(rig),
-        full_scale=settings.full_scale,
-        limit_m_s2=limit_m_s2,
-        drive=drive,
-        carries_hz=settings.carries_hz,
-    )
+    return AudioActuator(stream, audio_of(rig), condition)
 
 
 def accelerometer_of(rig: Rig) -> AccelerometerRig:

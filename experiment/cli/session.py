@@ -106,8 +106,29 @@ def run(
 
     def once(console: "Console") -> "Footer":
         if practice:
-            return _practise(protocol_file, rig, participant, task, dataset, console)
-        return _run(protocol_file, rig, participant, task, dataset, recordings, console)
+            from experiment.rehearsal.study import practise, simulated_rig
+
+            return practise(
+                protocol_file=protocol_file,
+                rig_file=rig or simulated_rig(protocol),
+                participant=participant or "01",
+                task_id=task,
+                out=dataset,
+                console=console,
+            )
+        from experiment.session.run import run as visit
+
+        if participant is None or rig is None:
+            raise TypeError("a session needs a participant and a rig")
+        return visit(
+            protocol_file=protocol_file,
+            rig_file=rig,
+            participant=participant,
+            task_id=task,
+            root=dataset,
+            recordings=recordings,
+            console=console,
+        )
 
     if session_at is not None:
         from experiment.cli import desk
@@ -128,51 +149,6 @@ def run(
         typer.echo(told(once(console), last=task is None))
     else:
         _attend(folder, participant or "01", by)
-
-
-def _practise(
-    protocol_file: Path,
-    rig: Path | None,
-    participant: str | None,
-    task: str | None,
-    dataset: Path | None,
-    console: "Console",
-) -> "Footer":
-    from experiment.protocol import files
-    from experiment.rehearsal import study
-
-    return study.practise(
-        protocol_file=protocol_file,
-        rig_file=rig or study.simulated_rig(files.load(protocol_file)),
-        participant=participant or "01",
-        task_id=task,
-        out=dataset,
-        console=console,
-    )
-
-
-def _run(
-    protocol_file: Path,
-    rig: Path | None,
-    participant: str | None,
-    task: str | None,
-    dataset: Path | None,
-    recordings: Path | None,
-    console: "Console",
-) -> "Footer":
-    from experiment.session import run as study
-
-    if participant is None or rig is None:
-        raise TypeError("a session needs a participant and a rig")
-    return study.run(
-        protocol_file=protocol_file,
-        rig_file=rig,
-        participant=participant,
-        task_id=task,
-        root=dataset,
-        recordings=recordings,
-        console=console,
-    )
 
 
 def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practice: bool) -> "View":

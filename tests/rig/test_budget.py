@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import open_drive
+from experiment.apparatus.panel.conditioning import Conditioner, open_drive
 from experiment.apparatus.panel.pcm import PcmActuator
 from experiment.apparatus.rig import ActuatorRig
 from experiment.protocol import files
@@ -66,13 +66,8 @@ def test_the_total_is_the_truth_for_every_material_at_ten_speeds(
         materials={"typing paper": bases["typing paper"]},
     )
     panel = Panel(actuator)
-    port = PcmActuator(
-        panel.address,
-        rate_hz=actuator.rate_hz,
-        full_scale=actuator.full_scale,
-        limit_m_s2=LIMIT_M_S2,
-        drive=drive,
-    )
+    condition = Conditioner(full_scale=actuator.full_scale, limit_m_s2=LIMIT_M_S2, drive=drive)
+    port = PcmActuator(panel.address, rate_hz=actuator.rate_hz, condition=condition)
     ratios, methods = {}, set()
     try:
         for material, speed_mm_s in ((m, float(v)) for m in materials for v in SPEEDS_MM_S):

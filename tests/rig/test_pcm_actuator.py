@@ -18,7 +18,7 @@ from hypothesis.extra import numpy as arrays
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel import pcm as pcm_ports
-from experiment.apparatus.panel.conditioning import Played, open_drive
+from experiment.apparatus.panel.conditioning import Conditioner, Played, open_drive
 from experiment.apparatus.panel.pcm import PcmActuator
 from experiment.apparatus.ports import Actuator
 from experiment.apparatus.rig import ActuatorRig, ShapingRig
@@ -46,7 +46,8 @@ def panel() -> Iterator[Panel]:
 
 
 def actuator(address: str, limit_m_s2: float = 20.0) -> PcmActuator:
-    return PcmActuator(address, rate_hz=RIG.rate_hz, full_scale=RIG.full_scale, limit_m_s2=limit_m_s2)
+    condition = Conditioner(full_scale=RIG.full_scale, limit_m_s2=limit_m_s2)
+    return PcmActuator(address, rate_hz=RIG.rate_hz, condition=condition)
 
 
 def play(opened: Actuator, asked: np.ndarray | Stimulus) -> Played:
@@ -179,9 +180,8 @@ def test_what_the_panel_delivers_through_its_response_is_what_was_asked(
     wanted = materials[material].at(speed_mm_s).waveform_m_s2
     panel = Panel(SHAPED)
     drive = open_drive(shipped("rigs/rehearsal-response.csv").parent, SHAPED, limit_m_s2=100.0)
-    opened = PcmActuator(
-        panel.address, rate_hz=SHAPED.rate_hz, full_scale=SHAPED.full_scale, limit_m_s2=30.0, drive=drive
-    )
+    condition = Conditioner(full_scale=SHAPED.full_scale, limit_m_s2=30.0, drive=drive)
+    opened = PcmActuator(panel.address, rate_hz=SHAPED.rate_hz, condition=condition)
     played = play(opened, materials[material].at(speed_mm_s))
     felt = panel.felt(0)
     panel.close()
@@ -293,7 +293,9 @@ def test_pulseaudio_plays_every_sample(pulseaudio: tuple[str, dict[str, str]]) -
     ) as recorder:
         assert recorder.stdout is not None
         recorded = recorder.stdout.read(4)
-        played = play(PcmActuator(address, rate_hz=48_000, full_scale=64.0, limit_m_s2=16.0), wanted)
+        played = play(
+            PcmActuator(address, rate_hz=48_000, condition=Conditioner(full_scale=64.0, limit_m_s2=16.0)), wanted
+        )
         heard = np.zeros(0, dtype="<f4")
         # The watchdog ends a recorder that would never hear the stimulus.
         watchdog = threading.Timer(20.0, recorder.kill)

@@ -18,7 +18,6 @@ from experiment.apparatus.rig import AudioRig, DeliveredRig
 from experiment.errors import ActuatorError
 from experiment.records.stimulus import Delivered
 from experiment.synthesis.tap import Ring
-from experiment.synthesis.voltages import Drive
 from experiment.synthesis.waveforms import Stimulus
 
 FOUND = 0.5
@@ -117,23 +116,14 @@ REACH_S = 0.05
 class AudioActuator:
     """Implements `Actuator`."""
 
-    def __init__(
-        self,
-        stream: AudioStream,
-        audio: AudioRig,
-        *,
-        full_scale: float,
-        limit_m_s2: float,
-        drive: Drive | None = None,
-        carries_hz: tuple[float, float] | None = None,
-    ) -> None:
+    def __init__(self, stream: AudioStream, audio: AudioRig, condition: Conditioner) -> None:
         """Take an output of the session's running stream, which stays open when the actuator is closed.
 
-        `audio` is the device in the rig file; `Conditioner` says what the other arguments are.
+        `audio` is the device in the rig file.
         """
         self._stream = stream
         self._audio = audio
-        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=carries_hz)
+        self._condition = condition
         self._output_ns = audio.latency.output_ms * 1e6
         self._tolerance = audio.delivered
         self._samples: NDArray[np.float32] = np.zeros(0, np.float32)

@@ -22,6 +22,7 @@ import numpy as np
 
 from experiment.apparatus import rig as rigs
 from experiment.apparatus.panel import response_table as response
+from experiment.apparatus.panel.conditioning import Conditioner
 from experiment.apparatus.panel.pcm import PcmActuator
 from experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
 from experiment.apparatus.tracker import calibration
@@ -132,10 +133,9 @@ def ages(rig: Rig, today: date) -> tuple[Check, ...]:
 def answers(address: str, settings: ActuatorRig) -> Check:
     """Return whether the server of a raw PCM actuator accepts a connection."""
     name = "actuator"
+    condition = Conditioner(full_scale=settings.full_scale, limit_m_s2=settings.full_scale)
     try:
-        PcmActuator(
-            address, rate_hz=settings.rate_hz, full_scale=settings.full_scale, limit_m_s2=settings.full_scale
-        ).reach()
+        PcmActuator(address, rate_hz=settings.rate_hz, condition=condition).reach()
     except ActuatorError as error:
         return refused(name, error)
     return Check(name, "green", f"{address} accepts a connection; nothing was sent")

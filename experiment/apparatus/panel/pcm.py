@@ -32,7 +32,6 @@ from experiment.clock import Clock, MonotonicClock
 from experiment.errors import ActuatorError, RecordingError
 from experiment.records.stimulus import Delivered
 from experiment.synthesis.tap import Ring
-from experiment.synthesis.voltages import Drive
 from experiment.synthesis.waveforms import Stimulus
 
 CONNECT_S = 1.0
@@ -60,19 +59,10 @@ _PIECE_BYTES = 65536
 class PcmActuator:
     """Implements `Actuator`."""
 
-    def __init__(
-        self,
-        address: str,
-        *,
-        rate_hz: int,
-        full_scale: float,
-        limit_m_s2: float,
-        drive: Drive | None = None,
-        carries_hz: tuple[float, float] | None = None,
-    ) -> None:
-        """Prepare for the server at `host:port`; nothing is connected yet. `Conditioner` says what the limits are.
+    def __init__(self, address: str, *, rate_hz: int, condition: Conditioner) -> None:
+        """Prepare for the server at `host:port`; nothing is connected yet.
 
-        Raises `ActuatorError` if `address` is no `host:port`, or the limit is negative or not finite.
+        Raises `ActuatorError` if `address` is no `host:port`.
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
@@ -80,7 +70,7 @@ class PcmActuator:
         self._address = address
         self._peer = (host.strip("[]"), int(port))
         self._rate_hz = rate_hz
-        self._condition = Conditioner(full_scale=full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=carries_hz)
+        self._condition = condition
         self._prepared: NDArray[np.float32] | None = None
 
     @property

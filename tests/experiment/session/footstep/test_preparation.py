@@ -9,7 +9,7 @@ from types import FrameType
 import pytest
 
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import open_drive
+from experiment.apparatus.panel.conditioning import Conditioner, open_drive
 from experiment.apparatus.panel.pcm import PcmActuator
 from experiment.clock import ManualClock
 from experiment.protocol import files
@@ -49,13 +49,8 @@ def test_a_preparation_from_gate_speed_to_limiter_is_a_dozen_calls_in_five_modul
         scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=actuator.rate_hz
     )
     drive = open_drive(rig_file.parent, actuator, limit_m_s2=limit_m_s2, materials=materials) if volts else None
-    panel = PcmActuator(
-        "127.0.0.1:4711",
-        rate_hz=actuator.rate_hz,
-        full_scale=actuator.full_scale,
-        limit_m_s2=limit_m_s2,
-        drive=drive,
-    )
+    condition = Conditioner(full_scale=actuator.full_scale, limit_m_s2=limit_m_s2, drive=drive)
+    panel = PcmActuator("127.0.0.1:4711", rate_hz=actuator.rate_hz, condition=condition)
     sounding = Sounding(Sounder(materials, panel), "copy paper", lambda us: round(us * 1e3), ManualClock(0))
     sounding.prepare(120.0)
     for speed_mm_s in (50.0, 171.3, 299.0):
