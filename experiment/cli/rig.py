@@ -86,11 +86,11 @@ def doctor(
 ) -> None:
     """Check a rig before a session.
 
-    Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback, actuator,
-    force device (which pushes nothing), disk and clocks are checked through the drivers that sessions use. With
-    --protocol, what the rig leaves out of the recorded vibrations is told, and is red where that is more than the
-    protocol allows, and so is a force device that does not bear its block. Each check is green, or red with its remedy.
-    The exit code is 2 if any check is red.
+    Nobody may be on the panel, for it may move. Files, calibrations, tracker, audio device with its loopback,
+    actuator, force device (which pushes nothing), disk and clocks are checked through the drivers that sessions
+    use. With --protocol, what the rig leaves out of the recorded vibrations is told, and is red where that is more
+    than the protocol allows, and so is a rig that renders no virtual block, or does not bear it. Each check is
+    green, or red with its remedy. The exit code is 2 if any check is red.
     """
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.doctor import doctor as doctors

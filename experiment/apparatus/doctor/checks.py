@@ -133,8 +133,8 @@ def ages(rig: Rig, today: date) -> tuple[Check, ...]:
 def answers(address: str, settings: ActuatorRig) -> Check:
     """Return whether the server of a raw PCM actuator accepts a connection."""
     name = "actuator"
+    condition = Conditioner(full_scale=settings.full_scale, limit_m_s2=settings.full_scale)
     try:
-        condition = Conditioner(full_scale=settings.full_scale, limit_m_s2=settings.full_scale)
         PcmActuator(address, condition, rate_hz=settings.rate_hz).reach()
     except ActuatorError as error:
         return refused(name, error)
