@@ -374,7 +374,8 @@ class LinkedConsole:
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
         counts = " A key counts how often a material was handled." if handled else ""
-        begun_ns, told = wall_ns(), f"Familiarisation, {minutes(max(min_s, 0))} to {minutes(max_s)}.{counts}"
+        least = minutes(min_s) if min_s > 0 else "up"
+        begun_ns, told = wall_ns(), f"Familiarisation, {least} to {minutes(max_s)}.{counts}"
         self._now(state="familiarising", trial=None, instruction=instruction)
         ends = Choice(key=ENTER, words="the participant is familiar with the materials")
         try:
