@@ -278,8 +278,7 @@ class LinkedConsole:
     def _choose(self, deed: Choose, *, at_console: bool) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
-            other = asked is None or (asked.number != deed.question and deed.key not in SAFE)
-            if asked is None or other or self._chosen is not None:
+            if asked is None or self._chosen is not None or (asked.number != deed.question and deed.key not in SAFE):
                 # What the participant presses is not what the experimenter typed.
                 self._ignored += TYPED.get(deed.key, deed.key) if at_console else ""
                 return False, CLOSED

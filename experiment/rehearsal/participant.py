@@ -84,10 +84,14 @@ class SimulatedPerson:
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
+        self.clock.sleep_ns(LISTENS_NS)
+        return self.wishes(level_db_a, keys)
+
+    def wishes(self, level_db_a: float, keys: dict[str, str]) -> str:
+        """Return the key that is wished for at a level of the masker; nothing where the level is right."""
         if PROBE_KEY in keys and not self._probed:
             self._probed = True
             return PROBE_KEY
-        self.clock.sleep_ns(LISTENS_NS)
         if level_db_a >= MASKED_DB_A:
             return ""
         return HEARD_KEY if HEARD_KEY in keys else LOUDER_KEY
@@ -165,11 +169,10 @@ class Practised:
         self.desk.heard(words=f"{said} {self._proposed}".strip())
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
-        asked = {"level_db_a": level_db_a, "limit_db_a": limit_db_a}
-        wanted = self.participant.level(**asked, criterion=criterion, keys=keys)
         said = {LOUDER_KEY: "louder", PROBE_KEY: "let me feel it", HEARD_KEY: "I still hear it"}
-        self.desk.show(f"The participant says: {said.get(wanted, 'I no longer hear it')}.")
-        return self.desk.level(**asked, criterion=criterion, keys=keys)
+        words = said.get(self.participant.wishes(level_db_a, keys), "I no longer hear it")
+        self.desk.show(f"The participant says: {words}.")
+        return self.desk.level(level_db_a=level_db_a, limit_db_a=limit_db_a, criterion=criterion, keys=keys)
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
         said = self.desk.say(words=words, take=take, takes=takes, why=why)

@@ -41,10 +41,11 @@ PRACTICE_SEED = 1
 """So that whoever practises again meets the same trials."""
 
 WELCOME = """{label}. Nothing here is data of the study.
-Everything is kept in {out}, and every file there says PRACTICE.
-Participant {participant}, task {task}. Where something is to be laid out, press Enter. Familiarisation may end at once,
-and no break is waited for. You are the experimenter. In each trial the simulated participant says an answer: choose its
-key, and confirm it. Ctrl-C pauses."""
+Everything is kept in {out}, and every file there says PRACTICE."""
+
+TO_DO = """Participant {participant}, task {task}. You are the experimenter. Where something is to be laid out, press
+Enter. Familiarisation may end at once, and no break is waited for. In each trial the simulated participant says an
+answer: choose its key, and confirm it. Ctrl-C pauses."""
 
 
 def rehearse(
@@ -177,9 +178,9 @@ def practise(
             raise RosterError(
                 f"participant {participant} does not do task '{task_id}'; allowed: {', '.join(left)}; name one of these"
             )
-        if said := generic(protocol):
+        facts = {"label": LABELS["PRACTICE"], "participant": participant, "task": tasks[0], "out": out}
+        for said in filter(None, (WELCOME.format(**facts), generic(protocol), TO_DO.format(**facts))):
             console.show(said)
-        console.show(WELCOME.format(label=LABELS["PRACTICE"], participant=participant, task=tasks[0], out=out))
         practice = _Practice(job, console)
         footer = walk(console=console, tasks=tasks, run=practice.session, noting=practice.noting)
     others = [task for task in job.tasks if left[task] and task not in tasks]

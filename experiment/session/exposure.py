@@ -141,8 +141,7 @@ class Exposed:
                 self.look()
                 if not shown and self.over() and (why := self._over):
                     shown = True
-                    told = f"\n{nothing_more(why)} Answer what is asked; then the session ends or pauses."
-                    self._console.show(told)
+                    self._console.show(f"\n{nothing_more(why)} Answer what is asked; then the session ends or pauses.")
         except Exception as failed:
             # It is told where the session asks next; the masker does not wait for that.
             self._failed = failed

@@ -535,6 +535,7 @@ def test_the_newest_line_stays_on_the_screen_whatever_is_asked(tmp_path: Path) -
             await there.press("f3")
             await there.until(lambda number=number: f"newest {number}" in there.text)  # type: ignore[misc]
             await there.press("escape")
+        assert "PageUp shows what was told before" in there.text
         await there.press("pageup", "pageup", after_s=0.05)
         assert "does not count" not in there.said
         await there.until(lambda: "newest" not in there.text)
