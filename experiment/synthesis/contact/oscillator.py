@@ -70,13 +70,7 @@ def oscillator(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, fo
     Raises `SynthesisError` unless K and C are finite and zero or more, M is above zero, F is finite, and their ratios
     are finite.
     """
-    for name, value, unit in (("stiffness", stiffness_n_m, "N/m"), ("damping", damping_n_s_m, "N s/m")):
-        if not 0 <= value < inf:
-            raise SynthesisError(f"{name}: got {value:g} {unit}; allowed: a finite number of zero or more; correct it")
-    if not mass_kg > 0:
-        raise SynthesisError(f"mass: got {mass_kg:g} kg; allowed: a number above zero; correct it")
-    if not isfinite(force_n):
-        raise SynthesisError(f"force: got {force_n:g} N; allowed: a finite number; correct it")
+    refuse(problems(stiffness_n_m=stiffness_n_m, damping_n_s_m=damping_n_s_m, mass_kg=mass_kg, force_n=force_n))
     if mass_kg == inf:
         return Oscillator(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     m, c, k = Fraction(mass_kg), Fraction(damping_n_s_m), Fraction(stiffness_n_m)
@@ -94,6 +88,29 @@ def oscillator(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, fo
     if split < 0:
         return Oscillator(a, b, push, split, root, 0.0, 0.0)
     return Oscillator(a, b, push, split, root, b / (a + root) if b else 0.0, a + root)
+
+
+def problems(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, force_n: float) -> list[str]:
+    """Return everything for which `oscillator` refuses a spring, a damper, a mass and a force, a line each."""
+    wrong = [
+        f"{name}: got {value:g} {unit}; allowed: a finite number of zero or more; correct it"
+        for name, value, unit in (("stiffness", stiffness_n_m, "N/m"), ("damping", damping_n_s_m, "N s/m"))
+        if not 0 <= value < inf
+    ]
+    if not mass_kg > 0:
+        wrong.append(f"mass: got {mass_kg:g} kg; allowed: a number above zero; correct it")
+    if not isfinite(force_n):
+        wrong.append(f"force: got {force_n:g} N; allowed: a finite number; correct it")
+    return wrong
+
+
+def refuse(wrong: list[str]) -> None:
+    """Raise `SynthesisError` for the first of what is wrong, with the others as its notes; nothing where nothing is."""
+    if wrong:
+        error = SynthesisError(wrong[0])
+        for other in wrong[1:]:
+            error.add_note(other)
+        raise error
 
 
 def carry(of: Oscillator, t_s: float) -> Carry:

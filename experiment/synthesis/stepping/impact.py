@@ -3,13 +3,16 @@
 The mass starts at r = 0. A constant force may press it into the block, or pull it away. The closed form goes from touch
 to release in one step (`contact`). Without a force, with a damping ratio z = C / (2 sqrt(K M)) below 1 and phi = acos
 z, it is, for the clamped law, release after 2 phi / (w sin phi) at v exp(-2 z phi / sin phi), where w = sqrt(K / M).
+
+All is computed in units in which the numbers are near 1 (`Collision.scaled`), so that no square of a large or a small
+one leaves the range of numbers. They are powers of two, and change no digit.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from math import ceil, inf, isfinite, log, sqrt
+from math import ceil, inf, isfinite, ldexp, log, log2, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +20,24 @@ from numpy.typing import NDArray
 from experiment.errors import SynthesisError
 from experiment.synthesis.contact import exact
 from experiment.synthesis.contact.block import FREE, Block, Law, Motion, Switch
-from experiment.synthesis.contact.oscillator import Oscillator, carry, moved
+from experiment.synthesis.contact.oscillator import Oscillator, carry, moved, problems, refuse
 from experiment.synthesis.stepping import stability
 from experiment.synthesis.stepping.steppers import EXACT, stepper
+
+LEAST = 2.0**-1022
+"""The smallest number that has all its digits."""
 
 MOST_STEPS = 200_000
 """Steps of one impact beyond which it is refused, or taken in fewer by the exact stepper, whose error they leave."""
 
+LONGEST = 1e12
+"""A step beyond which none is taken, in units of an impact: a switch is located to 1e-13 of a step."""
+
 NEARLY_CRITICAL = 1e-3
 """How near to 1 a damping ratio is called nearly critical under the printed law."""
+
+LONG_STEP = 0.1
+"""A step, as a part of the contact, beyond which a method other than the exact one is said to see little. Ours."""
 
 QUANTITIES = ("release_s", "rebound_m_s", "penetration_m", "peak_s", "dissipated_j", "left_in_spring_j")
 
@@ -46,16 +58,45 @@ class Collision:
 
     def __post_init__(self) -> None:
         """Refuse what is no impact."""
+        given = {"stiffness_n_m": self.stiffness_n_m, "damping_n_s_m": self.damping_n_s_m, "force_n": self.force_n}
+        wrong = problems(**given, mass_kg=1.0)
         if not 0 < self.mass_kg < inf:
-            raise SynthesisError(f"mass: got {self.mass_kg:g} kg; allowed: a finite number above zero; correct it")
+            wrong.append(f"mass: got {self.mass_kg:g} kg; allowed: a finite number above zero; correct it")
         if not 0 < self.speed_m_s < inf:
-            raise SynthesisError(f"speed: got {self.speed_m_s:g} m/s; allowed: a finite number above zero; correct it")
-        if not max(1.0, self.mass_kg) * self.speed_m_s * self.speed_m_s < inf:
-            raise SynthesisError(
+            wrong.append(f"speed: got {self.speed_m_s:g} m/s; allowed: a finite number above zero; correct it")
+        elif not max(1.0, self.mass_kg) * self.speed_m_s * self.speed_m_s < inf:
+            wrong.append(
                 f"mass and speed: got {self.mass_kg:g} kg at {self.speed_m_s:g} m/s; allowed: an energy that is a "
                 "finite number; give less of one"
             )
-        _ = self.block
+        refuse(wrong)
+        _ = self.scaled
+
+    @cached_property
+    def units(self) -> tuple[int, int, int]:
+        """Powers of two of a kilogram, a second and a metre: in these units M and V are near 1, K, C and F at most."""
+        m, v = round(log2(self.mass_kg)), round(log2(self.speed_m_s))
+        k, c, f = (log2(abs(x)) if x else -inf for x in (self.stiffness_n_m, self.damping_n_s_m, self.force_n))
+        fastest = max((k - m) / 2, c - m, f - m - v)
+        second = -round(fastest) if fastest > -inf else 0
+        return m, second, v + second
+
+    @cached_property
+    def scaled(self) -> Collision:
+        """The same impact in `units`. Raises `SynthesisError` where spring, damper and force are too far apart."""
+        kg, s, m = self.units
+        if (kg, s, m) == (0, 0, 0):
+            return self
+        k, c = ldexp(self.stiffness_n_m, 2 * s - kg), ldexp(self.damping_n_s_m, s - kg)
+        force = ldexp(self.force_n, 2 * s - kg - m)
+        # So small a damping does nothing; a spring or a force may still be what brings the mass back.
+        if (self.stiffness_n_m and k < LEAST) or (self.force_n and abs(force) < LEAST):
+            raise SynthesisError(
+                f"impact: got {self.stiffness_n_m:g} N/m, {self.damping_n_s_m:g} N s/m and {self.force_n:g} N for "
+                f"{self.mass_kg:g} kg at {self.speed_m_s:g} m/s, of which one acts some 1e150 times as fast as "
+                "another; allowed: closer, or zero; leave out what does nothing"
+            )
+        return Collision(k, c, ldexp(self.mass_kg, -kg), ldexp(self.speed_m_s, s - m), force, self.law)
 
     @cached_property
     def block(self) -> Block:
@@ -75,19 +116,19 @@ class Collision:
 
     @property
     def frequency_rad_s(self) -> float:
-        """w = sqrt(K / M)."""
-        return sqrt(self.block.normal.stiffness_per_s2)
+        """w = sqrt(K / M); infinity beyond the largest number."""
+        return _shifted(sqrt(self.scaled.block.normal.stiffness_per_s2), -self.units[1])
 
     @property
     def damping_ratio(self) -> float | None:
         """z = C / (2 sqrt(K M)); None without a spring."""
-        of = self.block.normal
+        of = self.scaled.block.normal
         return of.decay_per_s / sqrt(of.stiffness_per_s2) if of.stiffness_per_s2 else None
 
     @property
     def nearly_critical(self) -> bool:
         """Whether the release hangs on the last digits of the damping: see `NEARLY_CRITICAL`."""
-        of = self.block.normal
+        of = self.scaled.block.normal
         if self.law != "printed" or of.split_per_s2 >= 0:
             return False
         return -of.split_per_s2 < 2 * NEARLY_CRITICAL * of.stiffness_per_s2
@@ -123,6 +164,29 @@ class Course:
 
 def closed_form(of: Collision) -> Impact:
     """Return the exact outcome."""
+    return _in_si(_closed_form(of.scaled), of)
+
+
+def _in_si(made: Impact, of: Collision) -> Impact:
+    """Return an outcome that was found in the units of an impact, without what no number holds."""
+    kg, s, m = of.units
+    powers = dict(zip(QUANTITIES, (s, m - s, m, s, kg + 2 * (m - s), kg + 2 * (m - s)), strict=True))
+    found = {name: getattr(made, name) for name in QUANTITIES}
+    si = {name: None if value is None else _shifted(value, powers[name]) for name, value in found.items()}
+    lost = [name for name, value in si.items() if value is not None and found[name] and not LEAST <= abs(value) < inf]
+    beyond = (f"{', '.join(lost)}: beyond the numbers from {LEAST:.2g} to 1.8e308.",) if lost else ()
+    return Impact(**{**si, **dict.fromkeys(lost)}, why=made.why + beyond)
+
+
+def _shifted(value: float, power: int) -> float:
+    """Return a number, zero or more, times a power of two; infinity beyond the largest number."""
+    try:
+        return ldexp(value, power)
+    except OverflowError:
+        return inf
+
+
+def _closed_form(of: Collision) -> Impact:
     axis, block, v = of.block.normal, of.block, of.speed_m_s
     release, peak = exact.release_after(block, 0.0, v), exact.deepest_after(axis, 0.0, v)
     if release == inf:
@@ -137,7 +201,7 @@ def closed_form(of: Collision) -> Impact:
     why: tuple[str, ...] = (_NEARLY_CRITICAL,) if of.nearly_critical else ()
     rebound: float | None = abs(u)
     if of.nearly_critical and abs(u) < 1e-290:
-        rebound, why = None, (*why, "rebound_m_s: it is below 1e-290 m/s, too small for a number.")
+        rebound, why = None, (*why, "rebound_m_s: it is below 1e-290 of the speed of the touch, which is too small.")
     return Impact(release, rebound, deepest, peak, lost, of.stiffness_n_m * x * x / 2, why)
 
 
@@ -154,7 +218,7 @@ def condition(of: Collision) -> float:
     """
     least = 1e-5
     while True:
-        worst = _condition(of, least)
+        worst = _condition(of.scaled, least)
         if worst < inf or least < 1e-9:
             return worst
         least /= 100
@@ -162,12 +226,12 @@ def condition(of: Collision) -> float:
 
 def _condition(of: Collision, by: float) -> float:
     sums = dict.fromkeys(QUANTITIES[:3], 0.0)
-    here = closed_form(of)
+    here = _closed_form(of)
     for name in ("stiffness_n_m", "damping_n_s_m", "mass_kg", "speed_m_s", "force_n"):
         value = getattr(of, name)
         if value == 0:
             continue
-        above, below = (closed_form(replace(of, **{name: value * factor})) for factor in (1 + by, 1 - by))
+        above, below = (_closed_form(replace(of, **{name: value * factor})) for factor in (1 + by, 1 - by))
         for quantity in sums:
             is_, up, down = (getattr(one, quantity) for one in (here, above, below))
             if (up is None) != (is_ is None) or (down is None) != (is_ is None):
@@ -228,14 +292,21 @@ def in_steps(of: Collision, *, method: str = EXACT, rate_hz: float, phase: float
         raise SynthesisError(f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero; correct it")
     if not 0 <= phase < 1:
         raise SynthesisError(f"phase: got {phase:g}; allowed: 0 to below 1; correct it")
-    once, dt = stepper(method), 1 / rate_hz
-    exact = closed_form(of)
+    kg, s, m = of.units
+    given, of = of, of.scaled
+    once, dt = stepper(method), _shifted(1 / rate_hz, -s)
+    if not dt < LONGEST:
+        raise SynthesisError(
+            f"rate: got {rate_hz:g} Hz; allowed: steps of less than {LONGEST:g} times the time in which this impact "
+            "changes; choose a higher rate"
+        )
+    exact = _closed_form(of)
     longest = 4 * (exact.release_s or exact.peak_s or _settles_s(of.block.normal))
     if longest / dt + 4 > MOST_STEPS:
         if method != EXACT:
             raise SynthesisError(
-                f"rate: got {rate_hz:g} Hz for a contact of {longest / 4:.3g} s; allowed: up to "
-                f"{MOST_STEPS / longest:.3g} Hz there; choose a lower rate"
+                f"rate: got {rate_hz:g} Hz for a contact of {_shifted(longest / 4, s):.3g} s; allowed: up to "
+                f"{_shifted(MOST_STEPS / longest, -s):.3g} Hz there; choose a lower rate"
             )
         dt = longest / MOST_STEPS
     block, steps = of.stepped_block(dt), ceil(longest / dt) + 4
@@ -251,7 +322,9 @@ def in_steps(of: Collision, *, method: str = EXACT, rate_hz: float, phase: float
             break
     deep, speed, force = np.array([(one.deep_m, one.deep_m_s, force) for one, force in rows], dtype=np.float64).T
     times = np.arange(len(rows), dtype=np.float64) * dt - early
-    return Course(_outcome(of, exact, method, seen, steps * dt), times, deep, speed, force)
+    made = _in_si(_outcome(of, exact, method, seen, _shifted(steps * dt, s)), given)
+    powers = s, m, m - s, kg + m - 2 * s
+    return Course(made, *(np.ldexp(one, by) for one, by in zip((times, deep, speed, force), powers, strict=True)))
 
 
 def _outcome(of: Collision, exact: Impact, method: str, seen: list[Switch], lasted_s: float) -> Impact:
@@ -260,16 +333,20 @@ def _outcome(of: Collision, exact: Impact, method: str, seen: list[Switch], last
     penetration, peak = (deepest.deep_m, deepest.since_s) if deepest else (None, None)
     if deepest is None and exact.peak_s is None:
         penetration = exact.penetration_m
+    unseen: tuple[str, ...] = ()
+    if penetration is None and exact.penetration_m is not None:
+        unseen = (f"penetration_m and peak_s: no step of '{method}' ends with the mass in the block and not going in.",)
     if released is None:
         why = exact.why
         if exact.release_s is not None:
-            why = (f"'{method}' does not release the mass within {lasted_s:.3g} s at this rate.",)
+            why = (f"'{method}' does not release the mass within {lasted_s:.3g} s at this rate.", *unseen)
         return Impact(None, None, penetration, peak, None, None, why)
     x, u = released.deep_m, released.deep_m_s
     lost = dissipated_j(of, released.since_s) if method == EXACT else balance_j(of, x, u)
     why = exact.why if exact.release_s is not None else ("By its error, the method releases what is never released.",)
     rebound = None if exact.release_s is not None and exact.rebound_m_s is None else abs(u)
-    return Impact(released.since_s, rebound, penetration, peak, lost, of.stiffness_n_m * x * x / 2, why)
+    left = of.stiffness_n_m * x * x / 2
+    return Impact(released.since_s, rebound, penetration, peak, lost, left, (*why, *unseen))
 
 
 def _settles_s(axis: Oscillator) -> float:
@@ -311,6 +388,7 @@ class Answer:
     """What `palpate tap contact` says of an impact: by which method, at which rate, stable or not.
 
     `h_w` is the step times w = sqrt(K / M), `limit_h_w` the largest stable one, None where every step is stable.
+    `step_in_contacts` is the step over the time from touch to release; None where there is no release.
     `condition` is the condition number, None where the outcome changes its kind within a rounding.
     """
 
@@ -321,6 +399,7 @@ class Answer:
     stable: bool
     h_w: float
     limit_h_w: float | None
+    step_in_contacts: float | None
     condition: float | None
 
     def as_dict(self) -> dict[str, object]:
@@ -342,6 +421,7 @@ class Answer:
             "stable": self.stable,
             "h_w": self.h_w,
             "limit_h_w": self.limit_h_w,
+            "step_in_contacts": self.step_in_contacts,
         }
 
     def text(self) -> str:
@@ -355,6 +435,12 @@ class Answer:
         bound = "every step is" if self.limit_h_w is None else f"up to {self.limit_h_w:.4g} is"
         verdict = "stable" if self.stable else "NOT STABLE, so the numbers below mean nothing"
         lines.append(f"  the method is {verdict} in this contact: h w = {self.h_w:.4g}, {bound} stable")
+        if self.method != EXACT and (long := self.step_in_contacts or 0.0) > LONG_STEP:
+            sees = "nothing" if long > 1 else "little"
+            lines.append(
+                f"  a step is {long:.3g} times as long as the contact, so the method sees {sees} of it: stable or not, "
+                "its numbers are not those of this impact"
+            )
         for name, shown, unit in (
             ("release_s", "release", "s after the touch"),
             ("rebound_m_s", "rebound", "m/s"),
@@ -381,21 +467,29 @@ def answer(of: Collision, *, method: str = EXACT, rate_hz: float) -> Answer:
     `in_steps`.
     """
     stepper(method)
-    if not 0 < rate_hz < inf:
-        raise SynthesisError(f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero; correct it")
-    made = closed_form(of) if method == EXACT else in_steps(of, method=method, rate_hz=rate_hz).impact
-    case = {"stiffness_n_m": of.stiffness_n_m, "damping_n_s_m": of.damping_n_s_m, "mass_kg": of.mass_kg}
+    step = 1 / rate_hz if rate_hz else inf
+    h_w = of.frequency_rad_s * step
+    if not (0 < step < inf and h_w < inf):
+        raise SynthesisError(
+            f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero, whose step times sqrt(K / M) is one; "
+            "correct it"
+        )
+    exact = closed_form(of)
+    made = exact if method == EXACT else in_steps(of, method=method, rate_hz=rate_hz).impact
+    near = of.scaled
+    case = {"stiffness_n_m": near.stiffness_n_m, "damping_n_s_m": near.damping_n_s_m, "mass_kg": near.mass_kg}
     most = inf
     if of.damping_ratio is not None:
         most = stability.limit(method, damping_ratio=of.damping_ratio)
-    number = condition(of)
+    number, contacts = condition(of), step / exact.release_s if exact.release_s else inf
     return Answer(
         of,
         method,
         rate_hz,
         made,
-        stability.stable(method, **case, step_s=1 / rate_hz),
-        of.frequency_rad_s / rate_hz,
+        stability.stable(method, **case, step_s=_shifted(step, -of.units[1])),
+        h_w,
         most if most < inf else None,
+        contacts if contacts < inf else None,
         number if number < inf else None,
     )

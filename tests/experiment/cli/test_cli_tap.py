@@ -103,3 +103,19 @@ def test_an_impact_of_no_finite_energy_is_refused_in_a_line(palpate: Palpate) ->
     numbers = ("--stiffness", 2500, "--damping", 10, "--mass", "1e300", "--speed", "1e300")
     code, out, err = palpate("tap", "contact", *numbers)
     assert (code, out, err.count("\n"), "allowed: an energy that is a finite number" in err) == (2, "", 1, True)
+
+
+def test_a_block_at_the_end_of_the_range_answers_in_numbers() -> None:
+    """Without a damper the mass is back after half a turn, at its speed."""
+    numbers = ["--stiffness", "1e300", "--damping", "0", "--mass", "0.001", "--speed", "1e6"]
+    made = json.loads(run("tap", "contact", *numbers, "--json"))
+    assert made["release_s"] == pytest.approx(pi / (1e150 * 1000**0.5), rel=1e-14, abs=0.0)
+    assert made["rebound_m_s"] == pytest.approx(1e6, rel=1e-14)
+
+
+def test_every_wrong_number_of_an_impact_is_told_at_once(palpate: Palpate) -> None:
+    code, _, err = palpate("tap", "contact", "--stiffness", -5, "--damping", -1, "--mass", 0, "--speed", 0)
+    assert code == 2
+    assert [name in err for name in ("stiffness: got -5", "damping: got -1", "mass: got 0", "speed: got 0")] == [
+        True
+    ] * 4

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from math import acos, exp, pi, sin, sqrt
 from typing import Any
@@ -66,6 +67,83 @@ def test_the_closed_form_is_the_printed_one(ratio: float) -> None:
     made, phi = closed_form(Collision(k, 2 * ratio * sqrt(k * m), m, v)), acos(ratio)
     assert made.release_s == pytest.approx(2 * phi / (sqrt(k / m) * sin(phi)), rel=1e-14)
     assert made.rebound_m_s == pytest.approx(v * exp(-2 * ratio * phi / sin(phi)), rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "mass", "speed", "ratio"),
+    [
+        (1e300, 1e-3, 1e6, 0.3004),
+        (1e300, 1e-3, 1e6, 0.05),
+        (1e-300, 1e3, 1e-9, 0.999999999999),
+        (1e-300, 1e3, 1e-9, 0.0),
+        (1e308, 1e-300, 1e100, 0.5),
+        (1e-200, 1e-250, 1e150, 0.9),
+    ],
+)
+def test_the_ends_of_the_range_keep_their_digits(stiffness: float, mass: float, speed: float, ratio: float) -> None:
+    """The printed closed form, in 60 digits, of the numbers as they came in."""
+    damping = 2 * ratio * sqrt(stiffness) * sqrt(mass)
+    made = answer(Collision(stiffness, damping, mass, speed), rate_hz=2500.0)
+    with mp.workdps(60):
+        w = mp.sqrt(mp.mpf(stiffness) / mp.mpf(mass))
+        z = mp.mpf(damping) / (2 * mp.mpf(mass) * w)
+        phi = mp.acos(z)
+        release, rebound = 2 * phi / (w * mp.sin(phi)), speed * mp.exp(-2 * z * phi / mp.sin(phi))
+        penetration = speed / w * mp.exp(-z * phi / mp.sin(phi))
+        assert made.condition is not None
+        assert made.condition < 4
+        assert made.impact.release_s == pytest.approx(float(release), rel=1e-14, abs=0.0)
+        assert made.impact.rebound_m_s == pytest.approx(float(rebound), rel=1e-14, abs=0.0)
+        assert made.impact.penetration_m == pytest.approx(float(penetration), rel=1e-14, abs=0.0)
+
+
+@pytest.mark.parametrize("excess", [1e-12, 1e-6, 0.5])
+def test_a_clamped_block_releases_above_critical_damping_at_the_ends_of_the_range(excess: float) -> None:
+    of = Collision(1e-300, 2 * (1 + excess) * sqrt(1e-297), 1e3, 1e-9)
+    made = closed_form(of)
+    assert made.why == ()
+    assert made.release_s == pytest.approx(float(Exact(of).release(made.release_s or 1.0)), rel=1e-13, abs=0.0)
+
+
+@given(of=collisions(), kg=st.integers(-200, 200), s=st.integers(-100, 100), m=st.integers(-100, 100))
+@settings(max_examples=60)
+def test_units_change_no_digit(of: Collision, kg: int, s: int, m: int) -> None:
+    made = closed_form(of)
+    scaled = closed_form(
+        Collision(
+            of.stiffness_n_m * 2.0 ** (kg - 2 * s),
+            of.damping_n_s_m * 2.0 ** (kg - s),
+            of.mass_kg * 2.0**kg,
+            of.speed_m_s * 2.0 ** (m - s),
+            of.force_n * 2.0 ** (kg + m - 2 * s),
+            of.law,
+        )
+    )
+    for name, power in (("release_s", s), ("rebound_m_s", m - s), ("penetration_m", m), ("peak_s", s)):
+        was = getattr(made, name)
+        assert getattr(scaled, name) == (None if was is None else was * 2.0**power), name
+
+
+def test_a_result_that_no_number_holds_is_null_and_says_why() -> None:
+    made = closed_form(Collision(1.0, 0.1, 1.0, 1e-170))
+    assert (made.dissipated_j, made.left_in_spring_j) == (None, None)
+    assert made.rebound_m_s is not None
+    assert made.why == ("dissipated_j, left_in_spring_j: beyond the numbers from 2.2e-308 to 1.8e308.",)
+    with pytest.raises(SynthesisError, match="acts some 1e150 times as fast as another"):
+        Collision(1e-300, 1e100, 1e-9, 1.0)
+
+
+@pytest.mark.parametrize("method", list(STEPPERS))
+@pytest.mark.parametrize("stiffness", [1e300, 1e9, 1e-300])
+def test_no_method_answers_with_what_is_no_number(method: str, stiffness: float) -> None:
+    of = Collision(stiffness, 0.3 * sqrt(stiffness * 1e-3), 1e-3, 1e6)
+    try:
+        made = answer(of, method=method, rate_hz=2500.0)
+    except SynthesisError as refused:
+        assert "rate: got 2500 Hz" in str(refused)  # noqa: PT017
+        return
+    json.dumps(made.as_dict(), allow_nan=False)
+    assert all(None is one or np.isfinite(one) for one in vars(made.impact).values() if one != made.impact.why)
 
 
 def test_critical_damping_is_no_edge() -> None:
@@ -154,6 +232,14 @@ def test_what_is_no_impact_is_refused(change: dict[str, Any], words: str) -> Non
         replace(Collision(4500.0, 8.0, 0.1, 0.2), **change)
 
 
+def test_everything_that_is_wrong_is_told_at_once() -> None:
+    with pytest.raises(SynthesisError) as refused:
+        Collision(-5.0, -1.0, 0.0, 0.0, float("nan"))
+    assert [line.split(":")[0] for line in (str(refused.value), *refused.value.__notes__)] == [
+        *("stiffness", "damping", "force", "mass", "speed")
+    ]
+
+
 def test_a_rate_or_method_that_is_none_is_refused() -> None:
     of = Collision(4500.0, 8.0, 0.1, 0.2)
     with pytest.raises(SynthesisError, match="rate: got 0 Hz"):
@@ -174,6 +260,23 @@ def test_an_answer_says_whether_its_method_is_stable() -> None:
     assert "every step is stable" in made.text()
     assert made.as_dict()["why"] is None
     assert "condition number 2: relative errors" in made.text()
+
+
+@pytest.mark.parametrize(("method", "rate_hz"), [("exponential", 2500.0), ("implicit midpoint", 2500.0)])
+def test_a_step_that_is_longer_than_the_contact_says_so(method: str, rate_hz: float) -> None:
+    """1e9 N/m and 1e-6 kg touch for pi sqrt(1e-15) s without a damper."""
+    made = answer(Collision(1e9, 0.0, 1e-6, 1e-3), method=method, rate_hz=rate_hz)
+    assert made.stable
+    assert made.step_in_contacts == pytest.approx(1 / rate_hz / (pi * sqrt(1e-15)), rel=1e-14)
+    assert "a step is 4.03e+03 times as long as the contact, so the method sees nothing of it" in made.text()
+    assert "as long as the contact" not in answer(made.of, rate_hz=rate_hz).text()
+
+
+def test_what_a_method_does_not_see_is_null_and_says_why() -> None:
+    of = Collision(1.0, 0.0, 1.0, 1.0)
+    made = answer(of, method="rk4 with events", rate_hz=0.1)
+    assert made.impact.penetration_m is None
+    assert "no step of 'rk4 with events' ends with the mass in the block and not going in" in made.text()
 
 
 def test_an_impact_of_which_nothing_is_defined_has_no_condition_number() -> None:
