@@ -185,34 +185,22 @@ def record(
     `TrackerError` if the tracker failed.
     """
     with store.begun(planned, out) as folder:
-        _walk(planned, folder, tracker, accelerometer, detector, console, clock)
+        conditions = planned.conditions()
+        for place, condition in enumerate(conditions):
+            path = store.take_path(folder, place)
+            if path.exists():
+                continue
+            console.place(condition, done=place, total=len(conditions))
+            for attempt in count(1):
+                tracker.drain()
+                accelerometer.arm(planned.samples)
+                console.arm(condition, attempt=attempt)
+                step = _listened(condition, _landing(tracker, detector, clock), accelerometer)
+                if console.keeps(step) and step.window is not None:
+                    zero = tracker.zero if isinstance(tracker, ZeroedTracker) else None
+                    store.save_take(path, step.window, step.achieved_mm_s, zero)
+                    break
         return store.publish(planned, out, note=note)
-
-
-def _walk(
-    planned: Plan,
-    folder: Path,
-    tracker: Tracker,
-    accelerometer: Accelerometer,
-    detector: GateDetector,
-    console: TakesConsole,
-    clock: Clock,
-) -> None:
-    conditions = planned.conditions()
-    for place, condition in enumerate(conditions):
-        path = store.take_path(folder, place)
-        if path.exists():
-            continue
-        console.place(condition, done=place, total=len(conditions))
-        for attempt in count(1):
-            tracker.drain()
-            accelerometer.arm(planned.samples)
-            console.arm(condition, attempt=attempt)
-            step = _listened(condition, _landing(tracker, detector, clock), accelerometer)
-            if console.keeps(step) and step.window is not None:
-                zero = tracker.zero if isinstance(tracker, ZeroedTracker) else None
-                store.save_take(path, step.window, step.achieved_mm_s, zero)
-                break
 
 
 def _landing(tracker: Tracker, detector: GateDetector, clock: Clock) -> Landing:
