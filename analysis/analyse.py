@@ -18,7 +18,6 @@ from analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
 from analysis.documents.tables import WIDTH, Section, text
 from analysis.identification.results import Results, TaskResult, compute
 from analysis.identification.time_course import TimeCourse
-from analysis.published.numbers import Published
 from analysis.reading.dataset import read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
 from analysis.reading.study import Study, nothing_left
@@ -127,56 +126,42 @@ def analyse(
         raise nothing_left(", ".join(map(str, datasets)), study.exclusions)
     printed = published.load(study.id)
     say("Computing tables and models")
+    found: Results | Compared
+    comparison, further, drawn = None, tuple[Section, ...](), tuple["Sheet", ...]()
     if study.answers is not None:
         if dissimilarities is not None:
             raise DatasetError(f"{study.id}: got --dissimilarities and comparisons; allowed: one of them; leave it out")
-        return _comparisons(study, printed, place, figures=figures, pictures=pictures, titles=titles)
-    if dissimilarities is not None:
-        alike = from_file(dissimilarities, study.materials)
+        # Its scales need statsmodels, which no other analysis does.
+        from analysis.comparison import results as comparisons
+        from analysis.report import comparison_sections
+
+        found = compared = comparisons.compute(study, printed)
+        parts = comparison_sections.sections(study, compared, printed)
+        formulas, numbers = comparison_sections.methods(), _compared(study, compared)
+        if figures:
+            from analysis.report import comparison_figures
+
+            drawn = comparison_figures.sheets(compared, study.label, titles=titles)
     else:
-        alike = printed_dissimilarities() if printed else NO_DISSIMILARITIES
-    results = compute(study, printed.pairs() if printed else {}, alike)
-    comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
-    parts = sections(study, results, comparison, printed)
-    say("Drawing figures and writing the report" if figures else "Writing the report")
-    drawn: tuple[Sheet, ...] = ()
-    if figures:
-        from analysis.report.figures import sheets
+        if dissimilarities is not None:
+            alike = from_file(dissimilarities, study.materials)
+        else:
+            alike = printed_dissimilarities() if printed else NO_DISSIMILARITIES
+        found = results = compute(study, printed.pairs() if printed else {}, alike)
+        comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION") if printed else None
+        parts = sections(study, results, comparison, printed)
+        formulas, numbers, further = methods(), _numbers(study, results, comparison), (_counts(results),)
+        say("Drawing figures and writing the report" if figures else "Writing the report")
+        if figures:
+            from analysis.report.figures import sheets
 
-        drawn = _named(study, sheets(results, study.label, titles=titles))
-    title, numbers = study.name.removeprefix(f"{study.label}: "), _numbers(study, results, comparison)
-    further = (_counts(results),)
-    content = page.folder(
-        title, study.label, parts, drawn, methods(), numbers, further=further, pictures=pictures
-    ) | _bids(study)
-    return Analysis(study, results, comparison, parts, place, publish(place, content, study.label, "analyse"))
-
-
-def _comparisons(
-    study: Study, printed: Published | None, place: Path, *, figures: bool, pictures: bool, titles: bool
-) -> Analysis:
-    """Write the analysis of a study of comparisons."""
-    # Its scales need statsmodels, which no other analysis does.
-    from analysis.comparison.results import compute
-    from analysis.report import comparison_sections
-
-    found = compute(study, printed)
-    parts = comparison_sections.sections(study, found, printed)
-    drawn: tuple[Sheet, ...] = ()
-    if figures:
-        from analysis.report import comparison_figures
-
-        drawn = _named(study, comparison_figures.sheets(found, study.label, titles=titles))
-    title, numbers = study.name.removeprefix(f"{study.label}: "), _compared(study, found)
-    content = page.folder(
-        title, study.label, parts, drawn, comparison_sections.methods(), numbers, pictures=pictures
-    ) | _bids(study)
-    return Analysis(study, found, None, parts, place, publish(place, content, study.label, "analyse"))
-
-
-def _named(study: Study, sheets: tuple[Sheet, ...]) -> tuple[Sheet, ...]:
-    """Return the figures with the study in their captions, so that each can stand alone."""
-    return tuple(replace(one, caption=f"{one.caption} Study {study.id}.") for one in sheets)
+            drawn = sheets(results, study.label, titles=titles)
+    # With the study in its caption each figure can stand alone.
+    drawn = tuple(replace(one, caption=f"{one.caption} Study {study.id}.") for one in drawn)
+    title = study.name.removeprefix(f"{study.label}: ")
+    content = page.folder(title, study.label, parts, drawn, formulas, numbers, further=further, pictures=pictures)
+    written = publish(place, content | _bids(study), study.label, "analyse")
+    return Analysis(study, found, comparison, parts, place, written)
 
 
 def _compared(study: Study, found: Compared) -> dict[str, Any]:

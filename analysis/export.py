@@ -53,14 +53,24 @@ def export(datasets: Sequence[Path], out: Path) -> tuple[Path, ...]:
 
 def files(study: Study) -> dict[str, bytes]:
     """Return every file by name; the dictionary describes every column of the others."""
+    frame = study.attempts.copy()
+    frame = frame.assign(
+        answered=frame["answered"].where(frame["answered"] != MISSING),
+        counted=frame["counted"].astype(int),
+        included=frame["included"].astype(int),
+    )
     if study.answers is not None:
-        compared = {"trials.csv": _compared(study), "pairs.csv": _pairs(study), "exclusions.csv": _exclusions(study)}
+        compared = {
+            "trials.csv": _compared(study, frame),
+            "pairs.csv": _pairs(study),
+            "exclusions.csv": _exclusions(study),
+        }
         return _written(study, compared, columns_of("comparison"))
     columns = columns_of("identification")
     wide, ratios = _wide(study)
     columns["wide.csv"] |= ratios
     frames = {
-        "trials.csv": _trials(study),
+        "trials.csv": _trials(study, frame),
         "long.csv": _long(study),
         "wide.csv": wide,
         "exclusions.csv": _exclusions(study),
@@ -87,15 +97,13 @@ def _written(study: Study, frames: Mapping[str, pd.DataFrame], described: Column
     return written
 
 
-def _compared(study: Study) -> pd.DataFrame:
-    frame = study.attempts.copy()
-    frame["answered"] = frame["answered"].where(frame["answered"] != MISSING)
+def _compared(study: Study, frame: pd.DataFrame) -> pd.DataFrame:
     place = {material: index for index, material in enumerate(study.materials)}
     ahead = frame["first"].map(place) - frame["second"].map(place)
     wanted = pd.Series(np.where(ahead > 0, tapping.FIRST, tapping.SECOND), index=frame.index)
     judged = frame["answered"].isin(study.answers or ()) & (ahead != 0)
     frame["right"] = (frame["answered"] == wanted).astype("Int64").where(judged)
-    return frame.assign(counted=frame["counted"].astype(int), included=frame["included"].astype(int))
+    return frame
 
 
 def _pairs(study: Study) -> pd.DataFrame:
@@ -106,14 +114,12 @@ def _pairs(study: Study) -> pd.DataFrame:
     return counted.groupby(keys, sort=False)[list(names)].sum().reset_index()
 
 
-def _trials(study: Study) -> pd.DataFrame:
-    frame = study.attempts.copy()
-    frame["answered"] = frame["answered"].where(frame["answered"] != MISSING)
+def _trials(study: Study, frame: pd.DataFrame) -> pd.DataFrame:
     right = (frame["presented"] == frame["answered"]).astype("Int64")
     frame["correct"] = right.where(frame["answered"].notna())
     frame["first_task"] = [study.first_tasks.get(who) for who in frame["participant"]]
     frame["frames_lost"] = frame["frames_lost"].astype("Int64")
-    return frame.assign(counted=frame["counted"].astype(int), included=frame["included"].astype(int))
+    return frame
 
 
 def _long(study: Study) -> pd.DataFrame:

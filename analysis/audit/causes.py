@@ -161,12 +161,13 @@ def _conflicts(published: Published, evidence: FromPrint, keys: Sequence[Key] | 
 def _rows(published: Published, named: set[tuple[str, str]]) -> Iterator[Place]:
     """Yield the rows whose means cannot add up."""
     for table in published.table:
-        for presented, row in _by_row(published, table).items():
+        for presented, row in by_row(published, table).items():
             if table.complete and (table.task, presented) in named and left_by(published, row, None) is None:
                 yield table.where, table.task, f"row of {presented}", "row"
 
 
-def _by_row(published: Published, table: PrintedTable) -> dict[str, list[PrintedCell]]:
+def by_row(published: Published, table: PrintedTable) -> dict[str, list[PrintedCell]]:
+    """Return the cells of a table by what was presented."""
     rows: dict[str, list[PrintedCell]] = {}
     for cell in published.cells_of(table):
         rows.setdefault(cell.presented, []).append(cell)
@@ -196,7 +197,7 @@ def _possible(published: Published, evidence: FromPrint, conflicts: frozenset[Pl
     yield from _of_tasks(published, conflicts)
     subjects = {(place[1], place[2]) for place in conflicts}
     for table in published.table:
-        rows = _by_row(published, table)
+        rows = by_row(published, table)
         doubtful = {
             cell.key
             for row in rows.values()

@@ -233,7 +233,7 @@ class Checks:
         every, narrow = ([p_of_t(t_of(one, n), n - 1) for one in sizes] for sizes in (effects, pinned))
         # Where t itself is wrong, a P that the means and SDs allow is not accused.
         lenient = not t_agrees and judge(p, narrow)[0] not in AGREES and judge(p, every)[0] in AGREES
-        family = self._published.tests_of[test.task]
+        family = sum(one.task == test.task for one in self._published.tests)
         sizes = self._others(n, test.df)
         why = mistakes.of_p(pinned, test.t, test.df, n, sizes, tests=family, t_agrees=t_agrees)
         return cited.number("P", p, every if lenient else narrow, self._tried(why))

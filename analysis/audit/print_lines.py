@@ -270,10 +270,8 @@ def _lines(published: Published, evidence: FromPrint) -> tuple[Line, ...]:
     work = Work(MOST_COLUMNS)
     for table in published.table:
         if table.complete:
-            rows: dict[str, list[PrintedCell]] = {}
-            for cell in published.cells_of(table):
-                rows.setdefault(cell.presented, []).append(cell)
-            lines += [_row(published, checks, evidence, row, work) for row in rows.values()]
+            rows = causes.by_row(published, table).values()
+            lines += [_row(published, checks, evidence, row, work) for row in rows]
     for sources in published.anova:
         lines += source_lines(sources)
     for icc in published.icc:

@@ -144,7 +144,9 @@ def table_text(table: Table, width: int = WIDTH) -> str:
         narrow = [max(1, *map(len, column)) for column in parts]
         if sizes[0] + sum(narrow) + len(GAP) * len(narrow) <= width:
             sizes[1:], rows = narrow, broken
-    blocks, naming = [], _naming(table.rows, len(sizes))
+    blocks, rows_of = [], len(table.rows)
+    # By so many of the first columns rows are told apart; 1 where by none.
+    naming = next((n for n in range(1, len(sizes)) if len({row[:n] for row in table.rows}) == rows_of), 1)
     for most in (WIDEST, NARROWEST) if len(_blocks(sizes, width)) > 1 else ():
         # Each part has the names of its rows, wrapped where that leaves room for a column beside them.
         names = [min(size, most) for size in sizes[:naming]]
@@ -207,11 +209,6 @@ def cell(value: object) -> object:
     if isinstance(value, str) and FORMULA.match(value) and not NUMBER.fullmatch(value):
         return f"'{value}"
     return "" if value is None else value
-
-
-def _naming(rows: Sequence[tuple[str, ...]], columns: int) -> int:
-    """Return by how many of the first columns rows are told apart; 1 where by none."""
-    return next((count for count in range(1, columns) if len({row[:count] for row in rows}) == len(rows)), 1)
 
 
 def _blocks(sizes: Sequence[int], width: int, naming: int = 1) -> list[list[int]]:

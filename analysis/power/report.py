@@ -19,7 +19,7 @@ from analysis.documents.tables import WIDTH, Section, Table, number
 from analysis.documents.tables import text as in_terminal
 from analysis.power.comparisons import PairModel
 from analysis.power.planned_tests import ADJUSTED, Question
-from analysis.power.simulate import Kind, Needed, Power, Row, software
+from analysis.power.simulate import Kind, Power, Row, software
 
 ABOUT_POWER = (
     "Power is the share of SIMULATED studies in which the two-tailed P lies below alpha. A study whose values define "
@@ -128,7 +128,9 @@ def _needed(result: Power) -> Section:
         if question.alpha is None or at is None or control is None:
             continue
         needed = result.needed(question)
-        size = _wanted(needed, result.participants[-1])
+        beyond = f"more than {result.participants[-1]}"
+        size = f"{needed.likely or beyond} ({needed.earliest} to {needed.surely or beyond})"
+        size = beyond if needed.earliest is None else size
         counted += [at, control]
         names = title(question), subject(question)
         wrong = control.tally.above, control.tally.family
@@ -268,19 +270,17 @@ def _undefined(result: Power) -> Section:
         held = worst.setdefault((row.question, row.kind), row)
         if row.tally.undefined > held.tally.undefined:
             worst[row.question, row.kind] = row
-    tables = [
-        Table("", header, tuple(_undefined_line(result, row) for row in some), left=left)
-        for some in (every, [row for row in worst.values() if row.kind == "model"])
-    ]
+    tables = []
+    for some in (every, [row for row in worst.values() if row.kind == "model"]):
+        lines = tuple(
+            (title(row.question), subject(row.question), row.kind, str(row.participants), str(row.tally.undefined),
+             f"{row.tally.undefined / row.tally.studies:.4f}", _reason(result, row))
+            for row in some
+        )  # fmt: skip
+        tables.append(Table("", header, lines, left=left))
     about = "The values of these simulated studies define no statistic; the studies count as finding nothing."
     say = "The sizes at which that was most frequent" if len(every) > len(worst) else ""
     return Section("undefined", "Not defined", (about,), (tables[0],), records, (replace(tables[1], title=say),))
-
-
-def _undefined_line(result: Power, row: Row) -> tuple[str, ...]:
-    undefined, studies = row.tally.undefined, row.tally.studies
-    counts = row.kind, str(row.participants), str(undefined), f"{undefined / studies:.4f}"
-    return title(row.question), subject(row.question), *counts, _reason(result, row)
 
 
 def _reason(result: Power, row: Row) -> str:
@@ -325,14 +325,6 @@ def _shown(row: Row | None) -> str:
     return f"{row.power:.3f} ({row.interval[0]:.3f}-{row.interval[1]:.3f})"
 
 
-def _wanted(needed: Needed, most: int) -> str:
-    """Return the size that a power needs, with the sizes between which it lies."""
-    beyond = f"more than {most}"
-    if needed.earliest is None:
-        return beyond
-    return f"{needed.likely or beyond} ({needed.earliest} to {needed.surely or beyond})"
-
-
 def _sizes(result: Power, size: int) -> str:
     """Return a size, with the sizes of the tasks where they differ."""
     of_tasks = result.design.sizes(size)
@@ -363,7 +355,12 @@ def plot(result: Power) -> Sheet:
         if not question.adjusted:
             panels.setdefault((question.plan, question.tasks), []).append(question)
     with mpl.rc_context(COLUMN_STYLE):
-        heights = [PANEL_IN + _legend_in(questions) for questions in panels.values()]
+        heights = []
+        for questions in panels.values():
+            lines = [_name(question).count("\n") + 1 for question in questions]
+            half = ceil(len(lines) / 2)
+            # The legend has its title, and rows as high as their longest name.
+            heights.append(PANEL_IN + LINE_IN * (2 + max(sum(lines[:half]), sum(lines[half:]))))
         drawn, every = sheet(heights, "Power, with its Monte Carlo interval", result.label)
         for axes, questions in zip(every, panels.values(), strict=True):
             (estimates if questions[0].alpha is None else powers)(axes, result, questions)
@@ -411,13 +408,6 @@ def _frame(axes: Axes, result: Power, questions: Sequence[Question], what: str) 
 
 def _name(question: Question) -> str:
     return textwrap.fill(subject(question), LETTERS)
-
-
-def _legend_in(questions: Sequence[Question]) -> float:
-    """Return the height of the legend: its title, and rows as high as their longest name."""
-    lines = [_name(question).count("\n") + 1 for question in questions]
-    half = ceil(len(lines) / 2)
-    return LINE_IN * (2 + max(sum(lines[:half]), sum(lines[half:])))
 
 
 def _rows(result: Power, question: Question) -> list[Row]:

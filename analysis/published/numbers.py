@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -420,10 +419,6 @@ def _published_rules(table: Any) -> Iterator[Broken]:
         yield from rule(table)
 
 
-def _most_stars_first(levels: tuple[PrintedLevel, ...]) -> tuple[PrintedLevel, ...]:
-    return tuple(sorted(levels, key=lambda level: level.p.value))
-
-
 class Published(Confined):
     """Everything that one study prints about answers; `levels` stand with the most stars first."""
 
@@ -432,7 +427,10 @@ class Published(Confined):
     study: Label
     source: Text
     chance: Share | None = None
-    levels: Annotated[tuple[PrintedLevel, ...], AfterValidator(_most_stars_first)] = ()
+    levels: Annotated[
+        tuple[PrintedLevel, ...],
+        AfterValidator(lambda levels: tuple(sorted(levels, key=lambda level: level.p.value))),
+    ] = ()
     task: tuple[PrintedTask, ...] = ()
     table: tuple[PrintedTable, ...] = ()
     text: tuple[PrintedPassage, ...] = ()
@@ -471,11 +469,6 @@ class Published(Confined):
         """The t-tests of each cell."""
         return _by_key(self.tests)
 
-    @cached_property
-    def tests_of(self) -> Counter[str]:
-        """The number of t-tests of each task."""
-        return Counter(test.task for test in self.tests)
-
     @property
     def anovas(self) -> tuple[PrintedF, ...]:
         """Every F outside of ANOVA tables: one-way, then two-way."""
@@ -508,8 +501,4 @@ class Published(Confined):
 
     def task_named(self, task: str) -> PrintedTask | None:
         """Return the task with this id, or None where the file names no such task."""
-        return self._tasks.get(task)
-
-    @cached_property
-    def _tasks(self) -> Mapping[str, PrintedTask]:
-        return {one.id: one for one in reversed(self.task)}
+        return next((one for one in self.task if one.id == task), None)

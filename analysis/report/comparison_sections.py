@@ -197,7 +197,8 @@ def _scales(results: Compared, stands: plan.Standing) -> Section:
     for task in results.tasks:
         for one in task.scales:
             if one.scale is None:
-                paragraphs.append(f"{task.task.id}: there is no scale of {_law(one)}: {one.statement}.")
+                law = LAWS[one.law].partition(",")[0]
+                paragraphs.append(f"{task.task.id}: there is no scale of {law}: {one.statement}.")
                 continue
             mark = stands.of(SCALES[one.law], task.task.id)
             tables.append(replace(_scale(results, task, one), standing=mark))
@@ -208,10 +209,6 @@ def _scales(results: Compared, stands: plan.Standing) -> Section:
             ]
     name = f"Scales of {results.quality}"
     return Section("scales", name, tuple(paragraphs), tuple(tables), tuple(records), aside=(about, FIT))
-
-
-def _law(one: Scaled) -> str:
-    return LAWS[one.law].partition(",")[0]
 
 
 def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:

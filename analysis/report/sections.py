@@ -62,10 +62,14 @@ FEW = 10
 def icc_section(results: Results) -> Section:
     """Return every ICC form for every matrix, and the variance-component form."""
     header = ("Shrout-Fleiss", "McGraw-Wong", "ICC", "95 % CI", "F", "df1", "df2", "P")
-    tables = [
-        Table(table.matrix, header, _icc_rows(table), left=frozenset({0, 1}), notes=_icc_notes(table))
-        for table in results.reliabilities
-    ]
+    tables = []
+    for table in results.reliabilities:
+        rows = tuple(
+            (f.shrout_fleiss, f.mcgraw_wong, number(f.value), interval(f), number(f.f, 2), str(f.df1), str(f.df2),
+             probability(f.p))
+            for f in (table.icc.forms if table.icc else ())
+        )  # fmt: skip
+        tables.append(Table(table.matrix, header, rows, left=frozenset({0, 1}), notes=_icc_notes(table)))
     brief = [_icc_brief(results)]
     records: list[Mapping[str, object]] = [
         {"matrix": table.matrix, "form": form.shrout_fleiss, "also": form.mcgraw_wong, "model": form.model,
@@ -90,14 +94,6 @@ def icc_section(results: Results) -> Section:
     why = results.two_way_statement
     missing = (f"There is no variance-component ICC: {why}.",) * bool(why)
     return Section("icc", "Intraclass correlations", (about, *missing), tuple(tables), tuple(records), tuple(brief))
-
-
-def _icc_rows(reliability: Reliability) -> tuple[tuple[str, ...], ...]:
-    return tuple(
-        (f.shrout_fleiss, f.mcgraw_wong, number(f.value), interval(f), number(f.f, 2), str(f.df1), str(f.df2),
-         probability(f.p))
-        for f in (reliability.icc.forms if reliability.icc else ())
-    )  # fmt: skip
 
 
 def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, ...]:

@@ -165,7 +165,10 @@ def raised() -> Iterator[str]:
     try:
         with threadpool_limits(1, user_api="blas"):
             if sys.platform == "linux":
-                _keep_memory()
+                mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # glibc has it, other libraries may not
+                if mallopt is not None:
+                    mallopt(MMAP_THRESHOLD, LARGEST_KEPT_BYTES)
+                    mallopt(TRIM_THRESHOLD, KEPT_BYTES)
                 with _raised_on_linux() as got:
                     yield got
             else:
@@ -275,13 +278,11 @@ if sys.platform == "linux":
             with pinned() if is_real_time() else nullcontext() as core:
                 yield got if core is None else f"{got}, on core {core} alone"
         finally:
-            _lower(policy, parameters, nice)
-
-    def _keep_memory() -> None:
-        mallopt = getattr(ctypes.CDLL(None), "mallopt", None)  # glibc has it, other libraries may not
-        if mallopt is not None:
-            mallopt(MMAP_THRESHOLD, LARGEST_KEPT_BYTES)
-            mallopt(TRIM_THRESHOLD, KEPT_BYTES)
+            # What was taken may be given back without any right.
+            if os.sched_getscheduler(0) != policy:
+                os.sched_setscheduler(0, policy, parameters)
+            if os.getpriority(os.PRIO_PROCESS, 0) != nice:
+                os.setpriority(os.PRIO_PROCESS, 0, nice)
 
     def _raise(nice: int) -> str:
         if _throttled():
@@ -296,7 +297,10 @@ if sys.platform == "linux":
 
     def _be_less_nice(nice: int, wanted: int) -> int | None:
         """Return the niceness that the thread has instead of `nice`: the wanted one, or as near as is allowed."""
-        for less_nice in sorted({wanted, max(wanted, _least_nice())}):
+        import resource
+
+        allowed = 20 - resource.getrlimit(resource.RLIMIT_NICE)[0]
+        for less_nice in sorted({wanted, max(wanted, allowed)}):
             if less_nice < nice:
                 try:
                     os.setpriority(os.PRIO_PROCESS, 0, less_nice)
@@ -305,13 +309,6 @@ if sys.platform == "linux":
                 return less_nice
         return None
 
-    def _lower(policy: int, parameters: os.sched_param, nice: int) -> None:
-        """Restore policy and niceness: what was taken may be given back without any right."""
-        if os.sched_getscheduler(0) != policy:
-            os.sched_setscheduler(0, policy, parameters)
-        if os.getpriority(os.PRIO_PROCESS, 0) != nice:
-            os.setpriority(os.PRIO_PROCESS, 0, nice)
-
     def _throttled() -> bool:
         """Return whether the kernel keeps real-time threads from taking a core for themselves."""
         try:
@@ -319,11 +316,6 @@ if sys.platform == "linux":
             return 0 <= share_us < of_us
         except (OSError, ValueError):
             return False
-
-    def _least_nice() -> int:
-        import resource
-
-        return 20 - resource.getrlimit(resource.RLIMIT_NICE)[0]
 
     _MORE = (
         "the system allows no more; for real time add the user to the group audio and give that an rtprio of 10 "

@@ -27,7 +27,6 @@ from experiment.protocol.approval import Seal
 from experiment.protocol.models import Protocol
 from experiment.records import chain, journal
 from experiment.records.entries import Armed, Header, Purpose, Withdrawal
-from experiment.records.journal import Contents
 from experiment.records.progress import progress
 from experiment.study import enrolment, schedule
 from experiment.study import roster as rosters
@@ -236,7 +235,12 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
             continue
         with collected(doubts):
             contents = journal.read_if_begun(path)
-            _check_frames(path, contents)
+            # Raw frames of an attempt of which the journal does not know: the journal was cut off.
+            foot = storage.foot_path(path)
+            if storage.size(foot) and not any(isinstance(entry, Armed) for entry in contents.entries):
+                raise DatasetError(
+                    f"{path}: knows of no attempt, and {foot.name} does; restore the journal from a backup"
+                )
             if not contents.lines:
                 begun.discard(path)
                 continue
@@ -395,13 +399,6 @@ def _refuse_frames(root: Path, journals: set[Path]) -> None:
     for path in sorted((root / "sourcedata").glob("sub-*/*_foot.cobs")):
         if path not in known and storage.size(path):
             raise DatasetError(f"{path}: the journal of these frames is missing; restore it from a backup")
-
-
-def _check_frames(path: Path, contents: Contents) -> None:
-    """Refuse a journal without an attempt where raw frames of one are: the journal was cut off."""
-    foot = storage.foot_path(path)
-    if storage.size(foot) and not any(isinstance(entry, Armed) for entry in contents.entries):
-        raise DatasetError(f"{path}: knows of no attempt, and {foot.name} does; restore the journal from a backup")
 
 
 def _check_header(path: Path, header: Header, study: _Study) -> None:

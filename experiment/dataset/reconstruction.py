@@ -237,31 +237,21 @@ def study_text(
     if source is None:
         raise DatasetError(f"no texts are held for study {study}; say with --source where its counts come from")
     materials = {material: material for path in counts.values() for material in materials_of(path)}
-    tasks = {task: (task, "As in the source.") for task in counts}
-    if measured:
-        if known is not None and set(materials) <= set(known.materials):
-            materials = dict(known.materials)
-        return StudyText(
-            id=study,
-            name=f"Answers of {study}",
-            source=source,
-            materials=materials,
-            tasks={task: (known.tasks[task][0], said) if known and task in known.tasks else (task, said)
-                   for task, (_, said) in tasks.items()},
-            license="n/a: ask the laboratory",
-            authors=(f"Whoever measured {study}",),
-            notes="A participant's number is the same person in every task.",
-            origin="IMPORTED",
-        )  # fmt: skip
+    # Only measured counts of a known study come this far: its titles are known, and the order of its materials.
+    if known is not None and set(materials) <= set(known.materials):
+        materials = dict(known.materials)
+    titles = {task: title for task, (title, _) in known.tasks.items()} if known is not None else {}
+    order = "Names and order of materials are those of the counts files."
     return StudyText(
         id=study,
-        name=f"Counts of {study}",
+        name=f"{'Answers' if measured else 'Counts'} of {study}",
         source=source,
         materials=materials,
-        tasks=tasks,
-        license="n/a",
-        authors=(f"Whoever made the counts of {study}",),
-        notes="Names and order of materials are those of the counts files.",
+        tasks={task: (titles.get(task, task), "As in the source.") for task in counts},
+        license="n/a: ask the laboratory" if measured else "n/a",
+        authors=(f"Whoever {'measured' if measured else 'made the counts of'} {study}",),
+        notes="A participant's number is the same person in every task." if measured else order,
+        origin="IMPORTED" if measured else "RECONSTRUCTION",
     )
 
 

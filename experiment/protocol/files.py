@@ -7,7 +7,7 @@ from pathlib import Path
 from experiment.errors import DatasetError, PalpateError, Problem, ProtocolError
 from experiment.protocol.models import Protocol
 from experiment.settings.characters import quoted
-from experiment.settings.load import checked, parsed
+from experiment.settings.load import checked, locate, parsed
 
 PACKAGE = Path(__file__).parent.parent
 
@@ -25,10 +25,10 @@ def load(path: Path) -> Protocol:
     Raises `ProtocolError` with every problem of the file, or with the first of its syntax. For an older format it says
     what to move where.
     """
-    document, lines = parsed(path)
+    document, text = parsed(path)
     if document.get("format") == 1:
-        raise ProtocolError(str(path), [Problem("format", lines.get(("format",)), "1", FORMAT_1_MOVES)])
-    return checked(path, Protocol, document, lines)
+        raise ProtocolError(str(path), [Problem("format", locate(text).get(("format",)), "1", FORMAT_1_MOVES)])
+    return checked(path, Protocol, document, text)
 
 
 def load_kept(path: Path) -> Protocol:
@@ -36,13 +36,13 @@ def load_kept(path: Path) -> Protocol:
 
     Raises `DatasetError` if the copy is of an older format.
     """
-    document, lines = parsed(path)
+    document, text = parsed(path)
     if document.get("format") == 1:
         raise DatasetError(
             f"{path}: got a dataset whose protocol is of format 1; allowed: format 2; use the palpate that made the "
             "dataset, and leave the file as it is"
         )
-    return checked(path, Protocol, document, lines)
+    return checked(path, Protocol, document, text)
 
 
 def shipped(name: str) -> Path:

@@ -25,15 +25,10 @@ Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
 """What a session is for. Only sessions of one purpose stand in one dataset, and only a STUDY is data of its study."""
 
 
-def _moment(text: str) -> str:
-    datetime.fromisoformat(text)
-    return text
-
-
 Utc = Annotated[
     str,
     Field(pattern=r"^(19|2[01])[0-9]{2}-[0-9]{2}-[0-9]{2}T[0-9]{2}:[0-9]{2}:[0-9]{2}\+00:00$"),
-    AfterValidator(_moment),
+    AfterValidator(lambda text: datetime.fromisoformat(text) and text),
 ]
 """A moment as `clock.utc` writes it."""
 

@@ -118,22 +118,18 @@ def read_if_begun(path: Path) -> Contents:
 def _line(where: str, link: chain.Link, first: bool) -> Line:
     remedy = "keep a copy of it as it is, and restore it from a backup"
     try:
-        _check_format(where, link.entry)
+        # A journal of another format is refused in plain words, before its models refuse it in theirs.
+        if link.entry["kind"] == "header" and link.entry.get("format", 1) != entries.FORMAT:
+            raise JournalError(
+                f"{where}: got a journal of format {link.entry.get('format', 1)}; allowed: {entries.FORMAT}; read it "
+                f"with the palpate that wrote it ({link.entry.get('software', 'not named')})"
+            )
         entry = ENTRY.validate_json(link.json)
     except (KeyError, ValidationError) as error:
         raise JournalError(f"{where} is no journal entry that this palpate knows; {remedy}") from error
     if isinstance(entry, Header) != first:
         raise JournalError(f"{where}: a journal holds one header, in its first line; {remedy}")
     return Line(link.t_ns, entry)
-
-
-def _check_format(where: str, entry: dict[str, object]) -> None:
-    """Refuse a journal of another format in plain words, before its models refuse it in theirs."""
-    if entry["kind"] == "header" and entry.get("format", 1) != entries.FORMAT:
-        raise JournalError(
-            f"{where}: got a journal of format {entry.get('format', 1)}; allowed: {entries.FORMAT}; read it with the "
-            f"palpate that wrote it ({entry.get('software', 'not named')})"
-        )
 
 
 class Journal:

@@ -71,14 +71,12 @@ class Progress:
     def remaining(self) -> tuple[PlannedTrial, ...]:
         """Planned trials without an answer, in the order in which they are run."""
         order, size, answered = self.header.order, self.header.block_trials, frozenset(self.answered)
+        turns = {trial: turn for turn, trial in enumerate(self.put_off, start=1)}
         left: list[PlannedTrial] = []
         for begin in range(0, len(order), size):
             block = [planned for planned in order[begin : begin + size] if planned.trial not in answered]
-            left += sorted(block, key=lambda planned: self._turn(planned.trial))
+            left += sorted(block, key=lambda planned: turns.get(planned.trial, 0))
         return tuple(left)
-
-    def _turn(self, trial: int) -> int:
-        return self.put_off.index(trial) + 1 if trial in self.put_off else 0
 
     def after(self, entry: AnyEntry) -> Progress:
         """Return where the session stands after one more entry."""

@@ -90,12 +90,13 @@ def _said(entry: AnyEntry) -> str:
         case entries.Armed():
             return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, armed"
         case FootStep():
-            link = entry.link
+            link, error_ms = entry.link, entry.contact_standard_error_ms
+            known = "" if error_ms is None else f"; its contact has a standard error of {error_ms:.2f} ms"
             return (
                 f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, {entry.speed_mm_s:.1f} mm/s, "
                 f"{_played(entry.stimulus, entry.onset)}; "
                 f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
-                f"{_met(entry.onset)}{_known(entry.contact_standard_error_ms)}{_dead(entry.dead_time_ms)}"
+                f"{_met(entry.onset)}{known}{_dead(entry.dead_time_ms)}"
             )
         case BrokenOff():
             again = "put off to the end of the block" if entry.felt else "armed again"
@@ -112,7 +113,8 @@ def _said(entry: AnyEntry) -> str:
                 f"{_played(entry.stimulus, entry.onset)}{_met(entry.onset)}"
             )
         case entries.Answer():
-            return f"trial {entry.trial}.{entry.attempt}: {_answered(entry)} after {entry.response_time_s:.2f} s"
+            answer = f"answered {entry.answered}" if entry.answered else "no answer was given"
+            return f"trial {entry.trial}.{entry.attempt}: {answer} after {entry.response_time_s:.2f} s"
         case entries.Spoken():
             return f"trial {entry.trial}.{entry.attempt}: {_heard(entry)}"
         case entries.Correction():
@@ -140,10 +142,6 @@ def _said(entry: AnyEntry) -> str:
             return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
         case entries.Withdrawal():
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
-
-
-def _answered(entry: entries.Answer) -> str:
-    return f"answered {entry.answered}" if entry.answered else "no answer was given"
 
 
 def _heard(entry: entries.Spoken) -> str:
@@ -190,10 +188,6 @@ def _met(onset: Onset | None) -> str:
     if heard.onset_error_ms is not None:
         off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
     return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
-
-
-def _known(standard_error_ms: float | None) -> str:
-    return "" if standard_error_ms is None else f"; its contact has a standard error of {standard_error_ms:.2f} ms"
 
 
 def _dead(dead_time_ms: float | None) -> str:

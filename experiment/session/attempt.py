@@ -16,7 +16,7 @@ from experiment.desk.port import INTERRUPTED, NO_ANSWER, Console, Remark, Repeat
 from experiment.errors import JournalError, SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
-from experiment.session.kind import Kind, KindDevices, Lent, Limits, Log
+from experiment.session.kind import KindDevices, Lent, Limits, Log
 from experiment.session.masker import KEYS, Masking
 from experiment.session.remarks import Remarks
 
@@ -133,13 +133,15 @@ class Attempts:
         lent = Lent(
             protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log, limits=limits
         )
-        self._kind = devices.kind.begin(lent)
-        self._remarks = Remarks(
-            spoken=protocol.answers, kind=self._kind, console=devices.console, log=log, limits=limits
-        )
+        self.kind = devices.kind.begin(lent)
+        """The trials of this session."""
+        self.remarks = Remarks(spoken=protocol.answers, kind=self.kind, console=devices.console, log=log, limits=limits)
+        """What the experimenter says beside answers."""
         self._answered_ns: int | None = None
-        self._outage = ""
-        self._undelivered = 0
+        self.outage = ""
+        """Why the last attempt was lost."""
+        self.undelivered = 0
+        """How many attempts in a row, up to the last, had a stimulus that was not delivered."""
 
     def run(self, planned: PlannedTrial, attempt: int) -> Event:
         """Run one attempt at a trial; `attempt` is its number, from 1.
@@ -148,14 +150,14 @@ class Attempts:
         `PalpateError` if a part failed.
         """
         answered_ns, self._answered_ns = self._answered_ns, None
-        self._remarks.trial = planned.trial
+        self.remarks.trial = planned.trial
         try:
-            self._kind.ready(planned, attempt, answered_ns)
+            self.kind.ready(planned, attempt, answered_ns)
         except TrackerStopped as stopped:
             # Nothing had begun: nothing is on file of it, and the same attempt is armed again.
-            self._outage = str(stopped)
+            self.outage = str(stopped)
             return Event.LOST
-        self._remarks.note_ignored()
+        self.remarks.note_ignored()
         if self._limits.over():
             # While something was laid out, or the tracker zeroed.
             return Event.BROKEN_OFF
@@ -163,7 +165,7 @@ class Attempts:
         # Whatever goes wrong, the attempt is put on disk first: it may have been felt.
         with interrupts.held() as interrupt:
             try:
-                seen = self._kind.watch(interrupt.let_through)
+                seen = self.kind.watch(interrupt.let_through)
             except JournalError:
                 # What was felt is not on disk; the next runner finds the attempt armed, and puts it off.
                 raise
@@ -176,12 +178,12 @@ class Attempts:
             if seen.failed is not None:
                 raise seen.failed
         if seen.answerable_ns is None:
-            self._outage = seen.reason if seen.lost else ""
+            self.outage = seen.reason if seen.lost else ""
             if reason := self._limits.skipped():
                 return self._put_off(planned, attempt, reason)
             return Event.LOST if seen.lost else Event.BROKEN_OFF
         if seen.delivered is not None:
-            self._undelivered = 0 if seen.delivered else self._undelivered + 1
+            self.undelivered = 0 if seen.delivered else self.undelivered + 1
         if seen.repeat:
             reason = "; ".join(filter(None, (seen.repeat, self._limits.skipped())))
             self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {reason}.")
@@ -193,41 +195,21 @@ class Attempts:
         finally:
             if self._ear is not None:
                 self._ear.stop()
-            self._kind.rest()
-
-    @property
-    def outage(self) -> str:
-        """Why the last attempt was lost."""
-        return self._outage
-
-    @property
-    def undelivered(self) -> int:
-        """How many attempts in a row, up to the last, had a stimulus that was not delivered."""
-        return self._undelivered
+            self.kind.rest()
 
     def reconnect(self, timeout_s: float) -> None:
         """Wait until the device that fell silent is back. Raises `TrackerStopped`."""
-        self._kind.reconnect(timeout_s)
-        self._outage = ""
-
-    @property
-    def kind(self) -> Kind:
-        """The trials of this session."""
-        return self._kind
-
-    @property
-    def remarks(self) -> Remarks:
-        """What the experimenter says beside answers."""
-        return self._remarks
+        self.kind.reconnect(timeout_s)
+        self.outage = ""
 
     def debrief(self) -> None:
         """Have the experimenter note and correct, once every trial is answered; a trial may come to be done again."""
-        self._remarks.trial = None
+        self.remarks.trial = None
         while not self._log.done.remaining and (remark := self._console.debrief()) is not None:
             self._take(remark)
 
     def _ask(self, planned: PlannedTrial, attempt: int, answerable_ns: int) -> Event:
-        console, spoken, answers = self._console, self._spoken, self._kind.answers(planned)
+        console, spoken, answers = self._console, self._spoken, self.kind.answers(planned)
         if reason := self._limits.skipped():
             return self._put_off(planned, attempt, reason)
         others = {
@@ -237,7 +219,7 @@ class Attempts:
             **(KEYS if self._masking is not None else {}),
         }
         key, chosen_ns = self._chosen(planned.trial, {key: one.words for key, one in answers.items()}, others)
-        if reason := self._kind.rest():
+        if reason := self.kind.rest():
             return self._put_off(planned, attempt, reason)
         if isinstance(key, Repeated):
             return self._put_off(planned, attempt, key.reason)
@@ -270,7 +252,7 @@ class Attempts:
         return Event.REDONE
 
     def _take(self, remark: Remark) -> None:
-        _, words = self._remarks.take(remark)
+        _, words = self.remarks.take(remark)
         self._console.show(words)
 
     def _chosen(self, trial: int, answers: dict[str, str], others: dict[str, str]) -> tuple[str | Repeated, int]:
@@ -279,22 +261,22 @@ class Attempts:
         Without one, return that the trial is repeated.
         """
         while True:
-            further = dict(self._kind.keys)
+            further = dict(self.kind.keys)
             said = self._console.ask(trial=trial, answers=answers, others=others | further)
             chosen_ns = self._clock.now_ns()
             if not self._clock.simulated:
                 chosen_ns -= self._console.chosen_ago_ns()
-            self._remarks.note_ignored()
+            self.remarks.note_ignored()
             if isinstance(said, Repeated) and said.trial == trial:
                 return said, chosen_ns
             if not isinstance(said, str):
                 self._take(said)
             elif said in further:
-                self._kind.press(said)
-            elif said in answers and (lacking := self._kind.lacking()):
+                self.kind.press(said)
+            elif said in answers and (lacking := self.kind.lacking()):
                 self._console.show(f"{lacking} No answer is taken before.")
             elif self._masking is None or not self._masking.change(said):
                 confirmed = self._console.confirm(key=said, meaning=(answers | others)[said])
-                self._remarks.note_ignored()
+                self.remarks.note_ignored()
                 if confirmed:
                     return said, chosen_ns

@@ -49,7 +49,8 @@ class Exposed:
         self, *, ends_ns: int, ended: str, masking: Masking | None, console: Console, clock: Clock, log: Log
     ) -> None:
         """Begin with nothing watched; from the session time `ends_ns` on nothing may be felt, and `ended` says why."""
-        self._ends_ns = ends_ns
+        self.ends_ns = ends_ns
+        """The session time from which on nothing may be felt, ns."""
         self._ended = ended
         self._masking = masking
         self._console = console
@@ -94,19 +95,14 @@ class Exposed:
         if self._failed is not None:
             raise self._failed
         self._silence()
-        if not self._over and self._clock.now_ns() + ahead_ns > self._ends_ns:
+        if not self._over and self._clock.now_ns() + ahead_ns > self.ends_ns:
             self._over = self._ended
         return self._over or self._asked or self._skipped
 
     @property
-    def ends_ns(self) -> int:
-        """The session time from which on nothing may be felt, ns."""
-        return self._ends_ns
-
-    @property
     def left_s(self) -> float:
         """How long it is until the session's end, s."""
-        return max((self._ends_ns - self._clock.now_ns()) / 1e9, 0.0)
+        return max((self.ends_ns - self._clock.now_ns()) / 1e9, 0.0)
 
     def look(self) -> None:
         """Silence the masker if time or dose are used up, and put the exposure on disk if that is due."""
@@ -120,7 +116,7 @@ class Exposed:
         if self._masking is None:
             return
         self._over = self._over or self._masking.spent()
-        if self._over or self._clock.now_ns() > self._ends_ns:
+        if self._over or self._clock.now_ns() > self.ends_ns:
             self._masking.silence()
 
     def _told(self) -> Exposure:

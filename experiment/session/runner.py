@@ -87,7 +87,10 @@ def run(
         if contents.lines:
             _check_same_session(path, contents.header, header)
             header = contents.header
-        _check_not_withdrawn(path, contents, header.participant, dataset)
+        # Anybody may have withdrawn up to the moment at which this runner held them.
+        said, who = any(isinstance(entry, Withdrawal) for entry in contents.entries), header.participant
+        if said or who in Roster.load(roster_path(dataset)).withdrawn:
+            raise JournalError(f"{path}: participant {who} withdrew and is not run again; enrol another participant")
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
             journal.settle(path, contents)
@@ -109,13 +112,6 @@ def run(
             )
             with closing(session):
                 return session.run(contents)
-
-
-def _check_not_withdrawn(path: Path, contents: journal.Contents, who: str, dataset: Path) -> None:
-    """Refuse a participant who withdrew, up to the moment at which this runner held them."""
-    said = any(isinstance(entry, Withdrawal) for entry in contents.entries)
-    if said or who in Roster.load(roster_path(dataset)).withdrawn:
-        raise JournalError(f"{path}: participant {who} withdrew and is not run again; enrol another participant")
 
 
 def _check_same_session(path: Path, found: Header, asked: Header) -> None:
@@ -175,15 +171,11 @@ class SessionLog:
     def __init__(
         self, path: Path, clock: Clock, contents: journal.Contents, done: Progress, frames: Path | None
     ) -> None:
-        self._done = done
+        self.done = done
+        """Where the session stands by what is on disk, as it would after a kill."""
         self._lock = threading.Lock()
         self._journal = journal.Journal(path, clock, contents)
         self._frames = None if frames is None else (frames, frames.open("ab", buffering=0))
-
-    @property
-    def done(self) -> Progress:
-        """Where the session stands by what is on disk, as it would after a kill."""
-        return self._done
 
     @property
     def accepts(self) -> bool:
@@ -194,7 +186,7 @@ class SessionLog:
         # An interrupt waits until the entry is on disk, so that a footer may follow it.
         with interrupts.held(), self._lock:
             self._journal.append(entry)
-            self._done = self._done.after(entry)
+            self.done = self.done.after(entry)
 
     def keep(self, raw: bytes) -> Trace:
         if self._frames is None:

@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from functools import partial
 
 from experiment.desk.port import DEBRIEFING, INTERRUPTED, Attended, Console
-from experiment.errors import ActuatorError, AudioError, PalpateError, PauseAsked, TrackerError
+from experiment.errors import ActuatorError, AudioError, PauseAsked, TrackerError
 from experiment.records.entries import Footer
 
 BETWEEN = "The visit is paused; no session is under way."
@@ -44,7 +44,8 @@ def _task(console: Console, task: str, run: Callable[[str], Footer], noting: Cal
                 raise
             continue
         except (TrackerError, ActuatorError, AudioError) as error:
-            if not _goes_on(console, _sentence(error), noting):
+            said = str(error)
+            if not _goes_on(console, f"{said[:1].upper()}{said[1:]}.", noting):
                 raise
             continue
         # Who ends the process by a signal waits for no key.
@@ -75,11 +76,6 @@ def asked(console: Console, ask: Callable[[], None]) -> None:
 def visit_steps(tasks: Sequence[str]) -> tuple[str, ...]:
     """Return the steps of a visit with these tasks, in order."""
     return (*tasks, DEBRIEFING)
-
-
-def _sentence(error: PalpateError) -> str:
-    said = str(error)
-    return f"{said[:1].upper()}{said[1:]}."
 
 
 def told(footer: Footer, *, onward: bool = True, last: bool = False) -> str:

@@ -20,10 +20,8 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from datetime import date, time
-from functools import cached_property
 from itertools import islice
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -154,8 +152,8 @@ def read(path: Path, model: type[Model]) -> Model:
     return checked(path, model, *parsed(path))
 
 
-def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], Mapping[Place, int]]:
-    """Return the document of the TOML file of at most `most` bytes at `path`, and the line of each path in it.
+def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], str]:
+    """Return the document of the TOML file of at most `most` bytes at `path`, and its text.
 
     Raises `ProtocolError` with the first problem of its syntax.
     """
@@ -165,20 +163,18 @@ def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], Mapping[Pla
         place, got = found
         line = None if got == storage.TOO_DEEP else _nearest(locate(text), place)
         raise ProtocolError(str(path), [Problem(written(place)[:60], line, got, _NO_DEEPER)])
-    return document, _Lines(text)
+    return document, text
 
 
-def checked(
-    path: Path, model: type[Model], document: Mapping[str, Any], lines: Mapping[Place, int] = MappingProxyType({})
-) -> Model:
+def checked(path: Path, model: type[Model], document: Mapping[str, Any], text: str = "") -> Model:
     """Return a document, as a TOML parser returns it, as a `model`. `path` is the file that holds it, or will.
 
-    `lines` gives the line of each path in the file, as far as known. Raises `ProtocolError` with every problem.
+    `text` is that of the file, as far as known. Raises `ProtocolError` with every problem, on its line there.
     """
     frozen = _frozen(document)
-    found = find(model, frozen, lines)
-    if found:
-        raise ProtocolError(str(path), found)
+    # A file without mistakes needs no lines.
+    if find(model, frozen, {}):
+        raise ProtocolError(str(path), find(model, frozen, locate(text)))
     return model.model_validate(frozen)
 
 
@@ -309,7 +305,9 @@ def _in_words(root: Schema, schema: Schema) -> str:
             count = f" of at least {least}" if least else ""
             return f"an array{count}, each {_in_words(root, _resolve(root, items))}"
         case {"properties": properties}:
-            return f"a table with the keys: {', '.join(_required_first(schema, properties))}"
+            required = schema.get("required", ())
+            keys = (*required, *(f"{name} (optional)" for name in properties if name not in required))
+            return f"a table with the keys: {', '.join(keys)}"
     raise NotImplementedError(f"no words for the schema {dict(schema)}")
 
 
@@ -322,11 +320,6 @@ def _number(noun: str, schema: Schema) -> str:
     )
     stated = " and ".join(f"{relation} {bound:.15g}" for relation, bound in bounds if bound is not None)
     return f"{noun} {stated}" if stated else noun
-
-
-def _required_first(schema: Schema, properties: Iterable[str]) -> list[str]:
-    required = schema.get("required", ())
-    return [*required, *(f"{name} (optional)" for name in properties if name not in required)]
 
 
 def find(model: type[Confined], document: Table, lines: Mapping[Place, int]) -> tuple[Problem, ...]:
@@ -422,26 +415,6 @@ def locate(text: str) -> dict[Place, int]:
     return _Locator(text.replace("\r\n", "\n")).run()
 
 
-class _Lines(Mapping[Place, int]):
-    """What `locate` returns for a text, found only when a line is asked for: a file without mistakes needs none."""
-
-    def __init__(self, text: str) -> None:
-        self._text = text
-
-    @cached_property
-    def _found(self) -> dict[Place, int]:
-        return locate(self._text)
-
-    def __getitem__(self, place: Place) -> int:
-        return self._found[place]
-
-    def __iter__(self) -> Iterator[Place]:
-        return iter(self._found)
-
-    def __len__(self) -> int:
-        return len(self._found)
-
-
 class _Locator:
     def __init__(self, text: str) -> None:
         self._text = text
@@ -500,7 +473,10 @@ class _Locator:
         self._take_mark("]]" if of_array else "]")
         path: Place = ()
         for part in parents:
-            path = self._last_element((*path, part), line)
+            # The parent of a header is, of an array of tables, its latest element.
+            path = (*path, part)
+            self._lines.setdefault(path, line)
+            path = (*path, self._elements[path] - 1) if path in self._elements else path
         path = (*path, last)
         if of_array:
             self._lines.setdefault(path, line)
@@ -510,11 +486,6 @@ class _Locator:
             self._headed.add(path)
             self._lines[path] = line
         return path
-
-    def _last_element(self, path: Place, line: int) -> Place:
-        """Return the table that a header's parent names: for an array of tables, its latest element."""
-        self._lines.setdefault(path, line)
-        return (*path, self._elements[path] - 1) if path in self._elements else path
 
     def _key_and_value(self, table: Place) -> None:
         line = self._line()

@@ -273,11 +273,7 @@ class Roster:
             latest._apply(entry)
             with closing(chain.Writer(self.path, latest.lines.end)) as opened:
                 opened.append(self.now_ns(), entry.model_dump(mode="json"))
-            self.lines = chain.read(self.path, RosterError)
-        self.consent_on, self.withdrawn = latest.consent_on, latest.withdrawn
-        self.erased, self.revealed, self.takes = latest.erased, latest.revealed, latest.takes
-        self.voices = latest.voices
-        self.seed_sha256 = latest.seed_sha256
+            vars(self).update(vars(Roster.load(self.path)) | {"now_ns": self.now_ns})
 
     @contextmanager
     def _writing(self) -> Iterator[None]:

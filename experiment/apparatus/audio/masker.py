@@ -151,14 +151,10 @@ class AudioMasker:
         self._noise = made
         self._clock = clock
         self._loop = stream.play_loop(made.samples, tuple(channel - 1 for channel in channels))
-        self._level_db_a: float | None = None
+        self.level_db_a: float | None = None
+        """The level in force, dB(A); None in silence."""
         self._dose = dose_before
         self._since_ns = clock.now_ns()
-
-    @property
-    def level_db_a(self) -> float | None:
-        """The level in force, dB(A); None in silence."""
-        return self._level_db_a
 
     @property
     def limit_db_a(self) -> float:
@@ -176,7 +172,7 @@ class AudioMasker:
             AudioError: it is no level, or the masker is silent.
             DoseUsedUp: the masker falls silent.
         """
-        if self._level_db_a is None:
+        if self.level_db_a is None:
             raise AudioError("masker: got a level while it is silent; allowed: only while it plays; start it first")
         return self._go(level_db_a)
 
@@ -184,12 +180,12 @@ class AudioMasker:
         """Fade out."""
         self._account()
         self._loop.wanted = 0.0
-        self._level_db_a = None
+        self.level_db_a = None
 
     def exposure(self) -> MaskerExposure:
         """Return what it has done to the ears until now."""
         self._account()
-        level = self._level_db_a
+        level = self.level_db_a
         daily = daily_level_db_a(dose=self._dose)
         return MaskerExposure(
             level_db_a=level,
@@ -210,12 +206,12 @@ class AudioMasker:
                 "dB(A) for eight hours; continue a day later"
             )
         self._loop.wanted = self._noise.gain(bounded)
-        self._level_db_a = bounded
+        self.level_db_a = bounded
         return bounded
 
     def _account(self) -> None:
         now_ns = self._clock.now_ns()
-        if self._level_db_a is not None:
+        if self.level_db_a is not None:
             lasted_s = (now_ns - self._since_ns) / 1e9
-            self._dose += dose(level_db_a=self._level_db_a, duration_s=lasted_s)
+            self._dose += dose(level_db_a=self.level_db_a, duration_s=lasted_s)
         self._since_ns = now_ns

@@ -342,7 +342,8 @@ class AudioStream:
         outputs = len(settings.ceilings)
         self._mixer = Mixer(settings.layout())
         self._timeline = Timeline(rate_hz=settings.rate_hz, block=settings.block)
-        self._xruns = 0
+        self.xruns = 0
+        """Callbacks that the device marked, as in `health`, which takes longer."""
         self._broken: Exception | None = None
         self._settling: tuple[Callable[[], object], ...] = (host.joining(), host.leaving())
         """What the callback's thread does first."""
@@ -398,11 +399,6 @@ class AudioStream:
         return float(entry), float(out)
 
     @property
-    def xruns(self) -> int:
-        """Callbacks that the device marked, as in `health`, which takes longer."""
-        return self._xruns
-
-    @property
     def gaps(self) -> int:
         """Times at which the device stood still or lost frames, as in `health`."""
         return self._timeline.gaps
@@ -411,7 +407,7 @@ class AudioStream:
     def health(self) -> StreamHealth:
         """What went on since it was opened."""
         return StreamHealth(
-            self._mixer.frame, self._xruns, self._timeline.gaps, self._mixer.limited, self._timeline.fit()
+            self._mixer.frame, self.xruns, self._timeline.gaps, self._mixer.limited, self._timeline.fit()
         )
 
     def ns_of(self, frame: float) -> int:
@@ -492,7 +488,7 @@ class AudioStream:
             self._settling = ()
             self._timeline.note(self._mixer.frame, self._clock.now_ns())
             if status:
-                self._xruns += 1
+                self.xruns += 1
             self._mixer.fill(outputs, inputs)
         except Exception as error:
             outputs.fill(0)

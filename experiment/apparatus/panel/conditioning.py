@@ -73,50 +73,38 @@ class Played:
         """Return what goes on record of it. The budget is worked out for that, so ask after contact."""
         asked = self.stimulus
         peak = max(float(self.samples.max()), -float(self.samples.min())) * self.full_scale
+        reached, shaped = peak, None
         if isinstance(asked, Ring):
-            return self._ring_on_record(asked, peak)
-        error, shaped = self.budget()
-        reached = peak
-        if self.drive is not None and shaped is not None:
-            # The bound may lie above the peak, and so above a limit that is known to hold.
-            reached = min(shaped.peak_m_s2, self.drive.limit_m_s2)
-        return records.Stimulus(
-            asked_sha256=hashlib.sha256(np.asarray(asked.spectrum.coefficients, "<f8").tobytes()).hexdigest(),
-            floored_bins=asked.floored_bins,
-            extrapolated=asked.extrapolated,
-            computed=records.Computed(
+            missed = self.samples.astype(np.float64) * self.full_scale - asked.waveform_m_s2
+            wanted = float(np.linalg.norm(asked.waveform_m_s2))
+            share = float(np.linalg.norm(missed)) / wanted if wanted else 0.0
+            exact, rate_hz = asked.waveform_m_s2, asked.rate_hz
+            computed = records.Computed(method=self.method, relative_error=share)
+        else:
+            error, shaped = self.budget()
+            if self.drive is not None and shaped is not None:
+                # The bound may lie above the peak, and so above a limit that is known to hold.
+                reached = min(shaped.peak_m_s2, self.drive.limit_m_s2)
+            exact, rate_hz = asked.spectrum.coefficients, asked.basis.output_rate_hz
+            computed = records.Computed(
                 method=self.method + asked.basis.band,
                 relative_error=error.total,
                 left_out=error.left_out,
                 dissimilarity_m_s2=error.dissimilarity_m_s2,
-            ),
+            )
+        return records.Stimulus(
+            asked_sha256=hashlib.sha256(np.asarray(exact, "<f8").tobytes()).hexdigest(),
+            floored_bins=0 if isinstance(asked, Ring) else asked.floored_bins,
+            extrapolated=not isinstance(asked, Ring) and asked.extrapolated,
+            computed=computed,
             handed_sha256=hashlib.sha256(self.samples.tobytes()).hexdigest(),
             handed_unit="m/s^2" if shaped is None else "V",
             handed_peak=peak,
             samples=self.samples.size,
-            rate_hz=asked.basis.output_rate_hz,
+            rate_hz=rate_hz,
             limited=self.limited,
             reached_peak_m_s2=reached,
             shaping=None if shaped is None else _lost(shaped),
-        )
-
-    def _ring_on_record(self, asked: Ring, peak: float) -> records.Stimulus:
-        missed = self.samples.astype(np.float64) * self.full_scale - asked.waveform_m_s2
-        wanted = float(np.linalg.norm(asked.waveform_m_s2))
-        return records.Stimulus(
-            asked_sha256=hashlib.sha256(np.asarray(asked.waveform_m_s2, "<f8").tobytes()).hexdigest(),
-            floored_bins=0,
-            extrapolated=False,
-            computed=records.Computed(
-                method=self.method, relative_error=float(np.linalg.norm(missed)) / wanted if wanted else 0.0
-            ),
-            handed_sha256=hashlib.sha256(self.samples.tobytes()).hexdigest(),
-            handed_unit="m/s^2",
-            handed_peak=peak,
-            samples=self.samples.size,
-            rate_hz=asked.rate_hz,
-            limited=self.limited,
-            reached_peak_m_s2=peak,
         )
 
 

@@ -70,13 +70,9 @@ class PcmActuator:
             raise ActuatorError(f"actuator address '{address}': allowed is host:port, such as 127.0.0.1:4711")
         self._address = address
         self._peer = (host.strip("[]"), int(port))
-        self._rate_hz = rate_hz
+        self.rate_hz = rate_hz
         self._condition = condition
         self._prepared: NDArray[np.float32] | None = None
-
-    @property
-    def rate_hz(self) -> int:
-        return self._rate_hz
 
     @property
     def lead_ns(self) -> int:
@@ -96,7 +92,7 @@ class PcmActuator:
         """Hand the prepared stimulus over; it sounds now. `ActuatorError` if the server does not take all of it."""
         samples, self._prepared = self._prepared, None
         if samples is not None:
-            self._send(samples.tobytes(), TAKE_S + samples.size / self._rate_hz)
+            self._send(samples.tobytes(), TAKE_S + samples.size / self.rate_hz)
 
     def withdraw(self) -> bool:
         self._prepared = None

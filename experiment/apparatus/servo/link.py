@@ -203,17 +203,14 @@ class ServoHere:
             for us, place_mm in places:
                 self._at, touched = rendering.step(self._block, self._at, us, place_mm)
                 touches += touched
-                self._push()
+                # The device is handed what it does not push already.
+                wanted = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
+                if wanted != self._pushed:
+                    self._pushed = wanted
+                    self._device.push(wanted[0], fast=wanted[1], now_ns=monotonic_ns())
+                    self._device.catch_up(BEHIND)
             fast = self._at.speed_mm_s > self._orders.fastest_mm_s
         return _felt(places, touches, clock, fast)
-
-    def _push(self) -> None:
-        """Hand the device what it does not push already."""
-        wanted = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
-        if wanted != self._pushed:
-            self._pushed = wanted
-            self._device.push(wanted[0], fast=wanted[1], now_ns=monotonic_ns())
-            self._device.catch_up(BEHIND)
 
     def reconnect(self) -> None:
         """Do nothing: no device falls silent in simulated time."""

@@ -109,17 +109,13 @@ class SerialTracker:
         self._most_bytes = int(KEPT_S * settings.rate_hz) * frame_bytes
         self._stall_ms = round(SIMULATED_STALL_S * 1e3) if self._clock.simulated else settings.stall_ms
         self._slice_s = self._stall_ms * 1e-3 * USABLE / SLICES
-        self._counts = LinkCounts()
+        self.counts = LinkCounts()
         self._lock = threading.Lock()
         self._held: _Arrival | None = None
         self._decoder = Decoder()
         self._closing = False
         self._open(port)
         self._identity = identity_of(port)
-
-    @property
-    def counts(self) -> LinkCounts:
-        return self._counts
 
     @property
     def gone(self) -> bool:
@@ -158,7 +154,7 @@ class SerialTracker:
         arrival = arrival or self._next(0.0)
         if arrival is not None:
             self._given_bytes += len(arrival.samples.raw)
-            self._counts = self._counts.plus(arrival.link)
+            self.counts = self.counts.plus(arrival.link)
             return arrival.samples
         if self._failure is not None:
             raise self._failure

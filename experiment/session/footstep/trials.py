@@ -139,14 +139,6 @@ class Armed:
     dead_time_ms: float | None
 
 
-@dataclass(frozen=True)
-class _Parted:
-    """The clock to use instead of a tracker's that parted from the session's, and why the session cannot continue."""
-
-    clock: ClockMap
-    error: TrackerError
-
-
 class Footsteps(Kind):
     """Each attempt is one step of the foot."""
 
@@ -223,12 +215,11 @@ class Footsteps(Kind):
         if armed is None:
             raise RuntimeError("no step is watched before it was armed")
         step = watch(self._watch, armed.planned.presented[0], waiting)
-        parted = self._parted(step)
-        if parted is not None:
-            step = _by(parted.clock, step)
+        clock, error = self._parted(step)
+        if clock is not None:
+            step = _by(clock, step)
         self._silent = isinstance(step, BrokenStep) and step.stopped is not None
         trace = self._log.keep(step.raw)
-        error = parted.error if parted is not None else None
         if isinstance(step, BrokenStep):
             self._broken = armed.planned.trial, step
             if step.felt and step.stopped is None and step.failed is None:
@@ -315,10 +306,14 @@ class Footsteps(Kind):
         self._log.write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
         self._console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
 
-    def _parted(self, step: WatchedStep | BrokenStep) -> _Parted | None:
-        """Journal the tracker's first frame; return whether its clock has parted from the session's since."""
+    def _parted(self, step: WatchedStep | BrokenStep) -> tuple[ClockMap, TrackerError] | tuple[None, None]:
+        """Journal the tracker's first frame.
+
+        Where its clock has parted from the session's since, return that to use instead, and why the session cannot
+        continue.
+        """
         if step.first_us is None or step.clock is None:
-            return None
+            return None, None
         port, now_ns = self._devices.tracker_port, self._clock.now_ns()
         at_us = (step.at_us or 0) if isinstance(step, BrokenStep) else int(step.contact.us)
         if self._opened is None:
@@ -329,13 +324,13 @@ class Footsteps(Kind):
         passed_us = (now_ns - self._opened.t_ns) / 1e3
         ahead_us = at_us - self._opened.device_us - passed_us
         if abs(ahead_us) <= CLOCKS_PART_US + CLOCKS_DRIFT * abs(passed_us):
-            return None
+            return None, None
         error = TrackerError(
             f"tracker at {port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
             "the device restarted, or does not count microseconds; see to it, then resume the session"
         )
         # The step was now, whatever its device says.
-        return _Parted(ClockMap(at_us, now_ns), error)
+        return ClockMap(at_us, now_ns), error
 
     def _repeat(self, step: WatchedStep) -> str:
         """Return why the protocol has this step done again, if it has."""
