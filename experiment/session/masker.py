@@ -62,10 +62,9 @@ class Masking:
             criterion += " Nothing is played for that: have the participant touch it as in a trial, and listen."
         with self._lock:
             if not self._silenced:
-                self._go(self._masker.start, FIRST_DB_A if begin_db_a is None else begin_db_a)
+                self._go(self._masker.start, begin_db_a or FIRST_DB_A)
         while not self._silenced:
-            level_db_a, limit_db_a = self._masker.level_db_a, self._masker.limit_db_a
-            level_db_a = level_db_a if level_db_a is not None else FIRST_DB_A
+            level_db_a, limit_db_a = self._masker.level_db_a or FIRST_DB_A, self._masker.limit_db_a
             keys = KEYS | ({} if probe is None else {PROBE_KEY: "play the probe"})
             keys |= {HEARD_KEY: "still heard at the limit"} if level_db_a >= limit_db_a else {}
             key = self._console.level(level_db_a=level_db_a, limit_db_a=limit_db_a, criterion=criterion, keys=keys)

@@ -56,6 +56,7 @@ PROMPTS: dict[str, Prompt] = {
     "compare, with the lamp dark": Prompt(show="compare", answers=("first", "second"), lamp=False),
     "compare, too fast": Prompt(show="compare", answers=("first", "second"), lamp=True),
     "finished": Prompt(show="finished"),
+    "finished, and silent": Prompt(show="finished", unmasked=True),
     "thanks": Prompt(show="thanks"),
 }
 

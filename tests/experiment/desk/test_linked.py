@@ -518,7 +518,9 @@ def test_a_break_ends_by_itself_and_can_be_stopped(bench: Bench) -> None:
     soon = bench.asks(lambda: bench.linked.wait(why="Break.", until_ns=clock.now_ns() + 50_000_000, clock=clock))
     soon.result(10)
     long = bench.asks(lambda: bench.linked.wait(why="Break.", until_ns=clock.now_ns() + 10**12, clock=clock))
-    bench.question("break")
+    asked = bench.question("break")
+    assert not bench.do(Choose(question=asked.number, key="enter"))[0]
+    assert bench.question("break") == asked, "no key cuts it"
     assert bench.do(Stop())[0]
     with pytest.raises(PauseAsked):
         long.result(10)
