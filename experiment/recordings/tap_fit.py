@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from io import StringIO
 from math import isfinite, log, pi, sqrt
 from pathlib import Path
@@ -104,9 +104,11 @@ class Ring:
 @dataclass(frozen=True)
 class _Fit:
     f_hz: float
+    f_se_hz: float
     decay_per_s: float
-    envelope: float
-    errors: tuple[float, float, float]
+    decay_se_per_s: float
+    peak: float
+    peak_se: float
     baseline: float
     baseline_drift: float
     r2: float
@@ -134,7 +136,7 @@ def ring(recording: Recording) -> Ring:
     )
 
     def misfit(why: str) -> Ring:
-        return Ring(**{**asdict(known), "misfit": why})
+        return replace(known, misfit=why)
 
     tail, kept = y[largest:], ~clipped[largest:]
     if tail.size < FEWEST_SAMPLES:
@@ -166,18 +168,8 @@ def ring(recording: Recording) -> Ring:
         _fitted(tail[part], kept[part], rate, fit.f_hz, fit.decay_per_s) for part in (slice(half), slice(half, size))
     ]
     early, late = (one.f_hz if one else float("nan") for one in halves)
-    return Ring(
-        **{
-            **asdict(known),
-            "window_s": (largest / rate, (largest + size) / rate),
-            **dict(zip(("f_hz", "decay_per_s", "peak"), (fit.f_hz, fit.decay_per_s, fit.envelope), strict=True)),
-            **dict(zip(("f_se_hz", "decay_se_per_s", "peak_se"), fit.errors, strict=True)),
-            "baseline": fit.baseline,
-            "baseline_drift": fit.baseline_drift,
-            "f_drift_hz": late - early if isfinite(late - early) else None,
-            "r2": fit.r2,
-        }
-    )
+    window, drift = (largest / rate, (largest + size) / rate), late - early
+    return replace(known, window_s=window, f_drift_hz=drift if isfinite(drift) else None, **asdict(fit))
 
 
 _NO_MODE = "There is no single mode that rings and dies away: look at it with `palpate spectrum`."
@@ -255,12 +247,13 @@ def _fitted(
     sensitivity = np.column_stack([2 * pi * times * turned, -times * swing, terms])
     covariance = _covariance(sensitivity, residual, kept)
     of_peak = np.array([0.0, 0.0, *(weights[:2] / max(envelope, 1e-300)), 0.0, 0.0])
-    variances = covariance[0, 0], covariance[1, 1], of_peak @ covariance @ of_peak
     return _Fit(
         f_hz=f,
+        f_se_hz=sqrt(covariance[0, 0]),
         decay_per_s=decay,
-        envelope=envelope,
-        errors=(sqrt(variances[0]), sqrt(variances[1]), sqrt(variances[2])),
+        decay_se_per_s=sqrt(covariance[1, 1]),
+        peak=envelope,
+        peak_se=sqrt(of_peak @ covariance @ of_peak),
         baseline=float(weights[2]),
         baseline_drift=float(weights[3]) * rate / samples.size,
         r2=1 - float(np.sum(residual**2)) / variance,

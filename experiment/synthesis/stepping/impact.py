@@ -10,7 +10,7 @@ one leaves the range of numbers. They are powers of two, and change no digit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import ceil, inf, isfinite, ldexp, log, log2, sqrt
 
@@ -406,22 +406,13 @@ class Answer:
         """Return the same for JSON; a quantity that is not defined is null, and `why` says why."""
         of, made = self.of, self.impact
         return {
-            "stiffness_n_m": of.stiffness_n_m,
-            "damping_n_s_m": of.damping_n_s_m,
-            "mass_kg": of.mass_kg,
-            "speed_m_s": of.speed_m_s,
-            "force_n": of.force_n,
-            "law": of.law,
+            **asdict(of),
             "method": self.method,
             "rate_hz": self.rate_hz,
             "damping_ratio": of.damping_ratio,
             **{name: getattr(made, name) for name in QUANTITIES},
             "why": " ".join(made.why) or None,
-            "condition": self.condition,
-            "stable": self.stable,
-            "h_w": self.h_w,
-            "limit_h_w": self.limit_h_w,
-            "step_in_contacts": self.step_in_contacts,
+            **{name: getattr(self, name) for name in ("condition", "stable", "h_w", "limit_h_w", "step_in_contacts")},
         }
 
     def text(self) -> str:
