@@ -31,7 +31,7 @@ MOST_STEPS = 200_000
 """Steps of one impact beyond which it is refused, or taken in fewer by the exact stepper, whose error they leave."""
 
 LONGEST = 1e12
-"""A step beyond which none is taken, in units of an impact: a switch is located to 1e-13 of a step."""
+"""A step beyond which only the exact stepper goes, in units of an impact: a switch is located to 1e-13 of a step."""
 
 NEARLY_CRITICAL = 1e-3
 """How near to 1 a damping ratio is called nearly critical under the printed law."""
@@ -59,7 +59,7 @@ class Collision:
     def __post_init__(self) -> None:
         """Refuse what is no impact."""
         given = {"stiffness_n_m": self.stiffness_n_m, "damping_n_s_m": self.damping_n_s_m, "force_n": self.force_n}
-        wrong = problems(**given, mass_kg=1.0)
+        wrong = problems(**given)
         if not 0 < self.mass_kg < inf:
             wrong.append(f"mass: got {self.mass_kg:g} kg; allowed: a finite number above zero; correct it")
         if not 0 < self.speed_m_s < inf:
@@ -295,14 +295,14 @@ def in_steps(of: Collision, *, method: str = EXACT, rate_hz: float, phase: float
     kg, s, m = of.units
     given, of = of, of.scaled
     once, dt = stepper(method), _shifted(1 / rate_hz, -s)
-    if not dt < LONGEST:
+    if method != EXACT and not dt < LONGEST:
         raise SynthesisError(
             f"rate: got {rate_hz:g} Hz; allowed: steps of less than {LONGEST:g} times the time in which this impact "
             "changes; choose a higher rate"
         )
     exact = _closed_form(of)
     longest = 4 * (exact.release_s or exact.peak_s or _settles_s(of.block.normal))
-    if longest / dt + 4 > MOST_STEPS:
+    if longest > (MOST_STEPS - 4) * dt:
         if method != EXACT:
             raise SynthesisError(
                 f"rate: got {rate_hz:g} Hz for a contact of {_shifted(longest / 4, s):.3g} s; allowed: up to "
