@@ -18,7 +18,7 @@ import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from io import StringIO
-from math import isfinite, log, pi, sqrt
+from math import isfinite, log, pi
 from pathlib import Path
 
 import numpy as np
@@ -216,9 +216,7 @@ def _fitted(
     if wanted.size < FEWEST_SAMPLES // 2:
         return None
 
-    def solved(
-        shape: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    def solved(shape: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         f, decay = shape
         envelope = np.exp(np.clip(-decay * times, -700.0, 50.0))
         terms = np.stack(
@@ -247,13 +245,15 @@ def _fitted(
     sensitivity = np.column_stack([2 * pi * times * turned, -times * swing, terms])
     covariance = _covariance(sensitivity, residual, kept)
     of_peak = np.array([0.0, 0.0, *(weights[:2] / max(envelope, 1e-300)), 0.0, 0.0])
+    variances = covariance[0, 0], covariance[1, 1], of_peak @ covariance @ of_peak
+    f_se, decay_se, peak_se = np.sqrt(np.maximum(variances, 0.0)).tolist()
     return _Fit(
         f_hz=f,
-        f_se_hz=sqrt(covariance[0, 0]),
+        f_se_hz=f_se,
         decay_per_s=decay,
-        decay_se_per_s=sqrt(covariance[1, 1]),
+        decay_se_per_s=decay_se,
         peak=envelope,
-        peak_se=sqrt(of_peak @ covariance @ of_peak),
+        peak_se=peak_se,
         baseline=float(weights[2]),
         baseline_drift=float(weights[3]) * rate / samples.size,
         r2=1 - float(np.sum(residual**2)) / variance,
