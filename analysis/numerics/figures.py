@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from math import ceil, floor, log10
+from math import ceil, floor, log10, nan
 from typing import Any
 
 import matplotlib as mpl
@@ -54,7 +54,8 @@ FINE = 400
 def course(of: Collision, *, rate_hz: float) -> Figure:
     """Return the plot of an impact: r, dr/dt and force over time, by every method in steps of a rate, Hz.
 
-    The exact motion is a line, with dots at its samples. Methods that leave the picture are cut off, with marks at its
+    Below is how far r of each method is from the exact one at the same samples, until the exact one is released. The
+    exact motion is a line, with dots at its samples. Methods that leave the picture are cut off, with marks at its
     edge, and a method that needs too many steps is named as left out.
     """
     exact = closed_form(of)
@@ -66,8 +67,14 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
         ("force (N)", 1.0, lambda one: one.force_n),
     )
     with mpl.rc_context(STYLE):
-        drawn = Figure(figsize=(8.4, 7.2), layout="constrained")
-        axes: list[Axes] = list(drawn.subplots(3, 1, sharex=True))
+        drawn = Figure(figsize=(8.4, 9.0), layout="constrained")
+        axes: list[Axes] = list(drawn.subplots(4, 1, sharex=True))
+        off = axes.pop()
+        off.set_yscale("log")
+        off.set_ylabel("r off from exact (mm)", fontsize=9)
+        off.yaxis.set_major_formatter(FuncFormatter(lambda mm, _: f"{mm:g}"))
+        off.yaxis.set_minor_formatter(NullFormatter())
+        sampled = in_steps(of, rate_hz=rate_hz).deep_m
         for place, (label, unit, of_course) in zip(axes, panels, strict=True):
             values = of_course(fine) * unit
             place.plot(fine.times_s * 1e3, values, color=COLOUR[EXACT], linewidth=1.6, label="exact", zorder=1)
@@ -85,6 +92,11 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
                 left_out.append(name)
                 continue
             _steps(axes, made, name, [(unit, of_course) for _, unit, of_course in panels])
+            both = min(sampled.size, made.deep_m.size)
+            apart = np.clip(np.abs(made.deep_m[:both] - sampled[:both]) * 1e3, 0.0, 1e9)
+            if np.any(apart > 0):
+                style: Any = {"color": COLOUR[name], "marker": MARKER[name], "markersize": 3, "linewidth": 0.9}
+                off.plot(made.times_s[:both] * 1e3, np.where(apart > 0, apart, nan), **style)
         label = "time since the touch (ms)"
         if 1 / rate_hz > SHORT * lasts:
             # A contact between two samples would be a line at 0.
@@ -92,7 +104,7 @@ def course(of: Collision, *, rate_hz: float) -> Figure:
             axes[0].xaxis.set_major_formatter(FuncFormatter(lambda ms, _: f"{ms:g}"))
             axes[0].xaxis.set_minor_formatter(NullFormatter())
             label += f", by its logarithm beyond {2e3 * lasts:.2g}"
-        axes[-1].set_xlabel(label, fontsize=9)
+        off.set_xlabel(label, fontsize=9)
         drawn.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False)
         title = (
             f"{of.mass_kg:g} kg at {of.speed_m_s:g} m/s on {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m"
@@ -185,7 +197,8 @@ def diagrams(rows: Sequence[Measured]) -> Figure:
 
 
 def _curve(axes: Axes, rows: Sequence[Measured], beside: Sequence[Measured], name: str) -> None:
-    steps = [one for one in rows if one.given["step_s"] != contact.SERVO_S]
+    steps = [one for one in rows if one.given["step_s"] != contact.SERVO_S or one.error < NO_ANSWER]
+    steps.sort(key=lambda one: -one.given["step_s"])
     line = [one.timed.median_s for one in steps], [max(one.error, 1e-16) for one in steps]
     # Thin, so that a method can be followed where all of it is grey.
     axes.plot(*line, color=COLOUR[name], alpha=0.6, linewidth=0.9, zorder=1)

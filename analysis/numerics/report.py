@@ -17,6 +17,7 @@ from analysis.numerics import contact, figures, played
 from analysis.numerics.cases import Outcome
 from analysis.numerics.figures import time_text
 from analysis.numerics.numerics import (
+    AS_GOOD,
     BETWEEN_MM_S,
     LABEL,
     MATERIALS,
@@ -161,8 +162,16 @@ def _subject(result: Numerics, subject: str) -> list[Measured]:
     return [one for one in result.measured if one.subject == subject]
 
 
+DOMINATED = (
+    "A way is dominated where another does the same in less time, quartiles apart, and its error is no larger, or at "
+    f"most {AS_GOOD:g} times as large; so is one whose error is {NO_ANSWER:g} or more."
+)
+
+
 def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
     paragraphs = [SAYS[subject]]
+    if dominated(rows[0], rows) is not None:
+        paragraphs.append(DOMINATED)
     if subject == "synthesis":
         software = ", ".join(f"{name} {version}" for name, version in result.software.items() if "oracle" not in name)
         paragraphs.append(

@@ -165,13 +165,14 @@ def plan(
     rig: Annotated[Path | None, typer.Option("--rig", help="Rig file [default: the rehearsal's].")] = None,
     as_json: Json = False,
 ) -> None:
-    """Print what a task needs and what it leaves out.
+    """Print what a footstep task needs and what it leaves out.
 
-    Each omission is printed with the time and memory that it saves and the error that it causes, measured on this
-    machine while you wait, and so is a process of each task, on a simulated rig. The exit code is 2 where the protocol
-    does not allow what the rig leaves out.
+    A comparison of surfaces holds no spectra to leave out, and has no such plan. Each omission is printed with the time
+    and memory that it saves and the error that it causes, measured on this machine while you wait, and so is a process
+    of each task, on a simulated rig. The exit code is 2 where the protocol does not allow what the rig leaves out.
     """
     import tempfile
+    from functools import partial
 
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.panel.conditioning import open_drive
@@ -181,6 +182,12 @@ def plan(
     from experiment.session.footstep import scene_cost
 
     protocol = files.load(protocol_file)
+    if protocol.footstep is None:
+        raise ScheduleError(
+            f"study {protocol.study.id}: got trials of the kind 'comparison'; allowed: 'footstep', for a plan says "
+            "which spectra and bins a footstep task leaves out; ask `palpate check PROTOCOL --rig RIG` how stiff a "
+            "block may be"
+        )
     tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
     if not tasks:
         known = ", ".join(one.id for one in protocol.tasks)
@@ -188,7 +195,8 @@ def plan(
     rig = rig or shipped("rigs/rehearsal.toml")
     opened = rigs.load(rig)
     open_drive(rig.parent, opened.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, options.progress("plan", quiet=as_json) as (total, tick):
+        total(len(tasks))
         if recordings is None:
             from experiment.rehearsal.footstep import recorded_takes
 
@@ -198,22 +206,18 @@ def plan(
             from experiment.recordings import manifest
 
             source = f"SIMULATED recordings, {recordings}" if manifest.is_simulated(recordings) else str(recordings)
-        plans = [
-            scene_cost.plan(
-                protocol=protocol,
-                rig=opened,
-                rig_folder=rig.parent,
-                task_id=one,
-                recordings=recordings,
-                process=_process(protocol_file, rig, opened, one, recordings),
-            )
-            for one in tasks
-        ]
+        of_task = partial(scene_cost.plan, protocol=protocol, rig=opened, rig_folder=rig.parent, recordings=recordings)
+        plans = []
+        for one in tasks:
+            process = _process(protocol_file, rig, opened, one, recordings)
+            plans.append(of_task(task_id=one, process=process))
+            tick()
+    named = f"{opened.rig.name} ({'SIMULATED' if opened.rig.simulated else 'real'})"
     if as_json:
         tables = [one.as_dict() for one in plans]
-        options.put({"recordings": source, "tasks": tables})
+        options.put({"recordings": source, "rig": named, "tasks": tables})
     else:
-        typer.echo("\n\n\n".join([f"Measured with: {source}", *(one.text() for one in plans)]))
+        typer.echo("\n\n\n".join([f"Measured with: {source}\nRig: {named}", *(one.text() for one in plans)]))
     if any(one.refused for one in plans):
         raise typer.Exit(RigError.exit_code)
 

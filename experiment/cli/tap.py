@@ -35,9 +35,10 @@ def fit(
 ) -> None:
     """Fit a decaying sinusoid to each recorded tap.
 
-    Frequency f, decay B and peak are fitted from the largest sample on; clipped samples are left out and told. With
-    --taps, L and D of each surface and the exponential of f over stiffness are derived as Wellman and Howe do. A
-    recording that does not ring in a single mode is called a misfit; the exit code is 1 then.
+    Frequency f, decay B and peak are fitted from the largest sample on, with standard errors that hold for correlated
+    residuals; clipped samples are left out and told. With --taps, L and D of each surface and the exponential of f over
+    stiffness are derived as Wellman and Howe do. A recording that does not ring in a single mode is called a misfit;
+    the exit code is 1 then.
     """
     from dataclasses import asdict
 
@@ -86,7 +87,8 @@ def contact(
     """Compute one impact of a mass on a virtual block.
 
     The mass meets the block at r = 0. Release, rebound, largest penetration and energies are printed, or why there are
-    none; whether the method is stable at this rate; and the condition number, by which errors of the input grow.
+    none; whether the method is stable at this rate, and sees the contact at all; and the condition number, by which
+    errors of the input grow.
     """
     from analysis.numerics import figures
     from experiment.synthesis.stepping import impact

@@ -6,13 +6,17 @@ The model is equation (2) of Wellman and Howe with a phase, and a baseline that 
 
 It is fitted by least squares from the largest sample on to where the envelope has fallen to `UNTIL`. Samples that the
 recorder has clipped are left out, and told. What rings in more than one mode, or in none, is called a misfit.
+
+Residuals of neighbouring samples are alike, which standard errors take in: the covariance is a sandwich of the
+sensitivity matrix with Bartlett's weights (Newey and West, Econometrica 55, 1987, p. 703) over the lags that Andrews
+gives for an autoregression of first order (Econometrica 59, 1991, p. 817: equations (6.2) and (6.4)).
 """
 
 from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from io import StringIO
 from math import isfinite, log, pi
 from pathlib import Path
@@ -46,7 +50,8 @@ COLUMNS = ("file", "surface", "stiffness_n_m", "speed_m_s")
 class Ring:
     """The ring of one recording; what was not fitted is None, and `misfit` says why.
 
-    `peak` is the envelope at the largest sample, `recorded_peak` that sample's magnitude, both in the file's `unit`.
+    `peak` is the fitted envelope at the largest sample, `recorded_peak` that sample's magnitude, both in the file's
+    `unit`; `..._se` are standard errors.
     `f_drift_hz` is f in the second half of the window less that in the first; `baseline_drift` is e, a second's worth.
     """
 
@@ -59,8 +64,11 @@ class Ring:
     clipped_at: tuple[float, ...]
     window_s: tuple[float, float] | None = None
     f_hz: float | None = None
+    f_se_hz: float | None = None
     decay_per_s: float | None = None
+    decay_se_per_s: float | None = None
     peak: float | None = None
+    peak_se: float | None = None
     baseline: float | None = None
     baseline_drift: float | None = None
     f_drift_hz: float | None = None
@@ -78,7 +86,9 @@ class Ring:
             begins, ends = self.window_s
             drift = "is too short to tell" if self.f_drift_hz is None else f"{self.f_drift_hz:+.2f} Hz"
             lines += [
-                f"  f {self.f_hz:.2f} Hz, B {self.decay_per_s:.2f} /s, peak {self.peak:.4g}{unit}, R2 {self.r2:.4f}",
+                f"  f {self.f_hz:.2f} Hz (standard error {self.f_se_hz:.2g}), B {self.decay_per_s:.2f} /s "
+                f"({self.decay_se_per_s:.2g}), peak of the fitted curve {self.peak:.4g}{unit} ({self.peak_se:.2g}), "
+                f"R2 {self.r2:.4f}; standard errors by Newey and West, for residuals are correlated",
                 f"  from {begins:.5g} to {ends:.5g} s; drift of f from the first half to the second {drift}, of the "
                 f"baseline {self.baseline_drift:+.3g}{unit} a second",
             ]
@@ -86,7 +96,7 @@ class Ring:
             levels = " and ".join(f"{level:.4g}" for level in self.clipped_at)
             lines.append(
                 f"  The peaks are clipped: {self.clipped_samples} samples at {levels}{unit} are left out, and the true "
-                "peak is above that."
+                "peak is above that. The fitted curve has its peak from the other samples."
             )
         return "\n".join(lines)
 
@@ -94,8 +104,11 @@ class Ring:
 @dataclass(frozen=True)
 class _Fit:
     f_hz: float
+    f_se_hz: float
     decay_per_s: float
-    envelope: float
+    decay_se_per_s: float
+    peak: float
+    peak_se: float
     baseline: float
     baseline_drift: float
     r2: float
@@ -123,7 +136,7 @@ def ring(recording: Recording) -> Ring:
     )
 
     def misfit(why: str) -> Ring:
-        return Ring(**{**asdict(known), "misfit": why})
+        return replace(known, misfit=why)
 
     tail, kept = y[largest:], ~clipped[largest:]
     if tail.size < FEWEST_SAMPLES:
@@ -155,19 +168,8 @@ def ring(recording: Recording) -> Ring:
         _fitted(tail[part], kept[part], rate, fit.f_hz, fit.decay_per_s) for part in (slice(half), slice(half, size))
     ]
     early, late = (one.f_hz if one else float("nan") for one in halves)
-    return Ring(
-        **{
-            **asdict(known),
-            "window_s": (largest / rate, (largest + size) / rate),
-            "f_hz": fit.f_hz,
-            "decay_per_s": fit.decay_per_s,
-            "peak": fit.envelope,
-            "baseline": fit.baseline,
-            "baseline_drift": fit.baseline_drift,
-            "f_drift_hz": late - early if isfinite(late - early) else None,
-            "r2": fit.r2,
-        }
-    )
+    window, drift = (largest / rate, (largest + size) / rate), late - early
+    return replace(known, window_s=window, f_drift_hz=drift if isfinite(drift) else None, **asdict(fit))
 
 
 _NO_MODE = "There is no single mode that rings and dies away: look at it with `palpate spectrum`."
@@ -214,7 +216,7 @@ def _fitted(
     if wanted.size < FEWEST_SAMPLES // 2:
         return None
 
-    def solved(shape: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def solved(shape: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         f, decay = shape
         envelope = np.exp(np.clip(-decay * times, -700.0, 50.0))
         terms = np.stack(
@@ -227,24 +229,59 @@ def _fitted(
             axis=1,
         )
         weights = np.linalg.lstsq(terms, wanted, rcond=None)[0]
-        return weights, terms @ weights - wanted
+        return terms, weights, terms @ weights - wanted
 
     found = optimize.least_squares(
-        lambda shape: solved(shape)[1], (f_hz, decay_per_s), x_scale=(max(f_hz, 1e-9), max(decay_per_s, 1e-9))
+        lambda shape: solved(shape)[2], (f_hz, decay_per_s), x_scale=(max(f_hz, 1e-9), max(decay_per_s, 1e-9))
     )
     f, decay = found.x.tolist()
-    weights, residual = solved(found.x)
+    terms, weights, residual = solved(found.x)
     variance = float(np.sum((wanted - wanted.mean()) ** 2))
     if not (0 < f < rate / 2 and decay > 0 and variance > 0):
         return None
+    envelope = float(np.hypot(weights[0], weights[1]))
+    swing = terms[:, :2] @ weights[:2]
+    turned = terms[:, 1] * weights[0] - terms[:, 0] * weights[1]
+    sensitivity = np.column_stack([2 * pi * times * turned, -times * swing, terms])
+    covariance = _covariance(sensitivity, residual, kept)
+    of_peak = np.array([0.0, 0.0, *(weights[:2] / max(envelope, 1e-300)), 0.0, 0.0])
+    variances = covariance[0, 0], covariance[1, 1], of_peak @ covariance @ of_peak
+    f_se, decay_se, peak_se = np.sqrt(np.maximum(variances, 0.0)).tolist()
     return _Fit(
         f_hz=f,
+        f_se_hz=f_se,
         decay_per_s=decay,
-        envelope=float(np.hypot(weights[0], weights[1])),
+        decay_se_per_s=decay_se,
+        peak=envelope,
+        peak_se=peak_se,
         baseline=float(weights[2]),
         baseline_drift=float(weights[3]) * rate / samples.size,
         r2=1 - float(np.sum(residual**2)) / variance,
     )
+
+
+def _covariance(
+    sensitivity: NDArray[np.float64], residual: NDArray[np.float64], kept: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Return the covariance of what was fitted, shape (k, k), from its sensitivities, (n, k), and the residuals, (n,).
+
+    What was left out has a score of zero at its place, so that lags are times.
+    """
+    sizes = np.maximum(np.linalg.norm(sensitivity, axis=0), 1e-300)
+    scaled = sensitivity / sizes
+    scores = np.zeros((kept.size, sizes.size))
+    scores[kept] = scaled * residual[:, None]
+    power = np.sum(scores[:-1] ** 2, axis=0)
+    alike = np.clip(np.sum(scores[1:] * scores[:-1], axis=0) / np.maximum(power, 1e-300), -0.97, 0.97)
+    weight = power**2 * (1 + alike) ** 2 / (1 - alike) ** 2
+    slow = float(np.sum(weight * 4 * alike**2 / (1 - alike**2) ** 2) / max(np.sum(weight), 1e-300))
+    lags = min(int(1.1447 * (slow * residual.size) ** (1 / 3)), kept.size - 1)
+    meat = scores.T @ scores
+    for lag in range(1, lags + 1):
+        both = scores[lag:].T @ scores[:-lag]
+        meat += (1 - lag / (lags + 1)) * (both + both.T)
+    inverse = np.linalg.pinv(scaled.T @ scaled)
+    return np.asarray(inverse @ meat @ inverse / np.outer(sizes, sizes))
 
 
 @dataclass(frozen=True)

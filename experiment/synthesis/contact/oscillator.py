@@ -70,7 +70,10 @@ def oscillator(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, fo
     Raises `SynthesisError` unless K and C are finite and zero or more, M is above zero, F is finite, and their ratios
     are finite.
     """
-    refuse(problems(stiffness_n_m=stiffness_n_m, damping_n_s_m=damping_n_s_m, mass_kg=mass_kg, force_n=force_n))
+    wrong = problems(stiffness_n_m=stiffness_n_m, damping_n_s_m=damping_n_s_m, force_n=force_n)
+    if not mass_kg > 0:
+        wrong.append(f"mass: got {mass_kg:g} kg; allowed: a number above zero; correct it")
+    refuse(wrong)
     if mass_kg == inf:
         return Oscillator(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     m, c, k = Fraction(mass_kg), Fraction(damping_n_s_m), Fraction(stiffness_n_m)
@@ -90,15 +93,13 @@ def oscillator(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, fo
     return Oscillator(a, b, push, split, root, b / (a + root) if b else 0.0, a + root)
 
 
-def problems(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, force_n: float) -> list[str]:
-    """Return everything for which `oscillator` refuses a spring, a damper, a mass and a force, a line each."""
+def problems(*, stiffness_n_m: float, damping_n_s_m: float, force_n: float) -> list[str]:
+    """Return everything for which `oscillator` refuses a spring, a damper and a force, a line each."""
     wrong = [
         f"{name}: got {value:g} {unit}; allowed: a finite number of zero or more; correct it"
         for name, value, unit in (("stiffness", stiffness_n_m, "N/m"), ("damping", damping_n_s_m, "N s/m"))
         if not 0 <= value < inf
     ]
-    if not mass_kg > 0:
-        wrong.append(f"mass: got {mass_kg:g} kg; allowed: a number above zero; correct it")
     if not isfinite(force_n):
         wrong.append(f"force: got {force_n:g} N; allowed: a finite number; correct it")
     return wrong

@@ -10,7 +10,7 @@ one leaves the range of numbers. They are powers of two, and change no digit.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from math import ceil, inf, isfinite, ldexp, log, log2, sqrt
 
@@ -31,7 +31,7 @@ MOST_STEPS = 200_000
 """Steps of one impact beyond which it is refused, or taken in fewer by the exact stepper, whose error they leave."""
 
 LONGEST = 1e12
-"""A step beyond which none is taken, in units of an impact: a switch is located to 1e-13 of a step."""
+"""A step beyond which only the exact stepper goes, in units of an impact: a switch is located to 1e-13 of a step."""
 
 NEARLY_CRITICAL = 1e-3
 """How near to 1 a damping ratio is called nearly critical under the printed law."""
@@ -59,7 +59,7 @@ class Collision:
     def __post_init__(self) -> None:
         """Refuse what is no impact."""
         given = {"stiffness_n_m": self.stiffness_n_m, "damping_n_s_m": self.damping_n_s_m, "force_n": self.force_n}
-        wrong = problems(**given, mass_kg=1.0)
+        wrong = problems(**given)
         if not 0 < self.mass_kg < inf:
             wrong.append(f"mass: got {self.mass_kg:g} kg; allowed: a finite number above zero; correct it")
         if not 0 < self.speed_m_s < inf:
@@ -295,14 +295,14 @@ def in_steps(of: Collision, *, method: str = EXACT, rate_hz: float, phase: float
     kg, s, m = of.units
     given, of = of, of.scaled
     once, dt = stepper(method), _shifted(1 / rate_hz, -s)
-    if not dt < LONGEST:
+    if method != EXACT and not dt < LONGEST:
         raise SynthesisError(
             f"rate: got {rate_hz:g} Hz; allowed: steps of less than {LONGEST:g} times the time in which this impact "
             "changes; choose a higher rate"
         )
     exact = _closed_form(of)
     longest = 4 * (exact.release_s or exact.peak_s or _settles_s(of.block.normal))
-    if longest / dt + 4 > MOST_STEPS:
+    if longest > (MOST_STEPS - 4) * dt:
         if method != EXACT:
             raise SynthesisError(
                 f"rate: got {rate_hz:g} Hz for a contact of {_shifted(longest / 4, s):.3g} s; allowed: up to "
@@ -406,22 +406,13 @@ class Answer:
         """Return the same for JSON; a quantity that is not defined is null, and `why` says why."""
         of, made = self.of, self.impact
         return {
-            "stiffness_n_m": of.stiffness_n_m,
-            "damping_n_s_m": of.damping_n_s_m,
-            "mass_kg": of.mass_kg,
-            "speed_m_s": of.speed_m_s,
-            "force_n": of.force_n,
-            "law": of.law,
+            **asdict(of),
             "method": self.method,
             "rate_hz": self.rate_hz,
             "damping_ratio": of.damping_ratio,
             **{name: getattr(made, name) for name in QUANTITIES},
             "why": " ".join(made.why) or None,
-            "condition": self.condition,
-            "stable": self.stable,
-            "h_w": self.h_w,
-            "limit_h_w": self.limit_h_w,
-            "step_in_contacts": self.step_in_contacts,
+            **{name: getattr(self, name) for name in ("condition", "stable", "h_w", "limit_h_w", "step_in_contacts")},
         }
 
     def text(self) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import sin
 
 import numpy as np
 import pytest
@@ -27,6 +28,28 @@ def test_a_contact_between_two_samples_is_drawn_on_a_scale_of_its_own(
     assert {one.get_xscale() for one in axes} == {scale}
     assert ("by its logarithm" in axes[-1].get_xlabel()) is (scale == "symlog")
     assert "$" not in "".join(label.get_text() for label in axes[-1].get_xticklabels())
+
+
+def test_an_impact_s_last_panel_is_how_far_each_method_is_from_the_exact_one() -> None:
+    """Euler's first step without a damper goes v h, and the mass v sin(w h) / w."""
+    drawn = figures.course(Collision(4000.0, 0.0, 0.1, 0.2), rate_hz=2500.0)
+    [euler] = [line for line in drawn.axes[-1].lines if line.get_color() == figures.COLOUR["euler"]]
+    wanted = 1e3 * (0.2 / 2500 - 0.2 * sin(200 / 2500) / 200)
+    assert np.asarray(euler.get_ydata())[1] == pytest.approx(wanted, rel=1e-9)
+
+
+def impact_row(step_s: float, ms: float, error: float) -> Measured:
+    given = {"stiffness_n_m": 4500.0, "mass_kg": 0.1, "step_s": step_s}
+    return Measured("contact", "rk4", given, Timed(ms / 1e3, (0.9 * ms / 1e3, 1.2 * ms / 1e3), 9), error)
+
+
+def test_the_ring_of_the_servo_s_step_lies_on_its_line_unless_it_is_no_answer() -> None:
+    rows = [impact_row(1e-3, 1.0, 0.1), impact_row(1e-4, 4.0, 0.01), impact_row(4e-4, 2.0, 0.05)]
+    figures._curve(axes := Figure().add_subplot(), rows, rows, "rk4")
+    assert list(np.asarray(axes.lines[0].get_xdata())) == pytest.approx([1e-3, 2e-3, 4e-3])
+    rows[2] = impact_row(4e-4, 50.0, 1.0)
+    figures._curve(axes := Figure().add_subplot(), rows, rows, "rk4")
+    assert list(np.asarray(axes.lines[0].get_xdata())) == pytest.approx([1e-3, 4e-3])
 
 
 def row(way: str, ms: float, error: float) -> Measured:

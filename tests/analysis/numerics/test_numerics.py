@@ -145,6 +145,12 @@ def test_what_a_terminal_shows(result: Numerics) -> None:
     assert " ".join(result.verdict.split()) in " ".join(shown.split())
 
 
+def test_dominated_is_explained_where_it_is_printed(result: Numerics) -> None:
+    for section in report.sections(result):
+        says = any(paragraph.startswith("A way is dominated where") for paragraph in section.paragraphs)
+        assert says is any("dominated" in table.header for table in section.tables), section.slug
+
+
 def test_json_has_every_row(result: Numerics) -> None:
     document = json.loads(json.dumps(report.as_dict(result), allow_nan=False))
     assert (document["failed"], document["label"]) == (result.failed, "SIMULATED spectra")

@@ -9,6 +9,7 @@ import os
 import re
 import shutil
 import sys
+import tomllib
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from datetime import date, timedelta
@@ -628,6 +629,15 @@ class TestALaboratorysStudy:
         code, out, err = self.run(palpate, protocol, rig)
         line.unplug()
         assert (code, "Trial" in out, "no frame for 200 ms" in err) == (2, False, True)
+
+
+def test_a_plan_names_its_rig_and_is_for_footsteps(palpate: Palpate) -> None:
+    code, out, err = palpate("plan", "okamoto2012", "--task", "real")
+    named = tomllib.loads(shipped("rigs/rehearsal.toml").read_text("utf-8"))["rig"]["name"]
+    assert (code, f"\nRig: {named} (SIMULATED)\n" in out) == (0, True), err
+    code, out, err = palpate("plan", "wellman1995")
+    assert (code, out, len(lines(err))) == (2, "", 1)
+    assert "got trials of the kind 'comparison'; allowed: 'footstep'" in err
 
 
 def test_errors_of_a_rig_file_stand_in_lines_of_their_own(palpate: Palpate, tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.signal import lfilter
 
 from experiment.errors import RecordingError
 from experiment.recordings.readers import Recording
@@ -48,6 +49,23 @@ def test_clipped_samples_are_left_out_and_told() -> None:
     assert found.peak is not None
     assert found.peak > 9.0
     assert "The peaks are clipped" in found.text()
+
+
+@pytest.mark.parametrize("alike", [0.0, 0.8])
+def test_standard_errors_are_the_spread_of_fits_to_correlated_noise(alike: float) -> None:
+    """The spread over recordings, each with noise of its own, an autoregression of first order; peaks are clipped."""
+    rng, found = np.random.default_rng(3), []
+    # Clipped at 7 first, so that every fit begins at the same sample.
+    clean = np.clip(decaying(length=0.04), -6.5, 7.0)
+    clipped = (clean == 7.0) | (clean == -6.5)
+    for _ in range(60):
+        noise = lfilter([1.0], [1.0, -alike], rng.normal(scale=0.2, size=clean.size))
+        found.append(ring(made(np.where(clipped, clean, np.clip(clean + noise, -6.49, 6.99)))))
+    for value, error in (("f_hz", "f_se_hz"), ("decay_per_s", "decay_se_per_s"), ("peak", "peak_se")):
+        spread = float(np.std([getattr(one, value) for one in found], ddof=1))
+        assert np.mean([getattr(one, error) for one in found]) == pytest.approx(spread, rel=0.25), value
+    assert "standard error" in found[0].text()
+    assert "peak of the fitted curve" in found[0].text()
 
 
 def test_the_flat_top_of_a_slow_wave_is_not_clipped() -> None:

@@ -133,6 +133,14 @@ def test_a_result_that_no_number_holds_is_null_and_says_why() -> None:
         Collision(1e-300, 1e100, 1e-9, 1.0)
 
 
+def test_a_step_of_any_length_is_taken_exactly_or_refused() -> None:
+    of = Collision(1e300, 0.0, 1e-3, 1.0)
+    made = in_steps(of, rate_hz=2500.0).impact
+    assert made.release_s == pytest.approx(pi / (1e150 * sqrt(1000)), rel=1e-11, abs=0.0)
+    with pytest.raises(SynthesisError, match="choose a lower rate"):
+        in_steps(Collision(1e-300, 0.0, 1e3, 1.0), method="rk4", rate_hz=1e300)
+
+
 @pytest.mark.parametrize("method", list(STEPPERS))
 @pytest.mark.parametrize("stiffness", [1e300, 1e9, 1e-300])
 def test_no_method_answers_with_what_is_no_number(method: str, stiffness: float) -> None:
