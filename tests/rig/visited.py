@@ -17,7 +17,7 @@ from pathlib import Path
 from experiment.desk import link
 from experiment.desk.link import Line
 from experiment.desk.messages import Choose, Hello, Reply, View, Write
-from experiment.desk.port import WITHOUT, YES
+from experiment.desk.port import WITHOUT
 from tests.rig.laboratory import HURRIED
 
 ME = Hello(role="console", by="test")
@@ -125,7 +125,7 @@ class Desk:
         elif asked.kind == "say":
             self.press(view, WITHOUT)
         elif asked.choices:
-            self.press(view, YES if asked.kind == "agree" else "enter")
+            self.press(view, asked.choices[0].key if asked.kind == "agree" else "enter")
 
     def views(self) -> Iterator[View]:
         """Yield what the session shows, until it is gone; each new question once."""
