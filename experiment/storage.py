@@ -191,29 +191,25 @@ def temporary(folder: Path, make: Callable[[Path], object] = Path.mkdir) -> Iter
     What killed processes left in `folder` is removed before.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    _sweep(folder)
+    for left in folder.iterdir():
+        if TEMPORARY.fullmatch(left.name):
+            # What is held by a process is on its way; what cannot be removed is left to the next.
+            with suppress(OSError), ExitStack() as holding:
+                if _held(left, holding, surely=True):
+                    _remove(left)
     with ExitStack() as holding:
         while True:
             path = folder / f".palpate-{secrets.token_hex(8)}"
             holding.callback(_remove, path)
             make(path)
-            # Otherwise the sweep of another process came between.
+            # Otherwise another process came between, which removes what is left.
             if _held(path, holding):
                 break
         yield path
 
 
-def _sweep(folder: Path) -> None:
-    """Remove what is on its way to its place and held by no process; what cannot be removed is left to the next."""
-    for path in folder.iterdir():
-        if TEMPORARY.fullmatch(path.name):
-            with suppress(OSError), ExitStack() as holding:
-                if _held(path, holding, surely=True):
-                    _remove(path)
-
-
 def _held(path: Path, holding: ExitStack, *, surely: bool = False) -> bool:
-    """Hold a file or folder, but no link, against `_sweep` until `holding` ends; return False if another has it.
+    """Hold a file or folder, but no link, until `holding` ends; return False if another process has it.
 
     A network's file system may have no such lock; nothing is held `surely` there.
     """

@@ -213,7 +213,9 @@ def _simplest(span: Interval) -> Fraction:
 def common(printed: Sequence[Printed], reading: Reading) -> Iterator[int]:
     """Yield, rising, the numbers of trials of which all the percentages can be shares."""
     different = {one.text: one for one in printed}.values()
-    trials = np.arange(1, max(map(_enough, different)) + 1)
+    # So many trials have a share for every number printed like these.
+    enough = max(math.ceil(1 / one.exact_unit) if one.exact_unit else 1 for one in different)
+    trials = np.arange(1, enough + 1)
     for one in different:
         span = reading(one)
         low, high = Fraction(span.low), Fraction(span.high)
@@ -222,11 +224,6 @@ def common(printed: Sequence[Printed], reading: Reading) -> Iterator[int]:
         most -= span.open_high & (most * high.denominator == high.numerator * trials)
         trials = trials[np.maximum(least, 0) <= np.minimum(most, trials)]
     yield from map(int, trials)
-
-
-def _enough(printed: Printed) -> int:
-    """Return a number of trials that has a share for every number printed like this."""
-    return math.ceil(1 / printed.exact_unit) if printed.exact_unit else 1
 
 
 LISTED = 5

@@ -66,10 +66,16 @@ def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[s
     wrote; for a file in the way of one of `names` that is not ours or was changed since; and for a place outside the
     folder, to which a link or a manifest leads.
     """
-    _beside_data(out)
+    inside = out.resolve()
+    for folder in (inside, *inside.parents):
+        if _holds_data(folder / DESCRIPTION) and folder / DERIVATIVES not in inside.parents:
+            raise DatasetError(
+                f"--out {out} lies within the dataset {folder}; allowed there: a folder below {folder / DERIVATIVES}; "
+                "choose another --out"
+            )
     ours = _manifest(out, command)
     for name in {**dict.fromkeys(names), **ours}:
-        if not (out / name).parent.resolve().is_relative_to(out.resolve()):
+        if not (out / name).parent.resolve().is_relative_to(inside):
             raise DatasetError(
                 f"{out / name} stands outside {out}, which a link or {out / MANIFEST} names it in; remove that, or "
                 "choose another --out"
@@ -81,16 +87,6 @@ def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[s
                 f"{path} is no output of palpate, or was changed since; move it away or choose another --out"
             )
     return ours
-
-
-def _beside_data(out: Path) -> None:
-    inside = out.resolve()
-    for folder in (inside, *inside.parents):
-        if _holds_data(folder / DESCRIPTION) and folder / DERIVATIVES not in inside.parents:
-            raise DatasetError(
-                f"--out {out} lies within the dataset {folder}; allowed there: a folder below {folder / DERIVATIVES}; "
-                "choose another --out"
-            )
 
 
 def _holds_data(description: Path) -> bool:

@@ -106,24 +106,23 @@ def identify(
     said = Statements()
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
     bits = said.told("information", lambda: information(counts.sum(axis=0)))
-    bits_jackknife = said.told("information interval", lambda: _jackknife(counts, bits)) if bits else None
-    found_choice = said.told("choice", lambda: _choice(_whole(matrix), rng))
-    found_lapses = said.told("lapses", lambda: _lapses(_whole(matrix)))
-    found_scaling = said.told("scaling", lambda: maps.classical(maps.from_confusions(_whole(matrix).means()[:, :-1])))
-    found_mantel = None
-    if dissimilarities is not None:
-        found_mantel = said.told("mantel", lambda: maps.mantel(dissimilarities, _confusing(_whole(matrix)), rng))
+    left_out = counts.sum(axis=0) - counts
+    # In this order, for some of them draw.
     return Identification(
-        task,
-        tuple(_cells(matrix, rng)),
-        bits,
-        bits_jackknife,
-        said.told("d'", lambda: _detection(_whole(matrix), rng)),
-        found_choice,
-        found_lapses,
-        found_scaling,
-        found_mantel,
-        said,
+        task=task,
+        information=bits,
+        jackknife=said.told("information interval", lambda: jackknife(bits.transmitted, transmitted(left_out)))
+        if bits
+        else None,
+        choice=said.told("choice", lambda: _choice(_whole(matrix), rng)),
+        lapses=said.told("lapses", lambda: _lapses(_whole(matrix))),
+        scaling=said.told("scaling", lambda: maps.classical(maps.from_confusions(_whole(matrix).means()[:, :-1]))),
+        mantel=said.told("mantel", lambda: maps.mantel(dissimilarities, _confusing(_whole(matrix)), rng))
+        if dissimilarities is not None
+        else None,
+        cells=tuple(_cells(matrix, rng)),
+        detection=said.told("d'", lambda: _detection(_whole(matrix), rng)),
+        statements=said,
     )
 
 
@@ -186,12 +185,6 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
             exact = wilson(count, trials), clopper_pearson(count, trials)
             cells.append(Cell(presented, answered, count, trials, *exact, drawn, statement))
     return cells
-
-
-def _jackknife(counts: NDArray[np.int64], found: Information) -> Jackknife:
-    if len(counts) == 1:
-        raise NotDefined("a jackknife needs 2 participants, got 1")
-    return jackknife(found.transmitted, transmitted(counts.sum(axis=0) - counts))
 
 
 def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection:

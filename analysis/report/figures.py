@@ -59,7 +59,13 @@ def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
     width = 0.8 / len(tasks)
     for index, task in enumerate(tasks):
         _bars(axes, task, index, width, (index - (len(tasks) - 1) / 2) * width)
-    _names(axes, materials)
+    # Names of materials are broken between words if that is enough, else slanted.
+    letters = int((_width(axes) - 0.5) / len(materials) / LETTER_INCHES) - 1
+    shown = [short(material, 26) for material in materials]
+    if any(len(word) > letters for name in shown for word in name.split()):
+        axes.set_xticks(range(len(shown)), shown, rotation=40, ha="right", rotation_mode="anchor")
+    else:
+        axes.set_xticks(range(len(shown)), [textwrap.fill(name, letters) for name in shown])
     _ratios(axes, {task.task.id: task.chance for task in tasks}, 1.18)
     axes.set_xlim(-0.6, len(materials) - 0.4)
 
@@ -173,16 +179,6 @@ def _cell(axes: Axes, task: TaskResult, row: int, j: int, room: float) -> None:
         text = f"{mean:.2f}{stars}" + ("" if sd is None or not whole else f"\n± {sd:.2f}")
     ink = "white" if mean is not None and mean > DARK else "black"
     axes.text(j + 0.5, row + 0.5, text, ha="center", va="center", color=ink)
-
-
-def _names(axes: Axes, materials: Sequence[str]) -> None:
-    """Write the names of the materials below their places: broken between words if that is enough, else slanted."""
-    letters = int((_width(axes) - 0.5) / len(materials) / LETTER_INCHES) - 1
-    shown = [short(material, 26) for material in materials]
-    if any(len(word) > letters for name in shown for word in name.split()):
-        axes.set_xticks(range(len(shown)), shown, rotation=40, ha="right", rotation_mode="anchor")
-    else:
-        axes.set_xticks(range(len(shown)), [textwrap.fill(name, letters) for name in shown])
 
 
 def _width(axes: Axes) -> float:

@@ -116,7 +116,9 @@ def fit(data: Comparisons, law: Law) -> Scale:
         fitted = np.column_stack([1 - share, np.zeros_like(share), share])
         observed = np.eye(3)[data.chosen]
     likelihood = float(np.log(fitted[np.arange(len(fitted)), data.chosen]).sum())
-    back = _to_all(data.items, len(beta))
+    # The values of all items, which add up to zero, and the rest are `back` times the fitted coefficients.
+    last = data.items - 1
+    back = np.insert(np.eye(len(beta)), last, np.where(np.arange(len(beta)) < last, -1.0, 0.0), axis=0)
     inverse = np.linalg.inv(information)
     covariance = back @ inverse @ _meat(scores, data.person) @ inverse @ back.T
     deviance, cells = _deviance(data, observed, fitted)
@@ -172,15 +174,6 @@ def _design(data: Comparisons) -> Floats:
     np.add.at(full, (rows, data.first), 1.0)
     np.add.at(full, (rows, data.second), -1.0)
     return np.column_stack([full[:, :-1] - full[:, [-1]], np.ones(len(rows))])
-
-
-def _to_all(items: int, coefficients: int) -> Floats:
-    """Return what makes the values of all items, which add up to zero, and the rest, of the fitted coefficients."""
-    back = np.zeros((coefficients + 1, coefficients))
-    back[: items - 1, : items - 1] = np.eye(items - 1)
-    back[items - 1, : items - 1] = -1.0
-    back[items:, items - 1 :] = np.eye(coefficients - items + 1)
-    return back
 
 
 def _davidson(design: Floats, chosen: Integers) -> tuple[Floats, Floats, Floats, Floats]:

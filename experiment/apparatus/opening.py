@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
+    from experiment.apparatus.audio.masker import MaskerNoise
     from experiment.apparatus.audio.stream import AudioStream, StreamSettings
     from experiment.apparatus.servo.settings import ServoRig
     from experiment.synthesis.voltages import Drive
@@ -137,19 +137,6 @@ def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -
     )
 
 
-def open_masker(
-    rig: Rig, *, stream: AudioStream, noise: MaskerNoise, clock: Clock, dose_before: float = 0.0
-) -> AudioMasker:
-    """Return the masker on the rig's headphones, silent as yet; its stream was opened for this noise.
-
-    `dose_before` is what the participant's sessions of the 24 hours before used up.
-    """
-    from experiment.apparatus.audio.masker import AudioMasker
-
-    channels = audio_of(rig).channels.headphones
-    return AudioMasker(stream, noise, channels=channels, clock=clock, dose_before=dose_before)
-
-
 def open_microphone(rig: Rig, *, stream: AudioStream) -> Microphone | None:
     """Return the rig's microphone, an input of the session's stream; None where the rig has none."""
     from experiment.apparatus.audio.microphone import AudioMicrophone
@@ -207,7 +194,16 @@ def open_tracker(
     """
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(simulated_only(rig, "tracker.port"))
-    tracker = _driven(rig, port or rig.tracker.port, clock, clock_map)
+    where = port or rig.tracker.port
+    tracker: Tracker
+    if rig.tracker.driver == FRAMES:
+        from experiment.apparatus.tracker.serial_tracker import SerialTracker
+
+        tracker = SerialTracker(where, rig.tracker, clock=clock, clock_map=clock_map)
+    else:
+        from experiment.apparatus.tracker.guarded import open_guarded
+
+        tracker = open_guarded(rig, where, clock=clock, clock_map=clock_map)
     farthest_mm = rig.tracker.zeroing_mm
     if contact_mm is None or farthest_mm is None:
         return tracker
@@ -276,17 +272,6 @@ def open_servo(
     if not clock.simulated:
         return ServoProcess(orders, clock)
     return ServoHere(orders, open_tracker(rig, clock=clock, port=port, clock_map=clock_map))
-
-
-def _driven(rig: Rig, where: str, clock: Clock, clock_map: ClockMap | None) -> Tracker:
-    settings = rig.tracker
-    if settings.driver == FRAMES:
-        from experiment.apparatus.tracker.serial_tracker import SerialTracker
-
-        return SerialTracker(where, settings, clock=clock, clock_map=clock_map)
-    from experiment.apparatus.tracker.guarded import open_guarded
-
-    return open_guarded(rig, where, clock=clock, clock_map=clock_map)
 
 
 def open_actuator(

@@ -251,9 +251,16 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
             elif progress(contents.entries).footer is None:
                 open_ended.add(path)
     with collected(doubts):
-        _refuse_frames(root, set(paths))
+        # Raw frames without a journal: a whole session was deleted.
+        known = {storage.foot_path(path) for path in paths}
+        for path in sorted((root / "sourcedata").glob("sub-*/*_foot.cobs")):
+            if path not in known and storage.size(path):
+                raise DatasetError(f"{path}: the journal of these frames is missing; restore it from a backup")
     with collected(doubts):
-        _refuse_copies(sessions)
+        by_id: dict[str, Path] = {}
+        for path, header in sessions:
+            if (other := by_id.setdefault(header.session_id, path)) != path:
+                raise DatasetError(f"{path}: has the session_id of {other}; allowed: one of its own; take the copy out")
     with collected(doubts):
         _refuse_tables(root, begun, roster)
     with collected(doubts):
@@ -393,14 +400,6 @@ def _refuse_strays(root: Path, journals: set[Path]) -> None:
         )
 
 
-def _refuse_frames(root: Path, journals: set[Path]) -> None:
-    """Refuse raw frames without a journal: a whole session was deleted."""
-    known = {storage.foot_path(path) for path in journals}
-    for path in sorted((root / "sourcedata").glob("sub-*/*_foot.cobs")):
-        if path not in known and storage.size(path):
-            raise DatasetError(f"{path}: the journal of these frames is missing; restore it from a backup")
-
-
 def _check_header(path: Path, header: Header, study: _Study) -> None:
     """Refuse a journal that is not of this path, this study, and its purpose."""
     participant, task = header.participant, header.task
@@ -453,14 +452,6 @@ def _check_enrolment(path: Path, header: Header, roster: Roster, seal: Seal, pro
         )
     except RosterError as error:
         raise RosterError(f"{path}: the session was not allowed to begin: {error}") from error
-
-
-def _refuse_copies(sessions: list[tuple[Path, Header]]) -> None:
-    by_id: dict[str, Path] = {}
-    for path, header in sessions:
-        other = by_id.setdefault(header.session_id, path)
-        if other != path:
-            raise DatasetError(f"{path}: has the session_id of {other}; allowed: one of its own; take the copy out")
 
 
 def _refuse_tables(root: Path, journals: set[Path], roster: Roster) -> None:

@@ -141,7 +141,11 @@ def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str]) -> 
     text = _text(path)
     if not text.strip():
         raise DatasetError(f"{path}: got an empty file; allowed: a header, and a row for each trial; name another file")
-    lines = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=_delimiter(text, layout))
+    # Cells are parted by the first sign under which the header names most of the columns.
+    first, columns = text.partition("\n")[0], set(layout.columns())
+    found = {one: columns & {cell.strip().strip('"') for cell in first.split(one)} for one in DELIMITERS}
+    delimiter = max(DELIMITERS, key=lambda one: len(found[one]))
+    lines = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=delimiter)
     try:
         header = [name.strip() for name in next(lines, [])]
         _check_header(path, layout, header)
@@ -238,14 +242,6 @@ def _text(path: Path) -> str:
         raise DatasetError(
             f"{path}: cannot be read ({storage.why(error)}); give a CSV file of trials in UTF-8"
         ) from error
-
-
-def _delimiter(text: str, layout: Layout) -> str:
-    """Return what stands between the cells: the first under which the header names most of the columns."""
-    first = text.partition("\n")[0]
-    columns = set(layout.columns())
-    found = {one: columns & {cell.strip().strip('"') for cell in first.split(one)} for one in DELIMITERS}
-    return max(DELIMITERS, key=lambda one: len(found[one]))
 
 
 def _check_header(path: Path, layout: Layout, header: Sequence[str]) -> None:

@@ -116,7 +116,11 @@ def verify(
     texts = {finding.text for finding in findings}
     findings += _together(root, texts, evidence, refused) if beliefs.has_journals(root) else _alone(root)
     findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
-    findings += [*_leftovers(root), *_derived(root), *_erased(root, people), *told, *unlike]
+    findings += _leftovers(root)
+    if (root / "derivatives").exists():
+        text = "was not compared: to trust a result there, make it anew (palpate analyse)"
+        findings.append(Finding("note", "derivatives", text))
+    findings += [*_erased(root, people), *told, *unlike]
     findings += _without_session(people, {*(name for name, lines in files.items() if lines), *(x.item for x in unlike)})
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(root, findings, files, evidence)))
@@ -291,13 +295,6 @@ def _leftovers(root: Path) -> Iterator[Finding]:
     )
     if left:
         yield Finding("note", "temporary files", f"left of commands that were cut off: {', '.join(left)}")
-
-
-def _derived(root: Path) -> Iterator[Finding]:
-    if (root / "derivatives").exists():
-        yield Finding(
-            "note", "derivatives", "was not compared: to trust a result there, make it anew (palpate analyse)"
-        )
 
 
 def _check_place(root: Path, path: Path) -> None:

@@ -183,7 +183,10 @@ def write(
     seal = load.checked(path, Seal, stated)
     _refuse(path, _contradictions(protocol, seal))
     if path.exists() and not replace:
-        _refuse(path, _in_the_way(path, seal))
+        same = load.read(path, Seal).protocol_sha256 == seal.protocol_sha256
+        there = "this version of the protocol is sealed already" if same else "there is one for another version"
+        allowed = f"no seal: {there}; replace it (--replace), or move it away"
+        _refuse(path, [Problem("seal", None, "an existing seal", allowed)])
     _write(path, seal)
     return seal
 
@@ -356,13 +359,6 @@ def _contradictions(protocol: Protocol, seal: Seal) -> list[Problem]:
         for name in ("approval_number", "board", "approved_on", "expires_on")
         if (stated := getattr(protocol.ethics, name)) and stated != (sealed := getattr(seal, name))
     ]
-
-
-def _in_the_way(path: Path, seal: Seal) -> list[Problem]:
-    same = load.read(path, Seal).protocol_sha256 == seal.protocol_sha256
-    there = "this version of the protocol is sealed already" if same else "there is one for another version"
-    allowed = f"no seal: {there}; replace it (--replace), or move it away"
-    return [Problem("seal", None, "an existing seal", allowed)]
 
 
 def _write(path: Path, seal: Seal) -> None:

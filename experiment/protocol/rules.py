@@ -161,15 +161,15 @@ def protocol(table: Table) -> Iterator[Broken]:
     `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
     """
     yield from _kinds(table)
-    yield from _unique(_tables(table, "materials"), "materials", "id")
-    yield from _unique(_tables(table, "tasks"), "tasks", "id")
-    yield from _unique(_tables(table, "exclusion"), "exclusion", "id")
+    for name in ("materials", "tasks", "exclusion"):
+        yield from _seen_once(
+            [((name, i, "id"), one.get("id")) for i, one in _tables(table, name)], "a name of its own"
+        )
     yield from _keys(table)
     yield from _spoken(table)
     if _table(table, "consent").get("voice_recordings") is True and not _table(table, "answers").get("microphone"):
         yield Broken(("answers", "microphone"), "true: consent.voice_recordings keeps what it hears")
     yield from _participants(table)
-    yield from _planned_tasks(table)
     yield from _presented(table)
     yield from _limits(table)
     probed = _table(_table(table, "masker"), "probe").get("material")
@@ -201,10 +201,9 @@ def _kinds(table: Table) -> Iterator[Broken]:
     for i, test in _tables(table, "analysis"):
         if isinstance(test.get("test"), str) and test["test"] in {*sum(TESTS.values(), ())} - {*TESTS[kind]}:
             yield Broken(("analysis", i, "test"), f"one of: {', '.join(TESTS[kind])}, with tasks of the kind '{kind}'")
-    yield from _named_materials(table) if kind == "footstep" else _compared(table)
-
-
-def _named_materials(table: Table) -> Iterator[Broken]:
+    if kind != "footstep":
+        yield from _compared(table)
+        return
     for i, one in _tables(table, "materials"):
         if one.get("key") is None:
             yield Broken(("materials", i, "key"), "one ASCII character: participants of a footstep name the material")
@@ -300,14 +299,6 @@ def _participants(table: Table) -> Iterator[Broken]:
         yield Broken(("study", "participants"), allowed)
 
 
-def _planned_tasks(table: Table) -> Iterator[Broken]:
-    known = [task["id"] for _, task in _tables(table, "tasks") if isinstance(task.get("id"), str)]
-    for i, test in _tables(table, "analysis"):
-        for j, task in enumerate(_list(test, "tasks")):
-            if isinstance(task, str) and task not in known:
-                yield Broken(("analysis", i, "tasks", j), f"a task of this protocol, one of: {', '.join(known)}")
-
-
 def _materials(table: Table, task: Table) -> list[str]:
     """Return the ids of the materials that a task presents."""
     own = _list(task, "materials") or [one.get("id") for _, one in _tables(table, "materials")]
@@ -315,7 +306,7 @@ def _materials(table: Table, task: Table) -> list[str]:
 
 
 def _presented(table: Table) -> Iterator[Broken]:
-    """Yield tasks that present what the protocol has not, and planned tests of too few materials."""
+    """Yield tasks that present what the protocol has not, and planned tests of other tasks or too few materials."""
     every = _materials(table, {})
     of: list[tuple[object, set[str]]] = []
     for i, task in _tables(table, "tasks"):
@@ -324,8 +315,12 @@ def _presented(table: Table) -> Iterator[Broken]:
         if own != [name for name in every if name in own]:
             allowed = f"some of the protocol's, each once, in their order: {', '.join(every)}"
             yield Broken(("tasks", i, "materials"), allowed)
-    for i, test in _tables(table, "analysis") if len(every) > 1 else ():
-        kind, sets = test.get("test"), [own for name, own in of if name in _list(test, "tasks")]
+    known = [name for name, _ in of if isinstance(name, str)]
+    for i, test in _tables(table, "analysis"):
+        for j, task_id in enumerate(_list(test, "tasks")):
+            if isinstance(task_id, str) and task_id not in known:
+                yield Broken(("analysis", i, "tasks", j), f"a task of this protocol, one of: {', '.join(known)}")
+        kind, sets = test.get("test"), [own for name, own in of if len(every) > 1 and name in _list(test, "tasks")]
         least = 1 if kind == "equivalence" and len(sets) > 1 else 2
         if kind == "one-way ANOVA" and any(len(one) < least for one in sets):
             yield Broken(("analysis", i, "tasks"), "tasks that present at least 2 materials")
@@ -361,11 +356,6 @@ def _limits(table: Table) -> Iterator[Broken]:
             yield Broken(("exclusion", i, "limit"), f"at most {trials}, the trials of the shortest task")
         if rule.get("when") == "speed-above" and any(slow is not None and limit <= slow for slow in slowest):
             yield Broken(("exclusion", i, "limit"), "greater than the limit of the rule 'speed-below'")
-
-
-def _unique(tables: list[tuple[int, Table]], name: str, key: str) -> Iterator[Broken]:
-    places: list[tuple[Place, object]] = [((name, i, key), table.get(key)) for i, table in tables]
-    yield from _seen_once(places, "a name of its own")
 
 
 def _seen_once(

@@ -84,12 +84,21 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
     if data is None and head[0]:
         raise error(f"{path}: the file is missing: it had {head[0]} lines; restore it from a backup")
     lines, torn = split(data or b"")
-    links: list[Link] = []
+    links, last = list[Link](), GENESIS
     for number, line in enumerate(lines):
-        last = links[-1].sha256 if links else GENESIS
         links.append(_verified(f"{path}: line {number + 1}", number, line, last, error))
-    _check_head(path, head, links, error)
-    last = links[-1].sha256 if links else GENESIS
+        last = links[-1].sha256
+    (known, named), file = head, head_path(path).name
+    remedy = "keep a copy of it as it is, and restore it from a backup"
+    if len(links) < known:
+        raise error(f"{path}: the file is truncated: it had {known} lines and has {len(links)}; {remedy}")
+    if (links[known - 1].sha256 if known else GENESIS) != named:
+        raise error(f"{path}: line {known} is not the one that {file} names; {remedy}")
+    if len(links) > known + 1:
+        raise error(
+            f"{path}: got {len(links)} lines and {f'a {file} of {known}' if known else f'no {file}'}; allowed: one "
+            f"that names {len(links)}, or one less after a kill; restore both files from a backup"
+        )
     return Chain(tuple(links), End(len(links), last, len(data or b"") - len(torn), torn))
 
 
@@ -149,20 +158,6 @@ def _verified(where: str, number: int, line: bytes, last: str, error: type[Palpa
 def _line(number: int, t_ns: int, last: str, entry: dict[str, object]) -> bytes:
     document = {"n": number, "t_ns": t_ns, "prev": last, "entry": entry}
     return json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
-
-
-def _check_head(path: Path, head: tuple[int, str], links: list[Link], error: type[PalpateError]) -> None:
-    (known, last), file = head, head_path(path).name
-    remedy = "keep a copy of it as it is, and restore it from a backup"
-    if len(links) < known:
-        raise error(f"{path}: the file is truncated: it had {known} lines and has {len(links)}; {remedy}")
-    if (links[known - 1].sha256 if known else GENESIS) != last:
-        raise error(f"{path}: line {known} is not the one that {file} names; {remedy}")
-    if len(links) > known + 1:
-        raise error(
-            f"{path}: got {len(links)} lines and {f'a {file} of {known}' if known else f'no {file}'}; allowed: one "
-            f"that names {len(links)}, or one less after a kill; restore both files from a backup"
-        )
 
 
 class Writer:

@@ -87,10 +87,9 @@ class Progress:
         if isinstance(entry, Armed):
             attempts = {**self.attempts, entry.trial: entry.attempt}
             return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)
-        if isinstance(entry, FootStep):
-            return replace(done, armed=None, unanswered=(entry.trial, entry.attempt))._felt(entry.stimulus)
-        if isinstance(entry, PairLaidOut):
-            return replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
+        if isinstance(entry, FootStep | PairLaidOut):
+            seen = replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
+            return seen._felt(entry.stimulus) if isinstance(entry, FootStep) else seen
         if isinstance(entry, Probed | Tapped):
             return done._felt(entry.stimulus)
         if isinstance(entry, BrokenOff):

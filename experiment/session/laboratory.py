@@ -119,6 +119,8 @@ def header(
 
     `position` says which of the participant's tasks this is, from 1. `recordings` is None if the task needs none.
     """
+    from experiment.recordings import manifest
+
     return Header(
         session_id=secrets.token_hex(16),
         study=protocol.study.id,
@@ -126,7 +128,7 @@ def header(
         software=f"palpate {__version__}",
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
-        recordings_sha256=_recordings_sha256(recordings) if recordings is not None else None,
+        recordings_sha256=manifest.sha256(recordings) if recordings is not None else None,
         roster_sha256=roster_sha256,
         seed=seed,
         participant=participant,
@@ -137,9 +139,3 @@ def header(
         block_trials=schedule.block_trials(protocol, task_id),
         order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),
     )
-
-
-def _recordings_sha256(folder: Path) -> str:
-    from experiment.recordings import manifest
-
-    return manifest.sha256(folder)

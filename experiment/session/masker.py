@@ -200,4 +200,5 @@ def open_sound(
     opened.callback(stream.close)
     if noise is None:
         return Sound(stream, None)
-    return Sound(stream, opening.open_masker(rig, stream=stream, noise=noise, clock=clock, dose_before=dose_before))
+    channels = audio.channels.headphones
+    return Sound(stream, AudioMasker(stream, noise, channels=channels, clock=clock, dose_before=dose_before))

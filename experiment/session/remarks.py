@@ -148,6 +148,7 @@ class Attendance:
     def gauges(self) -> Gauges:
         measured, done = self.kind.measured(), self.log.done
         masker = self.masking.exposure if self.masking is not None else None
+        heard = () if self.ear is None else (self.ear.lamp(),)
         return Gauges(
             left_s=self.exposed.left_s,
             masker_db_a=masker.level_db_a if masker else None,
@@ -155,10 +156,7 @@ class Attendance:
             dose=masker.dose if masker else None,
             stimuli=done.stimuli,
             vibration_s=done.vibration_s,
-            **{
-                **dict(measured),
-                "lamps": (*measured.lamps, *self._audio(), *self._microphone(), self._disk()),
-            },
+            **(dict(measured) | {"lamps": (*measured.lamps, *self._audio(), *heard, self._disk())}),
         )
 
     def standing(self) -> Standing:
@@ -181,9 +179,6 @@ class Attendance:
             return ()
         marked, gaps = self.stream.xruns, self.stream.gaps
         return (Lamp(name="audio", good=not gaps, words=f"{gaps} gaps, {marked} late blocks"),)
-
-    def _microphone(self) -> tuple[Lamp, ...]:
-        return () if self.ear is None else (self.ear.lamp(),)
 
     def _disk(self) -> Lamp:
         try:

@@ -280,7 +280,11 @@ class _Session:
             self._begin(contents)
             self._mask()
             if self._masking is None and self._noise and self._log.done.remaining:
-                self._confirm_noise()
+                # That the noise plays is confirmed, and put on record.
+                text = f"{self._noise} Does it play?"
+                if not self._devices.console.agree(text=text, yes="yes, it plays, and that holds", no="no, pause"):
+                    raise PauseAsked("no noise masks the trials")
+                self._log.write(Note(trial=None, text=f"The experimenter confirmed: {self._noise}"))
             self._attempts.remarks.note_ignored()
             self._enrol()
             if self._log.done.remaining:
@@ -312,13 +316,6 @@ class _Session:
         if self._masking is not None and self._log.done.remaining and not self._exposed.over():
             probe = self._attempts.kind.probe
             self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a, probe)
-
-    def _confirm_noise(self) -> None:
-        """Have it confirmed, and put on record, that the noise plays. Raises `PauseAsked` if it does not."""
-        text = f"{self._noise} Does it play?"
-        if not self._devices.console.agree(text=text, yes="yes, it plays, and that holds", no="no, pause"):
-            raise PauseAsked("no noise masks the trials")
-        self._log.write(Note(trial=None, text=f"The experimenter confirmed: {self._noise}"))
 
     def _enrol(self) -> None:
         """Have the participant say the answers, to compare with, where a microphone listens and trials remain."""
@@ -441,14 +438,13 @@ class _Session:
             self._exposed.begin()
             if torn:
                 self._devices.console.show(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
-            if done.unanswered is not None:
-                trial, attempt = done.unanswered
-                reason = "the session was interrupted before the answer"
-                self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=True))
-            if done.armed is not None:
-                trial, attempt = done.armed
-                reason = "the session was interrupted while the trial was armed; its stimulus may have been felt"
-                self._log.write(Redo(trial=trial, attempt=attempt, reason=reason, put_off=True))
+            for cut, when in (
+                (done.unanswered, "before the answer"),
+                (done.armed, "while the trial was armed; its stimulus may have been felt"),
+            ):
+                if cut is not None:
+                    reason = f"the session was interrupted {when}"
+                    self._log.write(Redo(trial=cut[0], attempt=cut[1], reason=reason, put_off=True))
             self._devices.console.show(_onward(self._log.done, day(contents.lines[-1].t_ns)))
         else:
             self._log.write(done.header)
@@ -471,7 +467,8 @@ class _Session:
         self._log.write(Phase(state=self._state))
         begun_ns = clock.now_ns()
         lasted_s, handled = 0.0, Counter[str]()
-        names = {one.key: one.id for one in self._protocol.materials if one.key}
+        shown = self._protocol.presented(self._task)
+        names = {one.key: one.id for one in self._protocol.materials if one.key and one.id in shown}
         while True:
             key = self._devices.console.familiarise(
                 instruction=wanted.instruction,

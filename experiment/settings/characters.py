@@ -128,9 +128,7 @@ def code(character: str) -> str:
 
 
 def _is_hidden(character: str) -> bool:
-    if character in BLANKS:
-        return True
-    return not character.isprintable() and unicodedata.category(character) != "Zs"
+    return character in BLANKS or not (character.isprintable() or unicodedata.category(character) == "Zs")
 
 
 def _is_selector(character: str) -> bool:

@@ -254,15 +254,6 @@ def field(model: type[BaseModel], path: Place) -> str:
     return _in_words(root, _follow(root, path))
 
 
-def unknown_key(model: type[BaseModel], path: Place) -> str:
-    """Return what may stand instead of the unknown key at the end of `path`, in words."""
-    root = _schema(model)
-    known = sorted(_follow(root, path[:-1]).get("properties", {}))
-    near = difflib.get_close_matches(str(path[-1]), known, n=1)
-    suggestion = f"did you mean '{near[0]}'? " if near else ""
-    return f"no such key; {suggestion}allowed keys: {', '.join(known)}"
-
-
 @functools.cache
 def _schema(model: type[BaseModel]) -> Schema:
     return model.model_json_schema()
@@ -342,7 +333,10 @@ def _invalid_fields(model: type[Confined], document: Table) -> Iterator[tuple[Pl
             if one["type"] == "too_short" and len(one["input"]) >= one["ctx"]["min_length"]:
                 continue
             if one["type"] == "extra_forbidden":
-                yield path, unknown_key(model, path)
+                known = sorted(_follow(_schema(model), path[:-1]).get("properties", {}))
+                near = difflib.get_close_matches(str(path[-1]), known, n=1)
+                suggestion = f"did you mean '{near[0]}'? " if near else ""
+                yield path, f"no such key; {suggestion}allowed keys: {', '.join(known)}"
             elif one["type"] != BROKEN_RULE:
                 yield path, field(model, path)
 

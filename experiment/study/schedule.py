@@ -121,7 +121,13 @@ def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> lis
     """
     total = count_orders(tuple(counts.values()), max_run=max_run)
     if total == 0:
-        raise ScheduleError(_why_impossible(counts, max_run))
+        # Only a material that outnumbers the gaps between the others can make an order impossible.
+        name, most = max(counts.items(), key=lambda item: item[1])
+        others = sum(counts.values()) - most
+        raise ScheduleError(
+            f"{name} {most} times among {others} other{'s' if others != 1 else ''} with runs of at most {max_run}: "
+            f"at most {max_run * (others + 1)} fit; present it less often, or allow longer runs"
+        )
     names = list(counts)
     rank = draws.below(total)
     return [names[i] for i in nth_order(tuple(counts.values()), max_run=max_run, rank=rank)]
@@ -175,16 +181,6 @@ def _check(counts: Sequence[int], max_run: int) -> None:
         raise ScheduleError(f"got runs of at most {max_run} trials; allowed: at least 1; correct max_run")
     if any(count < 0 for count in counts):
         raise ScheduleError(f"got the numbers of trials {list(counts)}; allowed: none below 0")
-
-
-def _why_impossible(counts: Mapping[str, int], max_run: int) -> str:
-    """Say why: only a material that outnumbers the gaps between the others can make an order impossible."""
-    name, most = max(counts.items(), key=lambda item: item[1])
-    others = sum(counts.values()) - most
-    return (
-        f"{name} {most} times among {others} other{'s' if others != 1 else ''} with runs of at most {max_run}: "
-        f"at most {max_run * (others + 1)} fit; present it less often, or allow longer runs"
-    )
 
 
 class _Orders:

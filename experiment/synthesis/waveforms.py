@@ -169,15 +169,21 @@ def prepare(spectra: CrinkleSpectra, *, material: str, output_rate_hz: int) -> B
     def pair(j: int, other: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return own[j], inverse_on((amplitudes[other] - amplitudes[j]) * signs[j], on)
 
-    lowest, highest = _holds_between(spectra.speeds_mm_s, amplitudes, rms(spectra.amplitudes, on))
+    # Between the lowest and the highest speed no bin is floored, and too little cancels to matter. The amplitudes of
+    # bins that do not sound end nothing.
+    speeds, levels = spectra.speeds_mm_s, rms(spectra.amplitudes, on)
+    down = _steps_out(amplitudes[0], amplitudes[1], levels[0], levels[1])
+    up = _steps_out(amplitudes[-1], amplitudes[-2], levels[-1], levels[-2])
+    lowest, highest = speeds[0] - down * (speeds[1] - speeds[0]), speeds[-1] + up * (speeds[-1] - speeds[-2])
     return Basis(
         material=material,
         spectra=spectra,
         output_rate_hz=output_rate_hz,
         on=on,
         speeds_mm_s=tuple(spectra.speeds_mm_s.tolist()),
-        lowest_mm_s=lowest,
-        highest_mm_s=highest,
+        # Rounded inwards: the next number may lie beyond a floor that is nearer than half of its distance.
+        lowest_mm_s=max(float(np.nextafter(lowest, speeds[0])), 0.0),
+        highest_mm_s=float(np.nextafter(highest, speeds[-1])),
         pairs=tuple((pair(i, i + 1), pair(i + 1, i)) for i in range(len(own) - 1)),
     )
 
@@ -206,23 +212,6 @@ def transform_error(on: Grid) -> float:
     The grid may hold `count` of its p samples only, and all of the error.
     """
     return 8 * log2(4 * on.p) * ROUNDING * sqrt(on.p / on.count)
-
-
-def _holds_between(
-    speeds_mm_s: NDArray[np.float64], every: NDArray[np.float64], levels: NDArray[np.float64]
-) -> tuple[float, float]:
-    """Return the slowest and fastest speed, mm/s, with no bin floored and too little cancelled to matter.
-
-    `every` are the amplitudes of the bins that sound at each measured speed, m/s^2; the others end nothing.
-    """
-    slowest, second = speeds_mm_s[:2]
-    fastest = speeds_mm_s[-1]
-    down = _steps_out(every[0], every[1], levels[0], levels[1])
-    up = _steps_out(every[-1], every[-2], levels[-1], levels[-2])
-    lowest = slowest - down * (second - slowest)
-    highest = fastest + up * (fastest - speeds_mm_s[-2])
-    # Rounded inwards: the next number may lie beyond a floor that is nearer than half of its distance.
-    return max(float(np.nextafter(lowest, slowest)), 0.0), float(np.nextafter(highest, fastest))
 
 
 def _steps_out(

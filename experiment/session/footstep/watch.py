@@ -306,7 +306,9 @@ class _Step:
                 landing = predictor.landing(falling) if falling is not None and sounding is not None else None
                 if landing is not None and sounding is not None and sounding.in_time(landing):
                     aim_at = landing
-            if aim_at is not None and sounding is not None and self._allows(aim_at):
+            ends_ns = self._parts.limits.ends_ns
+            # A read that comes late could not take back what may no longer be felt.
+            if aim_at is not None and sounding is not None and self._taken.session_ns(aim_at.us) <= ends_ns:
                 sounding.aim(aim_at)
             if self._contact is not None:
                 return ""
@@ -342,10 +344,6 @@ class _Step:
     def _fault(self, gate: Gate, until_us: int, link: LinkCounts) -> str:
         missing = link.lost + link.damaged + self._sifted.dropped
         return self._parts.scrutiny.fault(self._path, gate, until_us, missing)
-
-    def _allows(self, landing: Landing) -> bool:
-        """Return whether a foot that lands so may feel it; a read that comes late could not take it back."""
-        return self._taken.session_ns(landing.us) <= self._parts.limits.ends_ns
 
     def land(self) -> WatchedStep | BrokenStep:
         """Have the stimulus sound, and record the tail; a step whose tracker cannot be believed is broken off."""

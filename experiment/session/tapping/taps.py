@@ -154,13 +154,11 @@ class Taps:
                             self._dark_ns = self.lent.clock.now_ns() + LIT_NS
                         self._follow(felt)
             except PalpateError as error:
-                self._fail(error)
+                self.actuator.withdraw()
+                self._sounding, self.failed = None, error
+                again = "This trial is done again, whatever its answer."
+                self.lent.console.show(f"Nothing is rendered any more: {error}. {again}")
                 return
-
-    def _fail(self, error: PalpateError) -> None:
-        self.actuator.withdraw()
-        self._sounding, self.failed = None, error
-        self.lent.console.show(f"Nothing is rendered any more: {error}. This trial is done again, whatever its answer.")
 
     def _follow(self, felt: Felt) -> None:
         if self._lying is not None and (over := self.lent.limits.over()):

@@ -69,10 +69,6 @@ def _ahead(at: Point, rates: Point, by_s: float) -> Point:
     return x + by_s * dx, u + by_s * du, y + by_s * dy, v + by_s * dv
 
 
-def _euler(block: Block, at: Point, dt_s: float) -> Point:
-    return _ahead(at, _rates(block, at), dt_s)
-
-
 def _semi_implicit(block: Block, at: Point, dt_s: float) -> Point:
     x, u, y, v = at
     _, du, _, dv = _rates(block, at)
@@ -235,7 +231,7 @@ def _smooth(block: Block) -> Callable[[int, Point, float], Point]:
 
 
 STEPPERS: dict[str, Advance] = {
-    "euler": _blind(_euler),
+    "euler": _blind(lambda block, at, dt_s: _ahead(at, _rates(block, at), dt_s)),
     "semi-implicit euler": _blind(_semi_implicit),
     "rk4": _blind(_rk4),
     "implicit midpoint": _blind(_midpoint),
