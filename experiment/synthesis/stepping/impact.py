@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from experiment.errors import SynthesisError
 from experiment.synthesis.contact import exact
 from experiment.synthesis.contact.block import FREE, Block, Law, Motion, Switch
-from experiment.synthesis.contact.oscillator import Oscillator, carry, moved
+from experiment.synthesis.contact.oscillator import carry, moved
 from experiment.synthesis.stepping import stability
 from experiment.synthesis.stepping.steppers import EXACT, stepper
 
@@ -230,7 +230,9 @@ def in_steps(of: Collision, *, method: str = EXACT, rate_hz: float, phase: float
         raise SynthesisError(f"phase: got {phase:g}; allowed: 0 to below 1; correct it")
     once, dt = stepper(method), 1 / rate_hz
     exact = closed_form(of)
-    longest = 4 * (exact.release_s or exact.peak_s or _settles_s(of.block.normal))
+    rate = of.block.normal.decay_per_s or sqrt(of.block.normal.stiffness_per_s2)
+    # In the last of these times what has no deepest place shows where it goes.
+    longest = 4 * (exact.release_s or exact.peak_s or (5 / rate if rate else 1.0))
     if longest / dt + 4 > MOST_STEPS:
         if method != EXACT:
             raise SynthesisError(
@@ -270,12 +272,6 @@ def _outcome(of: Collision, exact: Impact, method: str, seen: list[Switch], last
     why = exact.why if exact.release_s is not None else ("By its error, the method releases what is never released.",)
     rebound = None if exact.release_s is not None and exact.rebound_m_s is None else abs(u)
     return Impact(released.since_s, rebound, penetration, peak, lost, of.stiffness_n_m * x * x / 2, why)
-
-
-def _settles_s(axis: Oscillator) -> float:
-    """Return a time in which what has no deepest place shows where it goes."""
-    rate = axis.decay_per_s or sqrt(axis.stiffness_per_s2)
-    return 5 / rate if rate else 1.0
 
 
 def _approached(of: Collision) -> float | None:
