@@ -106,14 +106,11 @@ def identify(
     said = Statements()
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
     bits = said.told("information", lambda: information(counts.sum(axis=0)))
-    left_out = counts.sum(axis=0) - counts
     # In this order, for some of them draw.
     return Identification(
         task=task,
         information=bits,
-        jackknife=said.told("information interval", lambda: jackknife(bits.transmitted, transmitted(left_out)))
-        if bits
-        else None,
+        jackknife=said.told("information interval", lambda: _jackknife(counts, bits)) if bits else None,
         choice=said.told("choice", lambda: _choice(_whole(matrix), rng)),
         lapses=said.told("lapses", lambda: _lapses(_whole(matrix))),
         scaling=said.told("scaling", lambda: maps.classical(maps.from_confusions(_whole(matrix).means()[:, :-1]))),
@@ -185,6 +182,12 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
             exact = wilson(count, trials), clopper_pearson(count, trials)
             cells.append(Cell(presented, answered, count, trials, *exact, drawn, statement))
     return cells
+
+
+def _jackknife(counts: NDArray[np.int64], found: Information) -> Jackknife:
+    if len(counts) == 1:
+        raise NotDefined("a jackknife needs 2 participants, got 1")
+    return jackknife(found.transmitted, transmitted(counts.sum(axis=0) - counts))
 
 
 def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection:

@@ -70,7 +70,12 @@ def icc_section(results: Results) -> Section:
             for f in (table.icc.forms if table.icc else ())
         )  # fmt: skip
         tables.append(Table(table.matrix, header, rows, left=frozenset({0, 1}), notes=_icc_notes(table)))
-    brief = [_icc_brief(results)]
+    shown = tuple(
+        (r.matrix, *(number(r.icc.form(name).value) if r.icc else "-" for name in NAMES)) for r in results.reliabilities
+    )
+    told = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
+    more = "The report and icc.csv give F, P and the intervals."
+    brief = [Table("", ("matrix", *NAMES), shown, notes=(*told, more))]
     records: list[Mapping[str, object]] = [
         {"matrix": table.matrix, "form": form.shrout_fleiss, "also": form.mcgraw_wong, "model": form.model,
          "icc": form.value, "f": form.f, "df1": form.df1, "df2": form.df2, "p": form.p, "low": form.low,
@@ -110,15 +115,6 @@ def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, 
         named = ", ".join(who[:most]) + f" and {more} more, whom the report names" * bool(more)
         notes.append(f"The matrix of {of} leaves out participants who had no trial of some {lack}: {named}.")
     return tuple(notes)
-
-
-def _icc_brief(results: Results) -> Table:
-    names = tuple(NAMES)
-    rows = tuple(
-        (r.matrix, *(number(r.icc.form(name).value) if r.icc else "-" for name in names)) for r in results.reliabilities
-    )
-    notes = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
-    return Table("", ("matrix", *names), rows, notes=(*notes, "The report and icc.csv give F, P and the intervals."))
 
 
 def _components_table(reliability: ComponentReliability) -> Table:
