@@ -18,7 +18,7 @@ from textual.widget import Widget
 
 from experiment.apparatus import host
 from experiment.desk.console import forms, picture
-from experiment.desk.console.panes import STYLE, Board
+from experiment.desk.console.panes import Board
 from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from experiment.desk.console.presses import MOUSE, Presses
 from experiment.desk.link import Line, connected
@@ -119,7 +119,7 @@ class Lost(Message):
 class Console(App[Left]):
     """Draws views of a session and sends what the experimenter asks for."""
 
-    CSS = STYLE
+    CSS_PATH = "app.tcss"
     ENABLE_COMMAND_PALETTE = False
     AUTO_FOCUS = None
 

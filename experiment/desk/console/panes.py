@@ -18,42 +18,6 @@ from experiment.desk.console.forms import MOST_CHARACTERS, Form
 from experiment.desk.console.picture import STEPS, Phase
 from experiment.desk.messages import Question, View
 
-STYLE = """
-Screen { background: #0e1418; color: #e8edf0; overflow: hidden; scrollbar-size-vertical: 1; }
-VerticalScroll { scrollbar-size-vertical: 1; scrollbar-background: #1c252c; scrollbar-color: #5d6a74; }
-VerticalScroll { scrollbar-color-hover: #9aa4ad; }
-Board { height: 1fr; }
-#heading, #visit { height: auto; padding: 0 1; }
-#heading { background: #1c252c; text-style: bold; }
-#top { height: 3; }
-#trial { width: auto; min-width: 6; padding: 0 0 0 1; text-style: bold; }
-#counted { width: 13; height: 3; padding: 0 1; }
-Places { width: 1fr; height: 3; }
-Places Static { width: 1fr; height: 3; content-align: center middle; background: #1c252c; color: #5d6a74; }
-Places .lit { text-style: bold; }
-#body { height: 1fr; }
-#main { width: 1fr; height: 1fr; padding: 0 1; }
-#notice { height: auto; min-height: 2; max-height: 5; }
-#notice.refused { background: #8f1d16; color: #ffffff; text-style: bold; }
-#notice.ignored { background: #7a5b00; color: #ffffff; text-style: bold; }
-#notice.done { color: #4cc27a; }
-#text, #keys { height: auto; }
-#asked, #offered, #lines { height: auto; }
-#offered { padding: 0 0 1 0; }
-#told { height: 1fr; min-height: 0; border-top: solid #2b363f; border-title-color: #9aa4ad; }
-Blanks { height: auto; display: none; border-left: thick #f2c230; padding: 0 1; }
-Blanks Horizontal { height: 1; }
-Blanks Label { width: 9; }
-Blanks Input { width: 1fr; height: 1; border: none; padding: 0; background: #26323a; }
-Blanks Input:focus { border: none; background: #3a4a55; }
-Blanks Static { height: auto; }
-#side { height: 1fr; padding: 0 1; border-left: solid #2b363f; }
-#left, #trace, #gauges, #recent { height: auto; }
-#left { text-style: bold; }
-#recent.roomy { padding: 1 0 0 0; }
-#commands { height: auto; background: #1c252c; }
-"""
-
 WIDE, TALL = 110, 30
 """From so many columns and rows on there is room for more words."""
 

@@ -24,23 +24,6 @@ from experiment.dataset.status import STATES, Person, State, Status
 from experiment.desk.console.picture import BAD, BLUE, DIM, GOOD, PLAIN, PRESSES, UNKNOWN, YELLOW, keycap
 from experiment.errors import PalpateError
 
-STYLE = """
-Screen { background: #0e1418; color: #e8edf0; overflow: hidden; }
-VerticalScroll { scrollbar-background: #1c252c; scrollbar-color: #5d6a74; scrollbar-size-vertical: 1; }
-#heading { height: auto; background: #1c252c; text-style: bold; padding: 0 1; }
-#top { height: 3; }
-#done { width: auto; min-width: 6; padding: 0 0 0 1; text-style: bold; }
-#counts { width: 1fr; height: 3; padding: 0 1; }
-#body { height: 1fr; }
-#people { width: 34; height: 1fr; padding: 0 1; border-right: solid #2b363f; }
-#told { width: 1fr; height: 1fr; padding: 0 1; }
-#flow { height: 1fr; padding: 0 1; display: none; }
-#people Static, #told Static, #flow Static { height: auto; }
-#foot { height: auto; }
-#notice { height: auto; max-height: 4; padding: 0 1; color: #f2c230; }
-#keys { height: auto; background: #1c252c; }
-"""
-
 AGAIN_S = 5.0
 """The study is read again after so long, s."""
 
@@ -76,7 +59,7 @@ class StudyPage(App[str]):
     from here; it is empty where one can.
     """
 
-    CSS = STYLE
+    CSS_PATH = "study.tcss"
     ENABLE_COMMAND_PALETTE = False
     AUTO_FOCUS = None
 
