@@ -517,9 +517,7 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
             yield Said(told, indent="  ")
         elif task.stimulus == "virtual" and protocol.block is not None:
             faded_ms = 1e3 * log(1e3) / protocol.block.decay_per_s
-            told = (
-                f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
-            )
+            told = f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
             yield Said(f"{told} Each time it has faded to a thousandth after {faded_ms:.0f} ms.", indent="  ")
 
 
