@@ -460,8 +460,8 @@ def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
         yield Item(f"{named(one.id)}: {number(one.attack_hz or 0.0)} Hz, {number(ring)} m/s^2.")
     yield Said(
         "The participant changes from one surface of a pair to the other as often as they wish: they say so, and the "
-        f"experimenter presses [{virtual.switch_key}]. A lamp says when the hand is faster than "
-        f"{number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer was right."
+        f"experimenter presses [{virtual.switch_key}]. No answer is taken before both were tapped. A lamp says when "
+        f"the hand is faster than {number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer was right."
     )
 
 
