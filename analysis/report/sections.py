@@ -204,8 +204,9 @@ def confusion_section(results: Results) -> Section:
         {"task": task.task.id, "presented": presented, "answered": answered, "participants": matrix.n(i),
          "trials": int(matrix.trials[:, i].sum()), "count": int(matrix.counts[:, i, j].sum()),
          "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.stars(task.test(presented)) if i == j else ""}
-        for task in results.tasks for matrix in (task.confusion,) for i in matrix.presented
-        for presented in matrix.materials[i : i + 1] for j, answered in enumerate((*matrix.materials, NO_ANSWER))
+        for task in results.tasks for matrix in (task.confusion,)
+        for i, presented in enumerate(matrix.materials) if i in matrix.presented
+        for j, answered in enumerate((*matrix.materials, NO_ANSWER))
     ]  # fmt: skip
     return Section("confusion", "Answer ratios", (), tuple(map(_confusion_table, results.tasks)), tuple(records))
 

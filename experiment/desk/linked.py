@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
 
-from experiment.clock import Clock, minutes, monotonic_ns, wall_ns
+from experiment.clock import Clock, monotonic_ns, wall_ns
 from experiment.desk import prompts
 from experiment.desk.messages import (
     CLOSED,
@@ -57,6 +57,7 @@ from experiment.desk.port import (
     Remark,
     Repeated,
     laid_out,
+    lasting,
 )
 from experiment.desk.prompts import NOTHING, Theirs
 from experiment.errors import LinkError, PalpateError, PauseAsked
@@ -373,8 +374,7 @@ class LinkedConsole:
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
         counts = " A key counts how often a material was handled." if handled else ""
-        least = minutes(min_s) if min_s > 0 else "up"
-        begun_ns, told = wall_ns(), f"Familiarisation, {least} to {minutes(max_s)}.{counts}"
+        begun_ns, told = wall_ns(), f"{lasting(min_s, max_s)}{counts}"
         self._now(state="familiarising", trial=None, instruction=instruction)
         ends = Choice(key=ENTER, words="the participant is familiar with the materials")
         try:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from experiment.apparatus.ports import Rester
-from experiment.clock import Clock
+from experiment.clock import Clock, minutes
 from experiment.desk.messages import Gauges, Prompt, Standing
 
 
@@ -173,6 +173,13 @@ class Console(Rester, Protocol):
         ...
 
 
+def lasting(min_s: float, max_s: float) -> str:
+    """Return in a sentence how long a familiarisation may still last."""
+    if max_s <= 0:
+        return "Familiarisation: its longest time is over."
+    return f"Familiarisation, {minutes(min_s) if min_s > 0 else 'up'} to {minutes(max_s)}."
+
+
 def laid_out(presented: tuple[str, ...]) -> str:
     """Return in words what is to be laid out: one object, or a pair with the place of each."""
     return presented[0] if len(presented) == 1 else f"{presented[0]} as the first and {presented[1]} as the second"
@@ -191,7 +198,7 @@ INTERRUPTED = "interrupted at the keyboard"
 """Why a session pauses whose process was sent a signal, by Ctrl-C as a rule."""
 
 YES, NO = "y", "n"
-"""The keys that say whether something is so: no key that is pressed for anything else, nor pasted with a command."""
+"""The keys that say whether something is so: not Enter, which most questions take, and which ends a pasted command."""
 
 WITHOUT = "x"
 """The key that goes on without a microphone."""

@@ -9,7 +9,19 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 from experiment.clock import minutes
-from experiment.desk.port import NO, RESTS, WITHOUT, YES, Attended, Corrected, Noted, Remark, Repeated, laid_out
+from experiment.desk.port import (
+    NO,
+    RESTS,
+    WITHOUT,
+    YES,
+    Attended,
+    Corrected,
+    Noted,
+    Remark,
+    Repeated,
+    laid_out,
+    lasting,
+)
 from experiment.errors import ScreenGone
 from experiment.settings import characters
 
@@ -152,13 +164,12 @@ class TerminalConsole(_Lines):
         return False
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
-        least = minutes(min_s) if min_s > 0 else "up"
-        self.show(f"{self._heading}  Familiarisation, {least} to {minutes(max_s)}. {instruction}")
+        self.show(f"{self._heading}  {lasting(min_s, max_s)} {instruction}")
         counts = "  ".join(f"[{key}] {words}" for key, words in handled.items())
         told = f"Handled: {counts}; type a key to count one more.\n" if counts else ""
         ends = "Press Enter when the participant is familiar with the materials: "
         while (key := self._ask(f"{told}{ends}").strip().lower()) and key not in handled:
-            self._refuse(key, "is no key; press Enter, or type the key of a material")
+            self._refuse(key, f"is no key; press Enter{', or type the key of a material' if handled else ''}")
         return key
 
     def instruct(self, *, instruction: str) -> None:

@@ -6,6 +6,7 @@ such a protocol can still be read.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from itertools import pairwise
 from math import factorial
@@ -47,11 +48,15 @@ def _asked(protocol: Protocol) -> Iterator[Problem]:
     """Give the materials that a planned one-way ANOVA asks about and a task of it does not present."""
     for place, test in enumerate(protocol.analysis):
         for task in test.tasks if test.test == "one-way ANOVA" else ():
-            own, asked = protocol.presented(protocol.task(task)), test.question.casefold()
-            named = [m.id for m in protocol.materials if m.id not in own and m.id.casefold() in asked]
+            own, asked = protocol.presented(protocol.task(task)), f" {_words(test.question)} "
+            named = [m.id for m in protocol.materials if m.id not in own and f" {_words(m.id)} " in asked]
             if named:
                 allowed = f"as a rule some of {', '.join(own)}, which task {task} presents"
                 yield Problem(written(("analysis", place, "question")), None, ", ".join(named), allowed)
+
+
+def _words(text: str) -> str:
+    return " ".join(re.findall(r"\w+", text.casefold()))
 
 
 def _band(protocol: Protocol) -> Iterator[Problem]:

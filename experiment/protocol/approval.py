@@ -132,7 +132,7 @@ def _texts(value: object, at: Place = ()) -> Iterator[tuple[Place, str]]:
 
 
 class Seal(Confined):
-    """One approval; `protocol` is the canonical form of what was approved."""
+    """One approval; `protocol` is the canonical form of what was approved, None in a seal of an older palpate."""
 
     RULES: ClassVar[Rules] = rules.ethics
 
@@ -141,7 +141,7 @@ class Seal(Confined):
     board: Text
     approved_on: date
     expires_on: date
-    protocol: Annotated[Text, Field(description="what palpate seal wrote; put it back, or seal again (--replace)")]
+    protocol: Text | None = None
 
 
 def seal_path(protocol_path: Path) -> Path:
@@ -207,7 +207,7 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
 
     Raises `ProtocolError` if the protocol is not sealed, was changed since, or is not approved on this day.
     """
-    seal = read(protocol_path)
+    seal = _whole(protocol_path)
     problems = _changed(protocol_path, protocol, seal)
     if today < seal.approved_on:
         problems.append(Problem("approved_on", None, str(seal.approved_on), f"no later than today ({today}); wait"))
@@ -238,13 +238,22 @@ def read(protocol_path: Path) -> Seal:
         )
         _refuse(path, [Problem("seal", None, "no seal", allowed)])
     seal = load.read(path, Seal)
-    own = hashlib.sha256(seal.protocol.encode()).hexdigest()
+    own = seal.protocol_sha256 if seal.protocol is None else hashlib.sha256(seal.protocol.encode()).hexdigest()
     if own != seal.protocol_sha256:
         allowed = (
             f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited; put back the "
             "one that palpate seal wrote"
         )
         _refuse(path, [Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed)])
+    return seal
+
+
+def _whole(protocol_path: Path) -> Seal:
+    """Return the seal of a protocol that is to run: one that lost the form of what was approved is refused."""
+    seal = read(protocol_path)
+    if seal.protocol is None:
+        allowed = "what palpate seal wrote; put it back, or seal again (--replace)"
+        _refuse(seal_path(protocol_path), [Problem("protocol", None, "nothing", allowed)])
     return seal
 
 
@@ -255,10 +264,10 @@ def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Se
     """
     if not seal_path(protocol_path).exists():
         return "NOT SEALED: no approval of this protocol is recorded beside its file.", None
-    seal = read(protocol_path)
+    seal = _whole(protocol_path)
     if _changed(protocol_path, protocol, seal):
         version = f"{seal.protocol_sha256[:12]}..."
-        changed = _changed_fields(protocol, seal)
+        changed = _changed_fields(protocol, seal.protocol or "{}")
         fields = "; ".join(
             one.got
             if one.path == MORE
@@ -282,13 +291,13 @@ def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Proble
             "undo the change, or have it approved and seal it again"
         )
         problems.append(Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
-        problems += _changed_fields(protocol, seal)
+        problems += _changed_fields(protocol, seal.protocol) if seal.protocol is not None else ()
     return problems
 
 
-def _changed_fields(protocol: Protocol, seal: Seal) -> list[Problem]:
+def _changed_fields(protocol: Protocol, approved: str) -> list[Problem]:
     """Return what differs from the form that the seal holds, field by field, the first few."""
-    forms = seal.protocol, canonical(protocol)
+    forms = approved, canonical(protocol)
     sealed, found = (dict(_leaves(storage.json_of(form))) for form in forms)
     differing = [path for path in {**sealed, **found} if sealed.get(path, ...) != found.get(path, ...)]
     problems = [

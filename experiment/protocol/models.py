@@ -41,7 +41,7 @@ class Ethics(Confined):
     Attributes:
         board: the board that approves the study.
         statement: what the board approved, in words.
-        approval_number: of an approval that is older than the file; others stay empty, for the seal holds them.
+        approval_number: of an approval that is older than the file; otherwise empty, for the seal holds it.
         approved_on: the first day on which the study may run, as `approval_number`.
         expires_on: the last day on which it may, as `approval_number`.
         contact: whom participants may turn to.
@@ -536,8 +536,8 @@ class Protocol(Confined):
         return any(task.stimulus == "virtual" for task in self.tasks)
 
     @property
-    def block(self) -> Virtual | None:
-        """The block of a study with virtual surfaces; None in others."""
+    def rendered(self) -> Virtual | None:
+        """How a study's virtual surfaces are rendered; None in a study without any."""
         return self.comparison.virtual if self.comparison is not None and self.renders else None
 
     def _lacks(self, kind: str) -> ProtocolError:

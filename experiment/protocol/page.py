@@ -261,7 +261,7 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
     moved = "" if protocol.footstep is None else "the height of the foot over time, the speed and time of each step, "
-    if protocol.block is not None:
+    if protocol.rendered is not None:
         moved = "the time and the speed of each tap on a virtual surface, each change from one to the other, "
     yield Said(
         f"The following is recorded under a number and never under a name: {moved}"
@@ -425,7 +425,7 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
             "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
             "participant whether an answer was right."
         )
-    if (virtual := protocol.block) is not None:
+    if (virtual := protocol.rendered) is not None:
         yield from _rendered(protocol, virtual)
     masker = protocol.masker
     yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
@@ -461,7 +461,8 @@ def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
     yield Said(
         "The participant changes from one surface of a pair to the other as often as they wish: they say so, and the "
         f"experimenter presses [{virtual.switch_key}]. No answer is taken before both were tapped. A lamp says when "
-        f"the hand is faster than {number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer was right."
+        f"the hand is faster than {number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer "
+        "was right."
     )
 
 
@@ -515,8 +516,8 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
             total_s = number(round(protocol.trials(task) * synthesis.samples / synthesis.rate_hz, 1))
             told = f"In task {task.id} the panel vibrates for {total_s} s in all, if no trial is repeated."
             yield Said(told, indent="  ")
-        elif task.stimulus == "virtual" and protocol.block is not None:
-            faded_ms = 1e3 * log(1e3) / protocol.block.decay_per_s
+        elif task.stimulus == "virtual" and protocol.rendered is not None:
+            faded_ms = 1e3 * log(1e3) / protocol.rendered.decay_per_s
             told = f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
             yield Said(f"{told} Each time it has faded to a thousandth after {faded_ms:.0f} ms.", indent="  ")
 

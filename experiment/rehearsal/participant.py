@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -145,19 +144,20 @@ class SimulatedPerson:
 
 @dataclass(kw_only=True)
 class Practised:
-    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says.
-
-    What is not written here is the desk's own.
-    """
+    """Implements `Console`: an experimenter practises at `desk`, which tells what the simulated participant says."""
 
     desk: Console
     participant: SimulatedPerson
 
     def __post_init__(self) -> None:
         self._said = self._wished = self._proposed = ""
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self.desk, name)
+        # In these the participant takes no part.
+        desk = self.desk
+        self.attend, self.at, self.show, self.instruct = desk.attend, desk.at, desk.show, desk.instruct
+        self.agree, self.write, self.wait, self.goes_on = desk.agree, desk.write, desk.wait, desk.goes_on
+        self.familiarise, self.waiting, self.debrief = desk.familiarise, desk.waiting, desk.debrief
+        self.chosen_ago_ns, self.ignored = desk.chosen_ago_ns, desk.ignored
+        self.confirm, self.confirmed = desk.confirm, desk.confirmed
 
     def heard(self, *, words: str) -> None:
         self._proposed = words

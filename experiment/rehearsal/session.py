@@ -18,7 +18,6 @@ from datetime import UTC, datetime
 from functools import lru_cache
 from importlib import import_module
 from pathlib import Path
-from typing import cast
 
 import numpy as np
 
@@ -230,7 +229,7 @@ class SimulatedEnds:
 
     def console(self) -> Console:
         person = self._person()
-        return person if self.desk is None else cast("Console", Practised(desk=self.desk, participant=person))
+        return person if self.desk is None else Practised(desk=self.desk, participant=person)
 
     def _person(self) -> SimulatedPerson:
         tasks = [task.id for task in self.protocol.tasks]

@@ -217,7 +217,7 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     rig = rigs.load(rig_file)
     if not rig.rig.simulated:
         raise DatasetError(f"{rig_file}: is a real rig; allowed: one that says simulated = true; give such a rig file")
-    if protocol.block is not None:
+    if protocol.rendered is not None:
         opening.servo_of(rig)
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     return rig

@@ -6,6 +6,7 @@ devices, is the kind's: `footstep/` is one. A kind never imports another.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -112,6 +113,7 @@ class Seen:
 class Kind(Protocol):
     """The trials of one session, one attempt after the other; what a kind has nothing of is left as it is here."""
 
+    @abstractmethod
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         """Lay out and arm an attempt; `answered_ns` is the session time of the answer just before, None without one.
 
@@ -120,6 +122,7 @@ class Kind(Protocol):
         """
         ...
 
+    @abstractmethod
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:
         """Follow the attempt that is ready to its end; `waiting` is entered while nothing can have been felt.
 
@@ -130,6 +133,7 @@ class Kind(Protocol):
         """
         ...
 
+    @abstractmethod
     def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:
         """Return what each answer key stands for in this trial."""
         ...
@@ -195,11 +199,13 @@ class FarEnds(Protocol):
     """
 
     @property
+    @abstractmethod
     def real_time(self) -> bool:
         """Whether the session runs by the wall clock, so that its priority matters."""
         ...
 
     @property
+    @abstractmethod
     def reconnect_s(self) -> float:
         """How long the session waits for a device that fell silent, s; then it is paused."""
         ...
@@ -236,10 +242,12 @@ class FarEnds(Protocol):
         """Return the tracker's port, None for the one that the rig names, and its clock where that is known."""
         return None, None
 
+    @abstractmethod
     def check(self, tracker: Tracker, rig: Rig) -> None:
         """Refuse a tracker that cannot be used, before anybody is on the panel. Raises `TrackerError`."""
         ...
 
+    @abstractmethod
     def console(self) -> Console:
         """Return the experimenter's screen and keys."""
         ...

@@ -10,6 +10,7 @@ from pathlib import Path
 from experiment import storage
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.panel.conditioning import open_drive
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.servo import settings as servo
@@ -100,12 +101,14 @@ def run(
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, allocation, tasks[0])
     if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
-        recordings = _real_recordings(root, recordings)
+        recordings = _real_recordings(root, recordings, protocol)
+        open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
         fidelity.refuse_what_leaves_out_too_much(
             protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings
         )
     if protocol.comparison is not None and any(protocol.task(task).stimulus == "virtual" for task in tasks):
         servo.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
+        calibration.check_age(rig, today)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
@@ -166,7 +169,7 @@ class _Visit:
             )
         used: Path | None = None
         if planned.synthesis and self.recordings is not None:
-            used = _keep_recordings(root, self.recordings, protocol)
+            used = _keep_recordings(root, self.recordings)
         # Whoever runs the participant elsewhere is told of before anything is opened or asked.
         theirs = storage.participant_folder(root, participant)
         journal.check_free(theirs, participant)
@@ -369,29 +372,31 @@ def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
             raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
 
 
-def _real_recordings(root: Path, given: Path | None) -> Path:
-    """Return the folder of recordings that is given, or else the dataset's own. Raises if they are simulated."""
+def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
+    """Return the folder of recordings that is given, or else the dataset's own.
+
+    Raises `RecordingError` if they are simulated, not those that the study was begun with, or cannot be used.
+    """
     from experiment.recordings import manifest
 
-    folder = given or root / storage.RECORDINGS
+    kept = root / storage.RECORDINGS
+    folder = given or kept
     if manifest.is_simulated(folder):
         raise RecordingError(
             f"{folder}: the recordings are simulated; record real ones (palpate record), or use palpate rehearse"
         )
+    if not kept.exists():
+        needed = scene.virtual(protocol).materials
+        manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=needed)
+    elif manifest.sha256(folder) != manifest.sha256(kept):
+        raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
     return folder
 
 
-def _keep_recordings(root: Path, folder: Path, protocol: Protocol) -> Path:
+def _keep_recordings(root: Path, folder: Path) -> Path:
     """Return the recordings in the dataset; they are copied there at the first session that names them."""
-    from experiment.recordings import manifest
-
     kept = root / storage.RECORDINGS
-    if kept.exists():
-        if manifest.sha256(folder) != manifest.sha256(kept):
-            raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
-    else:
-        needed = scene.virtual(protocol).materials
-        manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=needed)
+    if not kept.exists():
         with storage.new_folder(kept) as partial:
             for file in filter(Path.is_file, folder.rglob("*")):
                 storage.create(partial / file.relative_to(folder), file.read_bytes())

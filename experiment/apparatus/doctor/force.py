@@ -35,7 +35,7 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
     A rig without one is red before a protocol with a virtual task, and nothing before others. Without such a protocol
     the device is asked as often as the tracker samples; limit and block are not known.
     """
-    virtual = protocol.block if protocol is not None else None
+    virtual = protocol.rendered if protocol is not None else None
     rate_hz = rig.tracker.rate_hz if virtual is None else virtual.rate_hz
     try:
         device = rig.servo if virtual is None else opening.servo_of(rig)

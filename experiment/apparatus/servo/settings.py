@@ -16,7 +16,7 @@ Address = Annotated[
     str,
     Field(
         pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
-        description="host:port, such as 127.0.0.1:4711",
+        description="host:port, such as 127.0.0.1:4711, a port of its own for each server",
     ),
     ONE_LINE,
 ]

@@ -23,7 +23,7 @@ from experiment import storage
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import FRAMES, Rig
 from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
+from experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples
 from experiment.clock import Clock
 from experiment.errors import PalpateError, RigError, TrackerError
 
@@ -83,6 +83,10 @@ class GuardedTracker:
             if self._planar and (samples.along_mm is None or samples.along_mm.shape != samples.ends.shape):
                 raise ValueError("along_mm, of a planar tracker, is not of that length")
             _check(samples, self._newest)
+            # Of several frames the first alone may have been torn.
+            first = self._planar and self._newest is None and samples.ends.size > 1
+            if first and not Decoder(readings=2).feed(samples.raw)[1].link.received:
+                raise ValueError("raw holds no frame of two readings, as encode makes them")
             self._newest = samples
             return samples
 

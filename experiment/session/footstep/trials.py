@@ -231,7 +231,8 @@ class Footsteps(Kind):
                 failed=step.failed or error,
             )
         heard = step.onset.delivered if step.onset is not None else None
-        self._counted, self._last = True, f"{step.gate.speed_mm_s:.0f} mm/s"
+        repeat, self._last = self._repeat(step), f"{step.gate.speed_mm_s:.0f} mm/s"
+        self._counted = not repeat and error is None
         self._pace = pace(step.gate.speed_mm_s, self._protocol.exclusion)
         self._delivered = None if heard is None else heard.delivered
         return Seen(
@@ -239,7 +240,7 @@ class Footsteps(Kind):
             answerable_ns=step.contact_ns,
             failed=error,
             delivered=self._delivered,
-            repeat=self._repeat(step),
+            repeat=repeat,
         )
 
     def answers(self, planned: PlannedTrial) -> dict[str, Meaning]:  # noqa: ARG002

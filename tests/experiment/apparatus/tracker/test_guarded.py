@@ -182,9 +182,19 @@ def test_places_along_the_face_that_cannot_be_are_the_fault_of_a_planar_driver(
     opened: Opens, along: str, told: str
 ) -> None:
     reads = READ.format(spoils=f"return Samples(a.us, a.mm, a.raw, a.ends, a.at, {along})")
-    tracker = opened(reads=reads.replace("a.ends, a.at)", "a.ends, a.at, np.zeros(2))"), planar=True)
+    reads = reads.replace("a.ends, a.at)", "a.ends, a.at, np.zeros(2))")
+    reads = reads.replace("bytes(24)", "b''.join(encode(n, 1000 * n, 7, 7) for n in (1, 2))").replace("24]", "28]")
+    tracker = opened(reads=reads.replace("import Samples", "import Samples, encode"), planar=True)
     assert tracker.read().along_mm is not None
     with pytest.raises(TrackerError, match=rf"failed at `read` \({re.escape(told)}"):
+        tracker.read()
+
+
+def test_a_planar_driver_that_encodes_one_reading_is_refused_before_a_session_keeps_it(opened: Opens) -> None:
+    reads = READ.format(spoils="pass").replace("a.ends, a.at)", "a.ends, a.at, np.zeros(2))")
+    reads = reads.replace("bytes(24)", "b''.join(encode(n, 1000 * n, 7) for n in (1, 2))")
+    tracker = opened(reads=reads.replace("import Samples", "import Samples, encode"), planar=True)
+    with pytest.raises(TrackerError, match="raw holds no frame of two readings, as encode makes them"):
         tracker.read()
 
 
