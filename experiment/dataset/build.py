@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -53,42 +54,6 @@ READ = {
     "_events.json": ("TaskTitle", "Instructions", "Materials", "Answers", "Rows", "SessionId"),
 }
 """What analysis reads of JSON files, by the end of their names; the rest is told by each version in its own words."""
-
-GENERIC = """
-The four materials of Okamoto et al. are simulated as the recordings' manifest says. Any other is simulated
-generically: it resembles nothing.
-"""
-README = {
-    "REHEARSAL": f"""
-Everything in this dataset was made by simulated participants, on simulated materials, with a simulated foot
-behind real ports. It shows that the study's whole path works. It says nothing about any participant or material.
-{GENERIC}""",
-    "PRACTICE": f"""
-An experimenter practised: the keys were theirs; participants, materials and foot were simulated, behind real
-ports. Nothing here is data of the study, and it says nothing about any participant or material.
-{GENERIC}""",
-    "PILOT": """
-Recorded with palpate in a pilot: participants were in the room, and nothing here is data of the study.
-""",
-    "PARTICIPANT": """
-Recorded with palpate. The journals under sourcedata/ are the record of what happened: every line carries the
-hash of the one before it.
-""",
-}
-
-
-README_OF_PAIRS = {
-    "REHEARSAL": """
-Everything in this dataset was made by simulated participants, who compared simulated surfaces through the real
-session. It shows that the study's whole path works. It says nothing about any participant or material. The surfaces
-of Wellman and Howe ring as their Table 1 says; any other is simulated generically: it resembles nothing.
-""",
-    "PRACTICE": """
-An experimenter practised: the keys were theirs; participants and surfaces were simulated. Nothing here is data of
-the study, and it says nothing about any participant or material.
-""",
-}
-"""The same where materials are compared."""
 
 
 @dataclass(frozen=True)
@@ -240,6 +205,7 @@ def _study_files(root: Path, dataset: Believed) -> bids.Files:
         for who, first in first_tasks.items()
     ]
     simulated = origin in ("PRACTICE", "REHEARSAL")
+    readmes = tomllib.loads(Path(__file__).with_name("readme.toml").read_text("utf-8"))
     text = bids.DatasetText(
         study=protocol.study.id,
         name=protocol.study.title,
@@ -248,7 +214,7 @@ def _study_files(root: Path, dataset: Believed) -> bids.Files:
         authors=("palpate, simulated",) if simulated else ("The laboratory named in the protocol",),
         tasks=tuple(task.id for task in protocol.tasks),
         references=(protocol.study.source,),
-        readme=(README if protocol.comparison is None else README | README_OF_PAIRS)[origin],
+        readme=(readmes["all"] | readmes["pairs" if protocol.comparison is not None else "all"])[origin],
         software_version=__version__,
     )
     return bids.participants(root, people, origin=origin) | bids.description(root, text)
