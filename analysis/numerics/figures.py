@@ -173,15 +173,10 @@ def diagrams(rows: Sequence[Measured]) -> Figure:
                 _curve(place, [one for one in here if one.way == name], here, name)
             place.axhline(contact.CLAIMED, color=COLOUR[EXACT], linestyle="--", linewidth=0.9)
             place.axvline(contact.SERVO_S, color=QUIET, linestyle=":", linewidth=1.2)
-            place.set_xscale("log")
-            place.set_yscale("log")
+            _logarithmic(place)
+            _times(place, "median run time", ticks=5)
             place.set_ylim(1e-17, 3.0)
             place.set_title(f"{stiffness:g} N/m, {mass:g} kg", fontsize=9)
-            place.tick_params(labelsize=8)
-            place.grid(visible=True, **RULE)
-            _times(place, "median run time", ticks=5)
-            place.yaxis.set_major_formatter(FuncFormatter(lambda error, _: f"{error:g}"))
-            place.yaxis.set_minor_formatter(NullFormatter())
         axes[0].set_ylabel("relative error", fontsize=9)
         beside = axes[len(stiffnesses)]
         for place in axes[len(stiffnesses) :]:

@@ -334,7 +334,9 @@ def methods(result: Numerics) -> Section:
     table = Table("", header, tuple(_method(one, shown) for one in shown), left=frozenset({0, 1, 2}))
     diagrams = dict.fromkeys((one.given["stiffness_n_m"], one.given["mass_kg"]) for one in of_contact)
     by_place = {
-        (one.way, one.given["stiffness_n_m"]): f"{_wrong(one)}{time_text(one.timed.median_s)}"
+        (one.way, one.given["stiffness_n_m"]): (
+            f"{'wrong' if one.error >= NO_ANSWER else f'{one.error:.1e}'}, {time_text(one.timed.median_s)}"
+        )
         for one in of_contact
         if one.given["step_s"] == contact.SERVO_S
     }
@@ -342,10 +344,6 @@ def methods(result: Numerics) -> Section:
     steps = [(way, *(by_place[way, k] for k, _ in diagrams)) for way in dict.fromkeys(one.way for one in of_contact)]
     servo = Table(f"Contact in steps of {contact.SERVO_S * 1e6:g} µs", heads, tuple(steps))
     return Section("methods", "Methods", tables=(table, servo))
-
-
-def _wrong(one: Measured) -> str:
-    return "wrong, " if one.error >= NO_ANSWER else f"{one.error:.1e}, "
 
 
 def _usual(subject: str, rows: list[Measured]) -> list[Measured]:

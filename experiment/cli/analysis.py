@@ -132,10 +132,7 @@ def audit(
     stated = Stated(people, trials, chance) if people or trials or chance else None
     with options.working("Holding the numbers against one another"):
         result = audits.audit(target, against, stated)
-    if as_json:
-        options.put(result.as_dict())
-    else:
-        typer.echo(result.text(options.columns(80)))
+    options.put(result.as_dict() if as_json else result.text(options.columns(80)))
 
 
 @commands.command(epilog="Example: palpate power protocols/okamoto2012.toml --participants 5-30 --out power")
@@ -235,10 +232,7 @@ def power(
         raise Interrupted("the simulation was interrupted; nothing was written") from None
     if out is not None:
         report.write(result, out)
-    if as_json:
-        options.put(report.as_dict(result))
-    else:
-        typer.echo(report.text(result))
+    options.put(report.as_dict(result) if as_json else report.text(result))
 
 
 def _look(
@@ -321,10 +315,7 @@ def numerics(
         result = measured.run(measured.QUICK if quick else measured.FULL, total=total, tick=tick)
     if out is not None:
         report.write(result, out)
-    if as_json:
-        options.put(report.as_dict(result))
-    else:
-        typer.echo(report.text(result))
+    options.put(report.as_dict(result) if as_json else report.text(result))
     if result.failed:
         raise typer.Exit(1)
 
@@ -448,10 +439,8 @@ def status(
         aside, stages = found.flow()
         flow = drawing.flow(found.heading, f"Flow of participants on {found.day}: {found.title}", aside, stages)
         options.put_file(figure, drawn[figure.suffix.lower()](flow))
-    if as_json:
-        options.put(found.as_dict())
-    else:
-        typer.echo(f"{found.text()}\n\nFigure: {figure}" if figure else found.text())
+    shown = f"\n\nFigure: {figure}" if figure else ""
+    options.put(found.as_dict() if as_json else found.text() + shown)
     raise typer.Exit(1 if found.doubts else 0)
 
 
@@ -504,10 +493,7 @@ def tell_analysis(
     drawn = {"figures": figures, "pictures": pictures, "titles": titles}
     with options.working("Reading the dataset") as say:
         result = analyses.analyse(datasets, out, **drawn, dissimilarities=dissimilarities, say=say)
-    if as_json:
-        options.put(result.as_dict())
-    else:
-        typer.echo(result.text(options.columns(WIDTH), full=full))
+    options.put(result.as_dict() if as_json else result.text(options.columns(WIDTH), full=full))
 
 
 def _believe(*datasets: Path) -> None:

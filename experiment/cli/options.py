@@ -115,12 +115,18 @@ def room() -> typer.Typer:
     return typer.Typer(rich_markup_mode=None, pretty_exceptions_enable=False, add_completion=False)
 
 
-def put(document: object) -> None:
-    """Print a document as JSON, in ASCII if it holds characters that do not leave as they are."""
+def put(found: object) -> None:
+    """Print words as they are, and a document as JSON: in ASCII if it holds characters that do not leave as they are.
+
+    A command with `--json` gives the one or the other.
+    """
     import json
 
-    text = json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False)
-    typer.echo(json.dumps(document, indent=2, allow_nan=False) if hidden(text, "\n") else text)
+    if isinstance(found, str):
+        typer.echo(found)
+        return
+    text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
+    typer.echo(json.dumps(found, indent=2, allow_nan=False) if hidden(text, "\n") else text)
 
 
 NARROWEST = 40

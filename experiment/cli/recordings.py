@@ -119,10 +119,7 @@ def validate(
         others = recorder.fresh_takes(recorded, seed=seed)
     folder_out = out or folder / "validation"
     result = report.validate(recorded, others, folder_out, average=average, figures=figures)
-    if as_json:
-        options.put(result.as_dict())
-    else:
-        typer.echo(result.text())
+    options.put(result.as_dict() if as_json else result.text())
 
 
 @commands.command(epilog="Example: palpate spectrum recording.lvm --plot spectrum.svg")
@@ -147,10 +144,8 @@ def spectrum(
         raise PalpateError(f"--plot {plot}: this is the recording itself; name another file")
     result = spectra.of_file(file, channel=channel)
     drawn = None if plot is None else spectra.plot(result, plot)
-    if as_json:
-        options.put({**result.as_dict(), "plot": None if drawn is None else str(drawn)})
-    else:
-        typer.echo(result.text() if drawn is None else f"{result.text()}\nPlot: {drawn}")
+    plotted = f"\nPlot: {drawn}" if drawn else ""
+    options.put({**result.as_dict(), "plot": str(drawn) if drawn else None} if as_json else result.text() + plotted)
 
 
 @commands.command(epilog="Example: palpate plan protocols/okamoto2012.toml --task real")
@@ -214,8 +209,7 @@ def plan(
             tick()
     named = f"{opened.rig.name} ({'SIMULATED' if opened.rig.simulated else 'real'})"
     if as_json:
-        tables = [one.as_dict() for one in plans]
-        options.put({"recordings": source, "rig": named, "tasks": tables})
+        options.put({"recordings": source, "rig": named, "tasks": [one.as_dict() for one in plans]})
     else:
         typer.echo("\n\n\n".join([f"Measured with: {source}\nRig: {named}", *(one.text() for one in plans)]))
     if any(one.refused for one in plans):

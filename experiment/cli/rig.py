@@ -111,11 +111,9 @@ def doctor(
             for line in _lines(check):
                 typer.echo(line)
     red = sum(check.verdict == "red" for check in found)
-    if as_json:
-        document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
-        options.put(document)
-    else:
-        typer.echo(f"{red} of {len(found)} checks are red." if red else "Nothing is red.")
+    document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
+    told = f"{red} of {len(found)} checks are red." if red else "Nothing is red."
+    options.put(document if as_json else told)
     if red:
         raise typer.Exit(2)
 

@@ -102,7 +102,5 @@ def contact(
     made = impact.answer(of, method=method, rate_hz=rate)
     if plot is not None:
         options.put_file(plot, drawn[plot.suffix.lower()](figures.course(of, rate_hz=rate)))
-    if as_json:
-        options.put({**made.as_dict(), "plot": str(plot) if plot else None})
-    else:
-        typer.echo(made.text() + (f"\nPlot: {plot}" if plot else ""))
+    plotted = f"\nPlot: {plot}" if plot else ""
+    options.put({**made.as_dict(), "plot": str(plot) if plot else None} if as_json else made.text() + plotted)

@@ -186,26 +186,23 @@ class LinkedConsole:
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
         with self._doing:
-            return self._take(hello, deed)
-
-    def _take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
-        session, at_console = self._session, hello.role == "console"
-        try:
-            taken, words = self._do(deed, session) if at_console else self._do_for_participant(deed, session)
-        except ValueError as error:
-            taken, words = False, f"The text {error}, which cannot go on record; write it without that character."
-        except PalpateError as error:
-            return False, str(error)
-        # What was typed and what was shown have entries of their own.
-        if session is not None and not (taken and isinstance(deed, Typed | Shown)):
+            session, at_console = self._session, hello.role == "console"
             try:
-                session.commanded(by=hello.by, command=_told(deed), taken=taken, words=words)
+                taken, words = self._do(deed, session) if at_console else self._do_for_participant(deed, session)
+            except ValueError as error:
+                taken, words = False, f"The text {error}, which cannot go on record; write it without that character."
             except PalpateError as error:
-                # The session meets it too, and ends.
-                taken, words = False, str(error)
-        if not self._handed_over():
-            taken, words = False, CLOSED
-        return taken, words
+                return False, str(error)
+            # What was typed and what was shown have entries of their own.
+            if session is not None and not (taken and isinstance(deed, Typed | Shown)):
+                try:
+                    session.commanded(by=hello.by, command=_told(deed), taken=taken, words=words)
+                except PalpateError as error:
+                    # The session meets it too, and ends.
+                    taken, words = False, str(error)
+            if not self._handed_over():
+                taken, words = False, CLOSED
+            return taken, words
 
     def _handed_over(self) -> bool:
         """Let the session have the key that was picked, now that it is on record; False if it asks no longer."""
@@ -229,7 +226,9 @@ class LinkedConsole:
             case Write():
                 return self._write(deed)
             case Typed():
-                return self._drop(deed)
+                with self._changed:
+                    self._ignored += deed.keys
+                return True, f"Ignored because nothing was asked: {characters.keyed(deed.keys)}."
             case Pause() | Stop():
                 return self._pause(deed, session)
             case Shown():
@@ -301,11 +300,6 @@ class LinkedConsole:
                 return False, "That question is no longer asked; nothing was written down."
             self._pick(asked, text)
             return True, ""
-
-    def _drop(self, deed: Typed) -> tuple[bool, str]:
-        with self._changed:
-            self._ignored += deed.keys
-        return True, f"Ignored because nothing was asked: {characters.keyed(deed.keys)}."
 
     def _pause(self, deed: Pause | Stop, session: Attended | None) -> tuple[bool, str]:
         with self._changed:

@@ -45,6 +45,8 @@ class Masking:
     ) -> None:
         """Begin in silence; `write` puts an entry into the journal and returns when it is on disk."""
         self._masker = masker
+        self.limit_db_a = masker.limit_db_a
+        """The loudest level allowed, dB(A)."""
         self._console = console
         self._write = write
         self._clock = clock
@@ -64,7 +66,7 @@ class Masking:
             if not self._silenced:
                 self._go(self._masker.start, begin_db_a or FIRST_DB_A)
         while not self._silenced:
-            level_db_a, limit_db_a = self._masker.level_db_a or FIRST_DB_A, self._masker.limit_db_a
+            level_db_a, limit_db_a = self._masker.level_db_a or FIRST_DB_A, self.limit_db_a
             keys = KEYS | ({} if probe is None else {PROBE_KEY: "play the probe"})
             keys |= {HEARD_KEY: "still heard at the limit"} if level_db_a >= limit_db_a else {}
             key = self._console.level(level_db_a=level_db_a, limit_db_a=limit_db_a, criterion=criterion, keys=keys)
@@ -106,7 +108,7 @@ class Masking:
             elif soon:
                 said = f"Masker still at {level_db_a:.0f} dB(A): it rises once in {RISE_NS / 1e9:g} s, and no faster."
             else:
-                at_limit = " (the limit)" if level_db_a >= self._masker.limit_db_a else ""
+                at_limit = " (the limit)" if level_db_a >= self.limit_db_a else ""
                 said = f"Masker at {level_db_a:.0f} dB(A){at_limit}."
         self._console.show(said)
         return True
@@ -116,11 +118,6 @@ class Masking:
         """What the masker has done to the ears until now."""
         with self._lock:
             return self._masker.exposure()
-
-    @property
-    def limit_db_a(self) -> float:
-        """The loudest level allowed, dB(A)."""
-        return self._masker.limit_db_a
 
     def spent(self) -> str:
         """Return that the dose is used up, or will be before anybody looks again; nothing while it is not."""

@@ -208,19 +208,16 @@ def waking(clock: Clock) -> Check:
         clock.sleep_ns(SLEEP_NS)
         late_ms.append((clock.now_ns() - begun_ns - SLEEP_NS) / 1e6)
     median, p99, longest = (float(np.quantile(late_ms, q)) for q in (0.5, 0.99, 1.0))
+    load = ""
+    if hasattr(os, "getloadavg"):
+        load = f"; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores, niceness {os.nice(0)}"
     return judged(
         "machine load",
         p99 <= LATE_MS,
-        f"sleeps end late by {median:.2f} ms (median), {p99:.2f} ms (p99), {longest:.2f} ms (longest){_load()}",
+        f"sleeps end late by {median:.2f} ms (median), {p99:.2f} ms (p99), {longest:.2f} ms (longest){load}",
         allowed=f"p99 at most {LATE_MS:g} ms",
         remedy="close other programs, or raise palpate's priority",
     )
-
-
-def _load() -> str:
-    if not hasattr(os, "getloadavg"):
-        return ""
-    return f"; load {os.getloadavg()[0]:.1f} on {os.cpu_count()} cores, niceness {os.nice(0)}"
 
 
 ARMED_S = 60.0

@@ -73,7 +73,9 @@ def examine(
         yield from _rig(rig, rig_path, protocol, clock)
     folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
     rate_hz, readings = (rig.tracker.rate_hz, rig.tracker.readings) if rig else (HIGHEST_RATE_HZ, 1)
-    yield checks.space(folder, trials=_trials(protocol), rate_hz=rate_hz, readings=readings)
+    # Those of the longest task.
+    trials = max(map(protocol.trials, protocol.tasks)) if protocol is not None else TRIALS
+    yield checks.space(folder, trials=trials, rate_hz=rate_hz, readings=readings)
     with host.raised() as got:
         yield Check("priority", "green", f"{got}; as sessions have it")
         for check in _devices(rig, protocol, clock, simulate) if rig is not None else ():
@@ -95,13 +97,6 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
     elif protocol.footstep is not None:
         yield checks.reach(rig, protocol.footstep.step)
     yield from checks.ages(rig, day(clock.now_ns()))
-
-
-def _trials(protocol: Protocol | None) -> int:
-    """Return the trials of the longest task."""
-    if protocol is None:
-        return TRIALS
-    return max(map(protocol.trials, protocol.tasks))
 
 
 def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simulate) -> Iterator[Check]:

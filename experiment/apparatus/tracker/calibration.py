@@ -338,17 +338,13 @@ class ZeroedTracker:
         self._contact_mm = contact_mm
         self._farthest_mm = farthest_mm
         self._samples = samples
-        self._zero: Zero | None = None
-
-    @property
-    def zero(self) -> Zero | None:
+        self.zero: Zero | None = None
         """Where the foot rested when heights began to count from there; None while they are as calibrated."""
-        return self._zero
 
     @property
     def due(self) -> bool:
         """Whether it must still be zeroed, for the first time or since it came back."""
-        return self._zero is None
+        return self.zero is None
 
     def settle(self, rester: Rester) -> Zero:
         """Return the zero of a resting foot; a foot that moved, or did not rest on the panel, is read again.
@@ -361,11 +357,11 @@ class ZeroedTracker:
             rester.rest(why=why)
             read_mm = heights(self._tracker, self._samples)
             try:
-                self._zero = zero(read_mm, contact_mm=self._contact_mm, farthest_mm=self._farthest_mm)
+                self.zero = zero(read_mm, contact_mm=self._contact_mm, farthest_mm=self._farthest_mm)
             except TrackerError as refused:
                 why = str(refused)
             else:
-                return self._zero
+                return self.zero
 
     @property
     def counts(self) -> LinkCounts:
@@ -384,10 +380,10 @@ class ZeroedTracker:
 
     def read(self) -> Samples:
         samples = self._tracker.read()
-        return samples if self._zero is None else self._zero.applied(samples)
+        return samples if self.zero is None else self.zero.applied(samples)
 
     def reconnect(self, timeout_s: float) -> None:
-        self._zero = None
+        self.zero = None
         self._tracker.reconnect(timeout_s)
 
     def close(self) -> None:

@@ -31,7 +31,6 @@ have brought the reads before and after a step. The least delay before it, and t
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -75,8 +74,6 @@ PACE_NEAR_US = 300_000
 PACE_SLOT_US, PACE_SLOTS = 20_000, 512
 """Of each such stretch of device time the read with the least delay is kept, microseconds, for 10 s or more."""
 
-_DELAY_EDGES_US = (0.0, *np.geomspace(1.0, 1e6, 121).tolist())
-
 
 @dataclass(frozen=True)
 class ClockMap:
@@ -86,28 +83,18 @@ class ClockMap:
         anchor_us: device time of the newest sample that it was made from, microseconds.
         anchor_ns: session time of that sample, ns.
         drift_ppm: how much longer a microsecond of the device is than one of the session, parts per million.
-        reads: how many it was made from; 0 for a map that was given.
-        span_s: device time between the first and the last of them, s.
-        delay_median_us: median time by which reads came after the line, microseconds, to a part in ten.
-        delay_p99_us: 99 of 100 reads came at most this much after it.
+        span_s: device time between the first sample that it was made from and the last, s; 0 for a map that was given.
     """
 
     anchor_us: int
     anchor_ns: int
     drift_ppm: float = 0.0
-    reads: int = 0
     span_s: float = 0.0
-    delay_median_us: float = 0.0
-    delay_p99_us: float = 0.0
 
     def session_ns(self, device_us: float) -> int:
         """Return the session time, ns, of a device time, microseconds, which may lie outside the samples."""
         elapsed_us = device_us - self.anchor_us
         return self.anchor_ns + round(elapsed_us * 1000) + round(elapsed_us * self.drift_ppm * 1e-3)
-
-    def device_us(self, session_ns: int) -> float:
-        """Return the device time of a session time, microseconds; the inverse of `session_ns`."""
-        return self.anchor_us + (session_ns - self.anchor_ns) / (1000 + self.drift_ppm * 1e-3)
 
 
 class ClockState(NamedTuple):
@@ -125,9 +112,6 @@ class ClockState(NamedTuple):
         known: whether drift is known, and within the limit.
         slope: y per x.
         level: y at x = 0.
-        delays: reads until the present `FINE_US` by how much after the line they came, counted per decade in twenty
-            steps.
-        recent: which step each read since then is to be counted in.
     """
 
     origin_us: int
@@ -139,34 +123,26 @@ class ClockState(NamedTuple):
     known: bool
     slope: float
     level: float
-    delays: tuple[int, ...]
-    recent: tuple[int, ...]
 
     def map(self) -> ClockMap:
         """Return the line as it stands."""
         lead_us = self.level + self.slope * self.newest_x
-        delays = np.cumsum(_counted(self.delays, self.recent))
-        median, p99 = np.searchsorted(delays, np.array([0.5, 0.99]) * delays[-1])
         return ClockMap(
             anchor_us=self.origin_us + round(self.newest_x),
             anchor_ns=self.origin_ns + round((self.newest_x + lead_us) * 1000),
             drift_ppm=self.slope * 1e6,
-            reads=int(delays[-1]),
             span_s=self.newest_x / 1e6,
-            delay_median_us=_DELAY_EDGES_US[median],
-            delay_p99_us=_DELAY_EDGES_US[p99],
         )
 
 
 def init(device_us: int, arrived_ns: int) -> ClockState:
     """Return the state after the first read: device time of its newest sample, and session time of its arrival."""
-    delays = (0,) * len(_DELAY_EDGES_US)
-    return ClockState(device_us, arrived_ns, 0.0, (), (), (0.0, 0.0), False, 0.0, 0.0, delays, (0,))
+    return ClockState(device_us, arrived_ns, 0.0, (), (), (0.0, 0.0), False, 0.0, 0.0)
 
 
 def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
     """Return the state after the next read; the device time is later than any before."""
-    origin_us, origin_ns, _, kept, fine, low, known, slope, level, delays, recent = state
+    origin_us, origin_ns, _, kept, fine, low, known, slope, level = state
     x = float(device_us - origin_us)
     y = (arrived_ns - origin_ns) / 1000 - x
     if x // FINE_US == low[0] // FINE_US:
@@ -174,7 +150,6 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
             low = (x, y)
         level = min(level, y - slope * x)
     else:
-        delays, recent = _counted(delays, recent), ()
         fine = (*fine, low)[-FINE_BINS:]
         if x // BIN_US != low[0] // BIN_US:
             over = [read for read in fine if read[0] // BIN_US == low[0] // BIN_US]
@@ -185,8 +160,7 @@ def step(state: ClockState, device_us: int, arrived_ns: int) -> ClockState:
             known, slope = _slope(trusted)
         counted = (*kept, *fine, low) if known else (fine[-1], low)
         level = min(at_y - slope * at_x for at_x, at_y in counted)
-    recent = (*recent, min(bisect_left(_DELAY_EDGES_US, y - slope * x - level), len(delays) - 1))
-    return ClockState(origin_us, origin_ns, x, kept, fine, low, known, slope, level, delays, recent)
+    return ClockState(origin_us, origin_ns, x, kept, fine, low, known, slope, level)
 
 
 class Pace:
@@ -229,14 +203,6 @@ class Pace:
             if least[1] > PACE_US:
                 return -(least[1] - PACE_US) / 1e3
         return 0.0
-
-
-def _counted(delays: tuple[int, ...], recent: tuple[int, ...]) -> tuple[int, ...]:
-    """Return the delays with the recent ones counted in."""
-    counts = list(delays)
-    for place in recent:
-        counts[place] += 1
-    return tuple(counts)
 
 
 def _slope(reads: tuple[tuple[float, float], ...]) -> tuple[bool, float]:

@@ -197,7 +197,8 @@ class Ear:
         """Return what was heard until the answer was chosen; meanwhile the console is told what to propose."""
         microphone, told = self._microphone, ""
         begins_ns = one.answerable_ns - int(LISTENED_S * 1e9)
-        background = self._listened(microphone.heard(from_ns=begins_ns, until_ns=one.answerable_ns))
+        before = microphone.heard(from_ns=begins_ns, until_ns=one.answerable_ns)
+        background: Background = self._computed(hearing.listen, before)
         while True:
             last = one.ended.wait(LOOK_S)
             if one.dropped:
@@ -206,7 +207,13 @@ class Ear:
             until_ns = min(one.until_ns or self._clock.now_ns(), over_ns)
             from_ns = one.answerable_ns - int((BEFORE_S + BEYOND_S) * 1e9)
             recorded = microphone.heard(from_ns=from_ns, until_ns=max(until_ns, one.answerable_ns))
-            heard = self._matched(one, recorded, background)
+            heard: Heard = self._computed(
+                hearing.hear,
+                recorded,
+                answerable_s=-_offset_s(one, recorded),
+                enrolment=self.enrolment,
+                background=background,
+            )
             if last:
                 kept = self._keep(one, recorded, background, heard)
                 return self._record(one, heard, _offset_s(one, recorded)).model_copy(update=kept)
@@ -216,20 +223,6 @@ class Ear:
                 self._console.heard(words=words)
             if until_ns == over_ns:
                 one.ended.wait()
-
-    def _listened(self, before: Recorded) -> Background:
-        background: Background = self._computed(hearing.listen, before)
-        return background
-
-    def _matched(self, one: _Attempt, recorded: Recorded, background: Background) -> Heard:
-        heard: Heard = self._computed(
-            hearing.hear,
-            recorded,
-            answerable_s=-_offset_s(one, recorded),
-            enrolment=self.enrolment,
-            background=background,
-        )
-        return heard
 
     def _computed(self, what: Callable[..., Any], recorded: Recorded, **facts: object) -> Any:
         samples = recorded.microphone, recorded.played

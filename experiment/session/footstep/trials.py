@@ -187,7 +187,9 @@ class Footsteps(Kind):
         console, clock, tracker = self._console, self._clock, self._devices.tracker
         broken, self._broken = self._broken, None
         if isinstance(tracker, ZeroedTracker) and tracker.due:
-            self._zero(tracker)
+            zero = tracker.settle(console)
+            self._log.write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
+            console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
         if self._limits.over():
             return
         if broken is not None and broken[0] == planned.trial and not broken[1].felt:
@@ -301,11 +303,6 @@ class Footsteps(Kind):
         self._watch.feed.begin_anew()
         self._opened = self._broken = None
         self._silent = False
-
-    def _zero(self, tracker: ZeroedTracker) -> None:
-        zero = tracker.settle(self._console)
-        self._log.write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
-        self._console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
 
     def _parted(self, step: WatchedStep | BrokenStep) -> tuple[ClockMap, TrackerError] | tuple[None, None]:
         """Journal the tracker's first frame.

@@ -244,16 +244,11 @@ def watch(
         return step.broken(str(stopped), stopped=stopped)
     except BaseException as failed:
         # Nothing may sound once nobody watches.
-        broken = step.broken(_why(failed), failed=failed)
+        why = INTERRUPTED if isinstance(failed, KeyboardInterrupt) else str(failed) or type(failed).__name__
+        broken = step.broken(why, failed=failed)
         if broken.felt:
             return broken
         raise
-
-
-def _why(failed: BaseException) -> str:
-    if isinstance(failed, KeyboardInterrupt):
-        return INTERRUPTED
-    return str(failed) or type(failed).__name__
 
 
 class _Step:

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from experiment.apparatus.tracker import clock_map
-from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
+from experiment.apparatus.tracker.clock_map import ClockState
 
 START_NS = 10**18
 
@@ -122,22 +122,17 @@ def test_no_newest_sample_is_put_after_its_arrival(drift_ppm: float, seed: int, 
     assert newest.session_ns(int(reads.device_us[until - 1])) <= reads.arrived_ns[until - 1]
 
 
-def test_drift_and_delays_are_reported() -> None:
+def test_drift_and_span_are_reported() -> None:
     reads = simulated(seed=1, drift_ppm=120.0, duration_s=60.0)
     found = follow(reads).map()
     assert found.drift_ppm == pytest.approx(120.0, abs=1.0)
-    assert found.reads == reads.device_us.size
     assert found.span_s == pytest.approx(60.0, rel=1e-3)
-    delays_us = (reads.arrived_ns - reads.true_ns) / 1e3
-    # Counted in steps of an eighth, and above the line, which lies at the least delay.
-    assert found.delay_median_us == pytest.approx(np.median(delays_us), rel=0.15)
-    assert found.delay_p99_us == pytest.approx(np.quantile(delays_us, 0.99), rel=0.15)
 
 
 def test_from_the_first_read_on_there_is_a_map() -> None:
     first = clock_map.init(700, START_NS).map()
     assert (first.session_ns(700), first.session_ns(1700)) == (START_NS, START_NS + 1_000_000)
-    assert (first.reads, first.drift_ppm) == (1, 0.0)
+    assert first.drift_ppm == 0.0
 
 
 def test_until_drift_is_known_a_stalled_beginning_is_late_by_the_least_delay() -> None:
@@ -170,13 +165,6 @@ def test_memory_is_bounded() -> None:
     for i in range(1, 1000):
         state = clock_map.step(state, 1_000_000 * i, START_NS + 1_000_000_000 * i)
     assert (len(state.kept), len(state.fine)) == (clock_map.BINS, clock_map.FINE_BINS)
-
-
-@given(st.integers(-(10**12), 10**12), st.floats(-500, 500), st.integers(0, 10**12))
-def test_the_inverse_is_one(ahead_us: int, drift_ppm: float, anchor_us: int) -> None:
-    line = ClockMap(anchor_us=anchor_us, anchor_ns=START_NS, drift_ppm=drift_ppm)
-    device_us = anchor_us + ahead_us
-    assert line.device_us(line.session_ns(device_us)) == pytest.approx(device_us, abs=1e-2, rel=1e-12)
 
 
 def ahead_ms(reads: Reads, *, jump_us: int = 0, step_s: tuple[float, float] = (2.0, 2.3)) -> float:
