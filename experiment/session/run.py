@@ -10,7 +10,6 @@ from pathlib import Path
 from experiment import storage
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import open_drive
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.servo import settings as servo
@@ -101,6 +100,8 @@ def run(
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, allocation, tasks[0])
     if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
+        from experiment.apparatus.panel.conditioning import open_drive
+
         recordings = _real_recordings(root, recordings, protocol)
         open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
         fidelity.refuse_what_leaves_out_too_much(
