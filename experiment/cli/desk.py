@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from experiment.cli import options
-from experiment.cli.options import Participant, ProtocolFile, StudyFolder
+from experiment.cli.options import AtConsole, Participant, ProtocolFile, StudyFolder
 from experiment.errors import LinkError
 
 commands = options.room()
@@ -23,9 +23,7 @@ def desk(
         Path | None, typer.Option("--rig", help="Rig file of this laboratory, for the sessions that are begun here.")
     ] = None,
     dataset: StudyFolder = None,
-    by: Annotated[
-        str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")
-    ] = "console",
+    by: AtConsole = "console",
 ) -> None:
     """Open the desk of a study, from which sessions are begun.
 

@@ -41,6 +41,9 @@ StudyPlace = Annotated[
     Path,
     typer.Argument(metavar="STUDY", help="Folder of a study's dataset, or a protocol file for the default one."),
 ]
+AtConsole = Annotated[
+    str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")
+]
 LARGEST_SEED = 2**63 - 1
 """The largest whole number that the files of a study may hold."""
 

@@ -173,7 +173,6 @@ def plan(
     from experiment.apparatus.panel.conditioning import open_drive
     from experiment.errors import ScheduleError
     from experiment.protocol import files
-    from experiment.protocol.files import shipped
     from experiment.session.footstep import scene_cost
 
     protocol = files.load(protocol_file)
@@ -187,7 +186,7 @@ def plan(
     if not tasks:
         known = ", ".join(one.id for one in protocol.tasks)
         raise ScheduleError(f"no task '{task}' in study {protocol.study.id}; its tasks: {known}")
-    rig = rig or shipped("rigs/rehearsal.toml")
+    rig = rig or files.shipped("rigs/rehearsal.toml")
     opened = rigs.load(rig)
     open_drive(rig.parent, opened.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     with tempfile.TemporaryDirectory() as folder, options.progress("plan", quiet=as_json) as (total, tick):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from experiment.cli import options
-from experiment.cli.options import Json
+from experiment.cli.options import Json, StudyFolder
 
 if TYPE_CHECKING:
     from experiment.apparatus.doctor.checks import Check
@@ -76,9 +76,7 @@ def doctor(
     protocol: Annotated[
         Path | None, typer.Option("--protocol", help="Protocol file of the study that is about to run.")
     ] = None,
-    dataset: Annotated[
-        Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")
-    ] = None,
+    dataset: StudyFolder = None,
     recordings: Annotated[
         Path | None, typer.Option("--recordings", help="Folder of recordings, for --protocol [default: the dataset's].")
     ] = None,

@@ -15,7 +15,7 @@ from typing import IO, TYPE_CHECKING, Annotated
 import typer
 
 from experiment.cli import options
-from experiment.cli.options import ProtocolFile, StudyFolder
+from experiment.cli.options import AtConsole, ProtocolFile, StudyFolder
 from experiment.errors import LinkError, PalpateError, PauseAsked, SessionError
 
 if TYPE_CHECKING:
@@ -58,9 +58,7 @@ def run(
         bool,
         typer.Option("--lines", help="Ask on lines of text [default: a console, if this is a terminal]."),
     ] = False,
-    by: Annotated[
-        str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")
-    ] = "console",
+    by: AtConsole = "console",
     serve: Annotated[
         str | None,
         typer.Option(

@@ -195,8 +195,11 @@ class LinkedConsole:
                 return False, str(error)
             # What was typed and what was shown have entries of their own.
             if session is not None and not (taken and isinstance(deed, Typed | Shown)):
+                # The words of a remark stand in its own entry.
+                facts = deed.model_dump(exclude={"do", "text", "reason"}, exclude_none=True)
+                command = " ".join([deed.do, *map(str, facts.values())])
                 try:
-                    session.commanded(by=hello.by, command=_told(deed), taken=taken, words=words)
+                    session.commanded(by=hello.by, command=command, taken=taken, words=words)
                 except PalpateError as error:
                     # The session meets it too, and ends.
                     taken, words = False, str(error)
@@ -572,9 +575,3 @@ def _standing(session: Attended) -> dict[str, object]:
     """Return what a view says of how far a session is, and its label."""
     standing = session.standing()
     return {"standing": standing, "label": "" if standing.purpose == "STUDY" else standing.purpose}
-
-
-def _told(deed: Deed) -> str:
-    """Return a command as it goes on record; the words of a remark stand in its own entry."""
-    facts = deed.model_dump(exclude={"do", "text", "reason"}, exclude_none=True)
-    return " ".join([deed.do, *map(str, facts.values())])

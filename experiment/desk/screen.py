@@ -251,18 +251,15 @@ class Screen:
         """Show page after page. Raises `LinkError` for a session of another version, and `DisplayError`."""
         while not self._window.closed:
             heard = self._feed.heard()
-            self._send_keys(heard)
+            for key in self._window.pressed():
+                choice = pages.chosen(self._prompt, key, self._settings)
+                if heard.line is not None and choice is not None and self._prompt is not None:
+                    _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))
             self._show(heard.prompt)
             self._tell(heard)
             if self._over(heard):
                 return
             time.sleep(POLL_S)
-
-    def _send_keys(self, heard: Heard) -> None:
-        for key in self._window.pressed():
-            choice = pages.chosen(self._prompt, key, self._settings)
-            if heard.line is not None and choice is not None and self._prompt is not None:
-                _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))
 
     def _show(self, prompt: Prompt | None) -> None:
         page, hand_mm = pages.page(prompt, self._settings, wall_ns()), prompt.hand_mm if prompt else None

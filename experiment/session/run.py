@@ -113,7 +113,9 @@ def run(
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
-    _keep_seal(root, protocol_file)
+    # The seal of the first session stays in the dataset, and shows under which approval it was begun.
+    if not (kept := approval.seal_path(storage.protocol_path(root))).exists():
+        storage.write_bytes(kept, approval.seal_path(protocol_file).read_bytes())
     begun = _Visit(
         protocol_file=protocol_file,
         protocol=protocol,
@@ -347,13 +349,6 @@ def _check_others(root: Path, participant: str, failed: str) -> None:
                 journal.check_free(storage.participant_folder(root, other), other)
             except SessionLocked as running:
                 raise SessionLocked(f"{running}; none of participant {participant} can begin: {failed}") from None
-
-
-def _keep_seal(root: Path, protocol_file: Path) -> None:
-    """Keep the seal of the first session in the dataset, which shows under which approval it was begun."""
-    kept = approval.seal_path(storage.protocol_path(root))
-    if not kept.exists():
-        storage.write_bytes(kept, approval.seal_path(protocol_file).read_bytes())
 
 
 def _is_complete(root: Path, participant: str, task_id: str) -> bool:

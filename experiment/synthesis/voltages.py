@@ -320,7 +320,7 @@ class Drive:
 
     def __call__(self, stimulus: Stimulus) -> Driven:
         """Return the voltages of a stimulus. Errors are those of `shaping.drive`."""
-        held = self._held.get(stimulus.material)
+        held = self._held.get(stimulus.basis.material)
         found = held.at(stimulus) if held is not None else None
         if found is not None:
             return Driven(*found, prepared=True)

@@ -118,11 +118,6 @@ class Stimulus:
     held: bool
 
     @property
-    def material(self) -> str:
-        """Id of the material."""
-        return self.basis.material
-
-    @property
     def extrapolated(self) -> bool:
         """Whether the speed lies outside the measured ones."""
         return not self.basis.speeds_mm_s[0] <= self.speed_mm_s <= self.basis.speeds_mm_s[-1]

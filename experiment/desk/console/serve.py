@@ -67,11 +67,13 @@ class Served(Server):
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
         shown = request.query.get("token")
+        # Of a page of this server, if it comes from a page.
+        is_ours = request.headers.get("Origin", self.public_url) == self.public_url
         if shown is not None and self._is_secret(shown) and request.path == "/":
             # Out of the address, so that it stands in no history and no picture of the screen.
             answer: web.StreamResponse = web.Response(status=302, headers={"Location": "/"})
             answer.set_cookie(COOKIE, self._secret, httponly=True, samesite="Strict")
-        elif self._is_secret(request.cookies.get(COOKIE, "")) and self._is_ours(request):
+        elif self._is_secret(request.cookies.get(COOKIE, "")) and is_ours:
             answer = await handler(request)
         else:
             answer = web.Response(status=403, text="This page opens only with the address that palpate printed.\n")
@@ -83,10 +85,6 @@ class Served(Server):
 
     def _is_secret(self, shown: str) -> bool:
         return hmac.compare_digest(shown.encode(), self._secret.encode())
-
-    def _is_ours(self, request: web.Request) -> bool:
-        """Return whether a request comes from a page of this server, if it comes from a page."""
-        return request.headers.get("Origin", self.public_url) == self.public_url
 
 
 def served(command: Sequence[str], *, host: str = LOOPBACK, port: int = 8000) -> Served:

@@ -88,7 +88,8 @@ class Enroller:
             try:
                 return self._said()
             except VoiceError as error:
-                why = _reason(error)
+                said = str(error).removeprefix("enrolment: ")
+                why = f"{said[:1].upper()}{said[1:]}."
         return None
 
     def _said(self) -> Take:
@@ -115,11 +116,6 @@ class Enroller:
                     hearing.take, *samples, rate_hz=rate_hz, answerable_s=answerable_s, background=background
                 )
                 return taken.result(ear.PATIENCE_S)
-
-
-def _reason(error: VoiceError) -> str:
-    said = str(error).removeprefix("enrolment: ")
-    return f"{said[:1].upper()}{said[1:]}."
 
 
 def place(dataset: Path, participant: str) -> Path | None:

@@ -20,6 +20,7 @@ import queue
 import socket
 import threading
 import time
+from functools import partial
 from math import sqrt
 
 import numpy as np
@@ -119,7 +120,7 @@ class Panel:
                     return
                 connection.settimeout(_DEAF_S)
                 try:
-                    data = _whole(connection)
+                    data = b"".join(iter(partial(connection.recv, 65536), b""))
                 except OSError:
                     # A stimulus whose connection broke was not delivered.
                     continue
@@ -135,13 +136,6 @@ def _delivered(samples: NDArray[np.float32], actuator: ActuatorRig) -> NDArray[n
     if actuator.shaping is None or not samples.size:
         return delivered
     return moved(delivered, rate_hz=actuator.rate_hz)
-
-
-def _whole(connection: socket.socket) -> bytes:
-    pieces = []
-    while piece := connection.recv(65536):
-        pieces.append(piece)
-    return b"".join(pieces)
 
 
 QUIET_S = 0.03

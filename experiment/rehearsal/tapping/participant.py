@@ -110,7 +110,8 @@ class SimulatedTapper(SimulatedPerson):
         first, second = (height + error * self._discrimination * rng.normal() for height, error in heights)
         apart = (first - second) / self._discrimination
         self.clock.sleep_ns(int(rng.lognormal(*DECIDES_LOG_S) * (1 + np.exp(-abs(apart))) * 1e9))
-        answer = self._answer(apart + self._leaning / self._discrimination)
+        apart += self._leaning / self._discrimination
+        answer = TIE if TIE in self._keys and abs(apart) < NEARLY else FIRST if apart > 0 else SECOND
         return self._keys[answer], WORDS[answer]
 
     def _tries_again(self, heights: list[tuple[float, float]], drawn: float) -> bool:
@@ -140,8 +141,3 @@ class SimulatedTapper(SimulatedPerson):
             return float(np.log(height_hz or 1.0)), 1.0
         hardness, error = surfaces.virtual_hardness(height_hz)
         return DISCRIMINATION * hardness, error
-
-    def _answer(self, apart: float) -> str:
-        if TIE in self._keys and abs(apart) < NEARLY:
-            return TIE
-        return FIRST if apart > 0 else SECOND

@@ -43,7 +43,7 @@ def test_the_stimulus_is_equation_5_of_the_spectrum_at_that_speed(v: float) -> N
     expected = [sum(c[k] * cos(pi * k * (i + 0.5) / n) for k in range(1, n)) for i in range(n)]
     made = prepare(s, material="foil", output_rate_hz=5000).at(v)
     np.testing.assert_allclose(made.waveform_m_s2, expected, rtol=0, atol=1e-12)
-    assert (made.material, made.speed_mm_s) == ("foil", v)
+    assert (made.basis.material, made.speed_mm_s) == ("foil", v)
     assert (made.floored_bins, made.extrapolated) == (wanted.floored_bins, v > 300)
     assert (made.floored_bins > 0) == (v > 300)
     np.testing.assert_array_equal(made.bins.coefficients, c)
