@@ -381,7 +381,7 @@ class LinkedConsole:
                 if key := self._put("familiarise", early, _choices(handled), most_s=min_s):
                     return key
             self._now(pause_until_ns=begun_ns + int(max_s * 1e9))
-            key = self._put("familiarise", f"{told} {instruction}", (*_choices(handled), ends))
+            key = self._put("familiarise", f"{told} {instruction}", (ends, *_choices(handled)))
             return "" if key == ENTER else key
         finally:
             self._now(state="preparing", instruction="", pause_until_ns=None)
