@@ -31,7 +31,8 @@ class Sensor:
     """SIMULATED: a target that a hand holds at a height, before the sensor of the rehearsal's rig."""
 
     def __init__(self, line: SerialLine) -> None:
-        self.mm = 0.0
+        self._mm = 0.0
+        self._moving = threading.Lock()
         self._line = line
         self._truth = rig.load(shipped("rigs/rehearsal.toml")).tracker
         self._over = threading.Event()
@@ -42,9 +43,16 @@ class Sensor:
         rng = np.random.default_rng(1)
         sent = 0
         while not self._over.wait(0.002):
-            counts = self._truth.counts(self.mm + rng.normal(0, NOISE_MM, 50)).tolist()
-            self._line.offer(b"".join(encode(sent + i, 1000 * (sent + i), reading) for i, reading in enumerate(counts)))
+            with self._moving:
+                counts = self._truth.counts(self._mm + rng.normal(0, NOISE_MM, 50)).tolist()
+                frames = (encode(sent + i, 1000 * (sent + i), reading) for i, reading in enumerate(counts))
+                self._line.offer(b"".join(frames))
             sent += len(counts)
+
+    def hold(self, mm: float) -> None:
+        """Hold the target at another height; nothing is sent of the one before from now on."""
+        with self._moving:
+            self._mm = mm
 
     def close(self) -> None:
         self._over.set()
@@ -62,7 +70,7 @@ def sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Sensor]:
         def obey(prompt: str) -> str:
             found = re.search(r"hold the target (\S+) mm above", prompt)
             assert found
-            held.mm = float(found[1])
+            held.hold(float(found[1]))
             return ""
 
         monkeypatch.setattr("builtins.input", obey)

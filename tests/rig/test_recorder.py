@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from experiment.protocol import files
 from experiment.recordings import manifest
 from experiment.recordings.manifest import Recordings
 from experiment.recordings.store import Condition, plan
-from experiment.recordings.workflow import SPEED_TOLERANCE
+from experiment.recordings.workflow import SPEED_TOLERANCE, Step
 from experiment.rehearsal.footstep import recorded_takes, recorder
 
 pytestmark = pytest.mark.alone
@@ -62,27 +63,26 @@ def test_takes_of_the_panel_are_its_thump_and_takes_of_a_material_are_more(recor
 def test_an_interrupted_recording_goes_on_to_the_same_bytes(
     tmp_path: Path, repository_root: Path, recorded: Path
 ) -> None:
-    kept = 0
+    keeps, steps = recorder.SimulatedExperimenter.keeps, count(1)
 
-    def stop() -> None:
-        nonlocal kept
-        kept += 1
-        if kept == 7:
+    def stopped(experimenter: recorder.SimulatedExperimenter, step: Step) -> bool:
+        if next(steps) == 7:
             raise KeyboardInterrupt
+        return keeps(experimenter, step)
 
-    with pytest.raises(KeyboardInterrupt):
-        record(tmp_path / "set", repository_root, tick=stop)
+    with pytest.MonkeyPatch.context() as patched, pytest.raises(KeyboardInterrupt):
+        patched.setattr(recorder.SimulatedExperimenter, "keeps", stopped)
+        record(tmp_path / "set", repository_root)
     assert not (tmp_path / "set").exists()
     record(tmp_path / "set", repository_root)
     assert contents(tmp_path / "set") == contents(recorded)
 
 
 def test_fresh_takes_at_other_speeds(tmp_path: Path, repository_root: Path) -> None:
-    totals: list[int] = []
-    record(tmp_path / "set", repository_root, speeds_mm_s=(150.0, 400.0), takes=2, total=totals.append)
+    record(tmp_path / "set", repository_root, speeds_mm_s=(150.0, 400.0), takes=2)
     loaded = manifest.load_all(tmp_path / "set")
     assert loaded.speeds_mm_s.tolist() == [150.0, 400.0]
-    assert (loaded.panel.shape, totals) == ((2, 2, 2500), [20])
+    assert loaded.panel.shape == (2, 2, 2500)
 
 
 def test_a_real_rig_is_refused(tmp_path: Path, repository_root: Path) -> None:
