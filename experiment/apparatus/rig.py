@@ -26,12 +26,12 @@ from pydantic import Field, PrivateAttr
 
 from experiment import storage
 from experiment.apparatus.display import ScreenRig
-from experiment.apparatus.servo.settings import Address, ServoRig, port_rules
+from experiment.apparatus.servo.settings import ServoRig
 from experiment.apparatus.tracker.frames import FRAME_BYTES
 from experiment.errors import ProtocolError, RigError
 from experiment.protocol.models import Step
 from experiment.settings import load as files
-from experiment.settings.load import ONE_LINE, Broken, Confined, Line, Name, Rules
+from experiment.settings.load import ONE_LINE, Address, Broken, Confined, Line, Name, Rules, port_rules
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""

@@ -300,7 +300,7 @@ def rehearse(
     file = protocol_file or files.shipped("okamoto2012.toml")
     protocol = files.load(file)
     if jobs != 1 and not real_time:
-        # Searching what modules hold for garbage took a fourteenth of this process's time.
+        # Little of what the modules and tables hold ever becomes garbage, and searching it takes time.
         gc.set_threshold(20_000)
         _begin_workers()
     from experiment.cli.analysis import tell_analysis

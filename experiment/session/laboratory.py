@@ -119,8 +119,11 @@ def header(
 
     `position` says which of the participant's tasks this is, from 1. `recordings` is None if the task needs none.
     """
-    from experiment.recordings import manifest
+    recordings_sha256 = None
+    if recordings is not None:
+        from experiment.recordings import manifest
 
+        recordings_sha256 = manifest.sha256(recordings)
     return Header(
         session_id=secrets.token_hex(16),
         study=protocol.study.id,
@@ -128,7 +131,7 @@ def header(
         software=f"palpate {__version__}",
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
-        recordings_sha256=manifest.sha256(recordings) if recordings is not None else None,
+        recordings_sha256=recordings_sha256,
         roster_sha256=roster_sha256,
         seed=seed,
         participant=participant,

@@ -110,6 +110,24 @@ def toml(value: str | date) -> str:
     return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 
+Address = Annotated[
+    str,
+    Field(
+        pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
+        description="host:port, such as 127.0.0.1:4711, a port of its own for each server",
+    ),
+    ONE_LINE,
+]
+
+
+def port_rules(table: Any) -> Iterator[Broken]:
+    """The port of `address` is one from 1 to 65535."""
+    address = table.get("address")
+    port = address.rpartition(":")[2] if isinstance(address, str) else ""
+    if port.isdecimal() and not 1 <= int(port) <= 65535:
+        yield Broken(("address",), "host:port with a port from 1 to 65535")
+
+
 class Confined(BaseModel):
     """Base of every model: frozen, strict, no unknown key."""
 

@@ -2,32 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from math import inf
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from experiment.errors import RigError
 from experiment.protocol.models import Virtual
-from experiment.settings.load import ONE_LINE, Broken, Confined, Rules
-
-Address = Annotated[
-    str,
-    Field(
-        pattern=r"^(rehearsal|(\[[0-9A-Fa-f:.]+\]|[^\s:\[\]/]+):[0-9]{1,5})$",
-        description="host:port, such as 127.0.0.1:4711, a port of its own for each server",
-    ),
-    ONE_LINE,
-]
-
-
-def port_rules(table: Any) -> Iterator[Broken]:
-    """The port of `address` is one from 1 to 65535."""
-    address = table.get("address")
-    port = address.rpartition(":")[2] if isinstance(address, str) else ""
-    if port.isdecimal() and not 1 <= int(port) <= 65535:
-        yield Broken(("address",), "host:port with a port from 1 to 65535")
+from experiment.settings.load import Address, Confined, Rules, port_rules
 
 
 class ServoRig(Confined):
