@@ -230,33 +230,6 @@ def schedule(
             typer.echo(f"{planned.trial:4d}  {' and '.join(planned.presented)}")
 
 
-ANALYSIS = ("numpy", "scipy.stats", "pandas", "matplotlib.figure", "analysis.analyse", "analysis.report.figures")
-"""What the analysis of a rehearsal imports, in parts that take some tenths of a second each."""
-
-
-def _begin_workers() -> None:
-    """Have the process of which those of a rehearsal are forked import what they need, while this one still begins.
-
-    Ctrl-C, which reaches every process of a terminal, does not reach it; nor do modules in the working folder.
-    """
-    import os
-    import signal
-    from multiprocessing import forkserver, resource_tracker
-
-    if sys.platform != "linux":
-        return
-    # Its start would let Ctrl-C through again.
-    resource_tracker.ensure_running()
-    before, safe = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT]), os.environ.get("PYTHONSAFEPATH")
-    os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        forkserver.set_forkserver_preload(["experiment.rehearsal.session"])
-        forkserver.ensure_running()
-    finally:
-        os.environ["PYTHONSAFEPATH"] = safe or ""
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
 @commands.command(
     epilog="Example: palpate rehearse protocols/okamoto2012.toml --participants 3 --seed 7 --out trial-run"
 )
@@ -299,35 +272,36 @@ def rehearse(
 
     file = protocol_file or files.shipped("okamoto2012.toml")
     protocol = files.load(file)
-    if jobs != 1 and not real_time:
+    at_once = jobs != 1 and not real_time
+    if at_once:
         # Little of what the modules and tables hold ever becomes garbage, and searching it takes time.
         gc.set_threshold(20_000)
-        _begin_workers()
-    from experiment.cli.analysis import tell_analysis
-    from experiment.desk.terminal import TerminalConsole
-    from experiment.rehearsal import study
+    from experiment.cli.analyst import analyst
 
-    generic = study.generic(protocol)
-    if generic and not as_json:
-        typer.echo(generic, err=True)
-    screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if real_time and not as_json else None
-    with options.progress("REHEARSAL", quiet=as_json or screen is not None) as (total, tick):
-        dataset = study.rehearse(
-            protocol_file=file,
-            rig_file=rig or study.simulated_rig(protocol),
-            out=out,
-            participants=participants,
-            seed=seed,
-            control=control,
-            real_time=real_time,
-            jobs=jobs,
-            total=total,
-            tick=tick,
-            screen=screen,
-            meanwhile=ANALYSIS,
-        )
-    # Its tables were made of its journals just now, so that nothing is left to be verified.
-    tell_analysis([dataset], None, as_json=as_json, figures=True, pictures=False)
+    with analyst(elsewhere=at_once, as_json=as_json) as analyse:
+        from experiment.desk.terminal import TerminalConsole
+        from experiment.rehearsal import study
+
+        generic = study.generic(protocol)
+        if generic and not as_json:
+            typer.echo(generic, err=True)
+        shown = real_time and not as_json
+        screen = TerminalConsole(write=sys.stderr, ask=input, heading="REHEARSAL") if shown else None
+        with options.progress("REHEARSAL", quiet=as_json or shown) as (total, tick):
+            dataset = study.rehearse(
+                protocol_file=file,
+                rig_file=rig or study.simulated_rig(protocol),
+                out=out,
+                participants=participants,
+                seed=seed,
+                control=control,
+                real_time=real_time,
+                jobs=jobs,
+                total=total,
+                tick=tick,
+                screen=screen,
+            )
+        analyse(dataset)
 
 
 @commands.command(

@@ -6,7 +6,6 @@ The session is the real one; the simulated world stands at the far ends of its p
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 import sys
 import threading
@@ -16,7 +15,6 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -302,23 +300,23 @@ _queue: multiprocessing.SimpleQueue[None] | None = None
 
 
 def rehearse_at_once(
-    todo: Sequence[Job], jobs: int, tick: Tick, finish: Callable[[Each], None], meanwhile: Sequence[str] = ()
+    todo: Sequence[Job], jobs: int, tick: Tick, finish: Callable[[Each], None], begun: Callable[[], object]
 ) -> None:
     """Rehearse every participant of `todo`, `jobs` at a time; `tick` is called here after each confirmed answer.
 
-    At the end `finish` is called, with what calls a function in as many processes as there are jobs. Until then this
-    process imports the modules `meanwhile`, which somebody needs afterwards.
+    `begun` is called once there are as many processes, forks of this one on Linux: it may begin threads. At the end
+    `finish` is called, with what calls a function in these processes.
 
     Raises `Interrupted` at the keyboard, with what is confirmed on disk, and `PalpateError` if a part failed.
     """
-    context = multiprocessing.get_context("forkserver" if sys.platform == "linux" else "spawn")
-    ahead = list(meanwhile)[::-1]
+    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
     with _noted() as interrupts:
         with ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool:
             try:
                 with host.held_back():
                     futures: set[Future[None]] = {pool.submit(_rehearse_shared, job) for job in todo}
+                begun()
                 while futures:
                     done, futures = wait(futures, timeout=0.1, return_when=FIRST_EXCEPTION)
                     while not queue.empty():
@@ -327,8 +325,6 @@ def rehearse_at_once(
                     _end_at(interrupts)
                     for future in done:
                         future.result()
-                    if ahead:
-                        import_module(ahead.pop())
                 finish(pool.map)
             except BaseException:
                 for worker in multiprocessing.active_children():
@@ -367,8 +363,6 @@ def _share(queue: multiprocessing.SimpleQueue[None]) -> None:
     _queue = queue
     # The keyboard interrupts the parent alone; a worker ends with it, however that ends.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    # This kept modules of the working folder from the process of which this is a fork; those begun here may need them.
-    os.environ.pop("PYTHONSAFEPATH", None)
     host.end_with_parent()
 
 

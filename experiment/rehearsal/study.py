@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
@@ -61,7 +61,6 @@ def rehearse(
     total: Callable[[int], None] = lambda _: None,
     tick: Tick = lambda: None,
     screen: Console | None = None,
-    meanwhile: Sequence[str] = (),
 ) -> Path:
     """Rehearse a study, or what remains of an interrupted rehearsal, and return the complete dataset's folder.
 
@@ -70,7 +69,7 @@ def rehearse(
     first, None for all of the study's, `jobs` at a time, each in a process of its own; 0 is one a core. `seed` names
     every random draw, and `real_time` paces by the wall clock. `total` is called with the number of answers that
     remain, and `tick` after each confirmed answer; `screen` shows what an experimenter would see, one participant after
-    another. The modules `meanwhile` are imported while other processes rehearse.
+    another.
 
     Raises `DatasetError` if `out` holds anything but this rehearsal, and `PalpateError` if a part failed; the same call
     continues where it stopped. If no session has begun by then, nothing is left in `out`.
@@ -111,14 +110,17 @@ def rehearse(
     with ExitStack() as refused:
         if not is_begun(out, plan):
             refused.enter_context(_prepared(out, plan, protocol_file, rig_file))
-        total(sum(_remaining(out, protocol, job, task) for job in todo for task in job.tasks))
+        remaining = sum(_remaining(out, protocol, job, task) for job in todo for task in job.tasks)
         jobs = jobs or os.cpu_count() or 1
         if jobs == 1 or screen is not None:
+            total(remaining)
             for job in todo:
                 rehearse_participant(job, tick, screen)
             build.build(out)
         else:
-            rehearse_at_once(todo, jobs, tick, partial(build.build, out), meanwhile)
+            # The shortest come last, so that nobody waits long for the last of them.
+            todo.sort(key=lambda job: len(job.tasks), reverse=True)
+            rehearse_at_once(todo, jobs, tick, partial(build.build, out), partial(total, remaining))
     return out
 
 

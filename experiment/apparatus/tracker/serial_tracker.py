@@ -286,7 +286,7 @@ class SerialTracker:
             newest_us = self._decoder.device_us
             if self._clock_state is None:
                 self._clock_state = clock_maps.init(newest_us, now_ns)
-            else:
+            elif self._known_map is None:
                 self._clock_state = clock_maps.step(self._clock_state, newest_us, now_ns)
             heights_mm = self._settings.height_mm(frames.counts)
             self._pace(newest_us, float(heights_mm[-1]))
