@@ -92,7 +92,7 @@ def log_likelihood(
         own = np.where(owner == k, z, 0.0)
         moved = u @ own.T
         shift = np.einsum("pij,pj->pi", inverse, left @ own - np.einsum("ci,pc,pc->pi", scaled, weight, moved))
-        straight = (left * moved).sum() - np.einsum("pij,ci,pc,cj->", inverse, scaled, weight, own, optimize=True)
+        straight = (left * moved).sum() - np.einsum("pic,ci,pc->", back, own, weight)
         by_sd[k] = straight + (pull * (moved + shift @ scaled.T)).sum()
     return value, np.append(by_coefficient, by_sd)
 

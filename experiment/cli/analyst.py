@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import signal
 import sys
@@ -61,6 +62,7 @@ def _asked(asker: Connection, asked: Connection, as_json: bool) -> None:
     try:
         for module in MEANWHILE:
             import_module(module)
+        gc.freeze()
         try:
             dataset = asked.recv()
         except EOFError:

@@ -17,6 +17,8 @@ from experiment.errors import PalpateError
 from experiment.settings.characters import hidden, quoted
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from experiment.protocol.models import Protocol
 
 
@@ -162,19 +164,23 @@ def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None]
 
     It moves about on the terminal with control characters, so it writes to the stream of the process itself.
     """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
-    bar = Progress(*columns, console=Console(file=sys.__stderr__), disable=quiet)
-    task = bar.add_task(label, total=None)
+    bars: list[tuple[Progress, TaskID]] = []
 
     def begin(total: int) -> None:
-        bar.update(task, total=total)
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+        bar = Progress(*columns, console=Console(file=sys.__stderr__), disable=quiet)
+        bars.append((bar, bar.add_task(label, total=total)))
         bar.start()
 
+    def advance() -> None:
+        for bar, task in bars:
+            bar.advance(task)
+
     try:
-        yield begin, lambda: bar.advance(task)
+        yield begin, advance
     finally:
-        if bar.live.is_started:
+        for bar, _ in bars:
             bar.stop()

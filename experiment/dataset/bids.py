@@ -241,7 +241,7 @@ def write_physio(
     lengths = {column.values.shape for column in columns.values()}
     if len(lengths) != 1 or any(len(shape) != 1 for shape in lengths):
         raise ValueError(f"columns must be of one length and one axis, got shapes {sorted(lengths)}")
-    storage.write_bytes(path, gzip.compress(_physio_rows(list(columns.values())), compresslevel=6, mtime=0))
+    storage.write_bytes(path, gzip.compress(_physio_rows(list(columns.values())), compresslevel=4, mtime=0))
     sidecar: dict[str, object] = {
         "SamplingFrequency": rate_hz,
         "StartTime": start_s,

@@ -5,6 +5,7 @@ The session is the real one; the simulated world stands at the far ends of its p
 
 from __future__ import annotations
 
+import gc
 import multiprocessing
 import signal
 import sys
@@ -309,6 +310,8 @@ def rehearse_at_once(
 
     Raises `Interrupted` at the keyboard, with what is confirmed on disk, and `PalpateError` if a part failed.
     """
+    # No process has to search what all of them share.
+    gc.freeze()
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
     with _noted() as interrupts:

@@ -126,6 +126,12 @@ LOOK_S = 0.001
 
 LARGEST_READ = 65536
 
+LINE_BYTES = 4095
+"""What a full line of Linux gives to one read: more may wait behind it."""
+
+REFILL_S = 0.001
+"""How long what waits behind a full line is given to take its place, s."""
+
 VANISHED: tuple[type[Exception], ...] = (OSError,)
 """What a port that has gone raises."""
 if find_spec("termios"):
@@ -165,9 +171,11 @@ class SerialPort:
         """Return what has come, without waiting; raise one of `VANISHED` if the port has gone."""
         if self._selectable and os.name == "posix":
             # Another look may have taken what `wait` saw. A port that has gone seems ready all the time, and is empty.
-            data = self._read()
+            data = part = self._read()
             if not data and self._ready(0.0) and not (data := self._read()):
                 raise OSError(errno.EIO, "it seems ready but returns no data, as a device that was unplugged")
+            while LINE_BYTES <= len(part) and len(data) < LARGEST_READ and self._ready(REFILL_S):
+                data += (part := self._read())
             return data
         # A URL handler says that something waits, not how much.
         size = (self._port.in_waiting or 1) if self._is_device else LARGEST_READ
