@@ -9,12 +9,13 @@ from __future__ import annotations
 
 import hashlib
 import shlex
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
+from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -36,6 +37,9 @@ from experiment.study.roster import Roster
 FARTHEST_EAST = timedelta(hours=14)
 """The day of a session's beginning is at most this much ahead of UTC, wherever it was run."""
 
+
+Each = Callable[[Callable[[Path], Any], Iterable[Path]], Iterable[Any]]
+"""Calls a function with each path, and gives what it returns."""
 
 OPEN = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
 """What is said of a journal whose session is open."""
@@ -120,24 +124,24 @@ def journals(root: Path) -> list[Path]:
     return sorted({*storage.journals(root), *(head.with_suffix(".jsonl") for head in heads)})
 
 
-def believed(root: Path) -> Believed:
+def believed(root: Path, each: Each = map) -> Believed:
     """Read every journal of a dataset and hold it against what stands beside it.
 
     Raises `DatasetError`, `JournalError`, `ProtocolError` or `RosterError`, which names the first file that does not
     fit.
     """
-    dataset, doubts = doubted(root)
+    dataset, doubts = doubted(root, each)
     for doubt in doubts:
         raise doubt
     return dataset
 
 
-def doubted(root: Path) -> tuple[Believed, list[PalpateError]]:
+def doubted(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]]:
     """Return what `examined` returns, with an error too for whatever is not as an anchor in the dataset's log has it.
 
     Raises what `examined` raises.
     """
-    dataset, doubts = examined(root)
+    dataset, doubts = examined(root, each)
     return dataset, [*(doubt for _, doubt in _unlike_anchors(root, dataset.roster)), *doubts]
 
 
@@ -213,10 +217,10 @@ def keep_anchor(root: Path) -> tuple[Anchor, bool]:
     return made, True
 
 
-def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
+def examined(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]]:
     """Return what can be believed of a dataset, and an error for whatever else does not fit.
 
-    Raises what `believed` raises where nothing can: of protocol, seal, seed, roster, or plan.
+    `each` is `map`, or that of a pool of processes, which read several journals at once. Raises what `believed` raises where nothing can: of protocol, seal, seed, roster, or plan.
     """
     study = _study(root)
     sessions: list[tuple[Path, Header]] = []
@@ -230,26 +234,17 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
         _refuse_erased(root, roster)
     with collected(doubts):
         _refuse_strays(root, set(paths))
-    for path in paths:
-        if roster.has_erased(str(path)):
-            continue
-        with collected(doubts):
-            contents = journal.read_if_begun(path)
-            # Raw frames of an attempt of which the journal does not know: the journal was cut off.
-            foot = storage.foot_path(path)
-            if storage.size(foot) and not any(isinstance(entry, Armed) for entry in contents.entries):
-                raise DatasetError(
-                    f"{path}: knows of no attempt, and {foot.name} does; restore the journal from a backup"
-                )
-            if not contents.lines:
-                begun.discard(path)
-                continue
-            _check_header(path, contents.header, study)
-            sessions.append((path, header := contents.header))
-            if any(isinstance(entry, Withdrawal) for entry in contents.entries):
+    held = [path for path in paths if not roster.has_erased(str(path))]
+    for path, (header, state, failed) in zip(held, each(partial(_looked_at, study), held), strict=True):
+        doubts += failed
+        if header is not None:
+            sessions.append((path, header))
+            if state == "withdrawn":
                 withdrawals[header.participant] = path
-            elif progress(contents.entries).footer is None:
+            elif state == "under way":
                 open_ended.add(path)
+        elif not failed:
+            begun.discard(path)
     with collected(doubts):
         # Raw frames without a journal: a whole session was deleted.
         known = {storage.foot_path(path) for path in paths}
@@ -270,6 +265,28 @@ def examined(root: Path) -> tuple[Believed, list[PalpateError]]:
             _check_withdrawals(roster, root, withdrawals)
     dataset = Believed(study.protocol, study.purpose, study.tasks, study.roster, tuple(sessions), frozenset(open_ended))
     return dataset, doubts
+
+
+def _looked_at(
+    study: _Study, path: Path
+) -> tuple[Header | None, Literal["withdrawn", "under way", "ended"], list[PalpateError]]:
+    """Return the header of a journal that is one of this study, and how its session stands.
+
+    There is none where the session has not begun, or with an error.
+    """
+    doubts: list[PalpateError] = []
+    with collected(doubts):
+        contents = journal.read_if_begun(path)
+        # Raw frames of an attempt of which the journal does not know: the journal was cut off.
+        foot = storage.foot_path(path)
+        if storage.size(foot) and not any(isinstance(entry, Armed) for entry in contents.entries):
+            raise DatasetError(f"{path}: knows of no attempt, and {foot.name} does; restore the journal from a backup")
+        if contents.lines:
+            _check_header(path, header := contents.header, study)
+            if any(isinstance(entry, Withdrawal) for entry in contents.entries):
+                return header, "withdrawn", doubts
+            return header, "under way" if progress(contents.entries).footer is None else "ended", doubts
+    return None, "ended", doubts
 
 
 @contextmanager

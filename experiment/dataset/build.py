@@ -19,7 +19,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker import frames
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.dataset import bids, comparison
-from experiment.dataset.beliefs import Believed, believed, collected
+from experiment.dataset.beliefs import Believed, Each, believed, collected
 from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
 from experiment.records import entries, journal
@@ -27,9 +27,6 @@ from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.storage import foot_path, rig_path
-
-Each = Callable[[Callable[[Path], None], Iterable[Path]], Iterable[None]]
-"""Calls a function with each path."""
 
 LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same
@@ -87,11 +84,11 @@ class Placed:
 def build(root: Path, each: Each = map) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
-    `each` is `map`, or that of a pool of processes, which write the files of several sessions at once. A journal
+    `each` is as for `believed`: processes also write the files of several sessions at once. A journal
     without a header is one of a session which never started: it is left out. Raises what `believed` raises,
     and `DatasetError` if there is no journal and none was erased, or a foot trace is not the one its journal names.
     """
-    dataset = believed(root)
+    dataset = believed(root, each)
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
         raise DatasetError(f"{root}: got no journal; allowed: one or more; run a session first")
     bids.write_files(_study_files(root, dataset))

@@ -26,7 +26,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.ports import Tracker
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.clock import Clock, ManualClock, MonotonicClock
-from experiment.dataset.build import Each
+from experiment.dataset.beliefs import Each
 from experiment.desk.port import Console
 from experiment.errors import Interrupted
 from experiment.protocol import files
