@@ -3,26 +3,20 @@
 from __future__ import annotations
 
 import json
-import multiprocessing
 import re
-import signal
-import sys
-import threading
-import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from functools import partial
 from html import escape
 from importlib import metadata
 from itertools import groupby
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any
 
 from analysis.documents.tables import Section, Table, comma_separated, latex, markdown
+from analysis.forked import forked
 
 if TYPE_CHECKING:
-    from multiprocessing.connection import Connection
-
     from analysis.documents.drawing import Sheet
 
 COLUMN_POINTS = 300.0
@@ -201,53 +195,7 @@ def drawings(sheets: Iterable[Sheet], folder: str = "", *, pictures: bool = True
         return {f"{folder}{one.name}.{kind}": draw(one.figure) for one in some for kind, draw in kinds.items()}
 
     every = list(sheets)
-    with _forked(partial(drawn, every[1::2])) if every[1:] else nullcontext(dict) as other:
+    with forked(partial(drawn, every[1::2])) if every[1:] else nullcontext(dict) as other:
         found = drawn(every[::2])
         found |= other()
     return {f"{folder}{one.name}.{kind}": found[f"{folder}{one.name}.{kind}"] for one in every for kind in kinds}
-
-
-@contextmanager
-def _forked(draw: Callable[[], dict[str, bytes]]) -> Iterator[Callable[[], dict[str, bytes]]]:
-    """Call `draw` in a fork of this process, and give what waits for its result.
-
-    It is called here where no process can be forked, from a thread that is not the main one, and if the fork ended
-    before it was done; so that what it raises is raised here.
-    """
-    if sys.platform != "linux" or threading.current_thread() is not threading.main_thread():
-        yield draw
-        return
-    forking = multiprocessing.get_context("fork")
-    receiving, sending = forking.Pipe(duplex=False)
-    other = forking.Process(target=_send, args=(draw, sending))
-    # The fork keeps the mask: the keyboard interrupts whoever waits for it, and that process ends it.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        with warnings.catch_warnings():
-            # Another thread turns the sign that something is computed, and holds no lock that drawing takes.
-            warnings.simplefilter("ignore", DeprecationWarning)
-            other.start()
-    except OSError:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        yield draw
-        return
-    sending.close()
-
-    def received() -> dict[str, bytes]:
-        try:
-            return cast("dict[str, bytes]", receiving.recv())
-        except (EOFError, OSError):
-            return draw()
-
-    try:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        yield received
-    finally:
-        other.kill()
-        other.join()
-
-
-def _send(draw: Callable[[], dict[str, bytes]], sending: Connection) -> None:
-    """Send what `draw` returns, or nothing: whoever waits for it then draws, and tells what is wrong."""
-    with suppress(Exception):
-        sending.send(draw())

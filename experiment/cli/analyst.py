@@ -16,8 +16,14 @@ from pathlib import Path
 
 from experiment.errors import PalpateError
 
-MEANWHILE = ("analysis.analyse", "analysis.report.figures", "statsmodels.genmod.generalized_estimating_equations")
-"""What an analysis imports that takes some tenths of a second each."""
+MEANWHILE = (
+    "analysis.analyse",
+    "analysis.report.figures",
+    "matplotlib.backends.backend_svg",
+    "rich.console",
+    "statsmodels.genmod.generalized_estimating_equations",
+)
+"""What an analysis imports."""
 
 
 @contextmanager

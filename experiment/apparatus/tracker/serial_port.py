@@ -174,7 +174,7 @@ class SerialPort:
             data = part = self._read()
             if not data and self._ready(0.0) and not (data := self._read()):
                 raise OSError(errno.EIO, "it seems ready but returns no data, as a device that was unplugged")
-            while LINE_BYTES <= len(part) and len(data) < LARGEST_READ and self._ready(REFILL_S):
+            while len(part) >= LINE_BYTES and len(data) < LARGEST_READ and self._ready(REFILL_S):
                 data += (part := self._read())
             return data
         # A URL handler says that something waits, not how much.

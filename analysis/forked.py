@@ -1,0 +1,63 @@
+"""A call in a fork of this process, while this one does other work."""
+
+from __future__ import annotations
+
+import multiprocessing
+import signal
+import sys
+import threading
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, TypeVar, cast
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+Found = TypeVar("Found")
+
+
+@contextmanager
+def forked(call: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
+    """Call `call` in a fork of this process, and give what waits for its result, which has to be picklable.
+
+    It is called here where no process can be forked, from a thread that is not the main one, and if the fork ended
+    before it was done; so that what it raises is raised here.
+    """
+    if sys.platform != "linux" or threading.current_thread() is not threading.main_thread():
+        yield call
+        return
+    forking = multiprocessing.get_context("fork")
+    receiving, sending = forking.Pipe(duplex=False)
+    other = forking.Process(target=_send, args=(call, sending))
+    # The fork keeps the mask: the keyboard interrupts whoever waits for it, and that process ends it.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        with warnings.catch_warnings():
+            # Another thread turns the sign that something is computed, and holds no lock that is needed there.
+            warnings.simplefilter("ignore", DeprecationWarning)
+            other.start()
+    except OSError:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        yield call
+        return
+    sending.close()
+
+    def received() -> Found:
+        try:
+            return cast("Found", receiving.recv())
+        except (EOFError, OSError):
+            return call()
+
+    try:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        yield received
+    finally:
+        other.kill()
+        other.join()
+
+
+def _send(call: Callable[[], object], sending: Connection) -> None:
+    """Send what `call` returns, or nothing: whoever waits for it then calls, and tells what is wrong."""
+    with suppress(Exception):
+        sending.send(call())
