@@ -32,8 +32,7 @@ def main() -> None:
         import gc
         import signal
 
-        # Threads of linear algebra gain nothing with matrices of a study's size, and each process that has them waits for
-        # work with one processor more.
+        # Threads of linear algebra gain nothing with matrices of a study's size, and spin while they wait.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # What is done is done: while Python ends, an interrupt changes nothing.
         atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)

@@ -6,15 +6,12 @@ import gc
 import multiprocessing
 import signal
 import sys
-import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from importlib import import_module
 from multiprocessing.connection import Connection
 from pathlib import Path
-
-from experiment.errors import PalpateError
 
 MEANWHILE = (
     "analysis.analyse",
@@ -23,64 +20,63 @@ MEANWHILE = (
     "rich.console",
     "statsmodels.genmod.generalized_estimating_equations",
 )
-"""What an analysis imports."""
 
 
 @contextmanager
 def analyst(*, elsewhere: bool, as_json: bool) -> Iterator[Callable[[Path], None]]:
     """Give what analyses a dataset and prints what was found, with figures for the report.
 
-    On Linux, with `elsewhere`, it does so in a fork of this process, which is begun here, before this process holds
-    much or has a thread. What it raises is raised here.
+    On Linux, with `elsewhere`, a fork of this process does so, which is begun here, before this process holds much or
+    has a thread. Where the fork fails it is done here, so that what it raises is raised here.
     """
+    here_too = partial(_analyse, as_json=as_json)
     if not elsewhere or sys.platform != "linux":
-        yield partial(_analyse, as_json=as_json)
+        yield here_too
         return
     forking = multiprocessing.get_context("fork")
     here, there = forking.Pipe()
-    other = forking.Process(target=_asked, args=(here, there, as_json))
-    # Ctrl-C reaches every process of a terminal, and this one answers it until the other is asked.
+    other = forking.Process(target=_asked, args=(here, there, here_too))
+    # Ctrl-C reaches every process of a terminal, and this one alone answers it until the other is asked.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         other.start()
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
     there.close()
+    asked = False
 
     def analyse(dataset: Path) -> None:
-        with suppress(BrokenPipeError):
+        nonlocal asked
+        asked = True
+        with suppress(EOFError, OSError):
             here.send(dataset)
-        if (failure := here.recv()) is not None:
-            raise failure
+            here.recv()
+            return
+        here_too(dataset)
 
     try:
         yield analyse
     finally:
         here.close()
+        if not asked:
+            other.kill()
         other.join()
 
 
-def _asked(asker: Connection, asked: Connection, as_json: bool) -> None:
+def _asked(asker: Connection, asked: Connection, analyse: Callable[[Path], None]) -> None:
+    """Analyse the dataset that is asked for, and say when it is done; say nothing of what fails."""
     asker.close()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
-    failure: BaseException | None = None
-    try:
+    with suppress(Exception, KeyboardInterrupt):
         for module in MEANWHILE:
             import_module(module)
+        # Little of what modules hold ever becomes garbage.
         gc.freeze()
-        try:
-            dataset = asked.recv()
-        except EOFError:
-            return
+        dataset = asked.recv()
         signal.signal(signal.SIGINT, before)
-        _analyse(dataset, as_json=as_json)
-    except BaseException as error:
-        failure = error
-        if not isinstance(error, PalpateError):
-            error.add_note(traceback.format_exc())
-    with suppress(BrokenPipeError):
-        asked.send(failure)
+        analyse(dataset)
+        asked.send(None)
 
 
 def _analyse(dataset: Path, *, as_json: bool) -> None:

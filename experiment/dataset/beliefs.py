@@ -220,7 +220,8 @@ def keep_anchor(root: Path) -> tuple[Anchor, bool]:
 def examined(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]]:
     """Return what can be believed of a dataset, and an error for whatever else does not fit.
 
-    `each` is `map`, or that of a pool of processes, which read several journals at once. Raises what `believed` raises where nothing can: of protocol, seal, seed, roster, or plan.
+    `each` is `map`, or that of a pool of processes, which read several journals at once. Raises what `believed` raises
+    where nothing can: of protocol, seal, seed, roster, or plan.
     """
     study = _study(root)
     sessions: list[tuple[Path, Header]] = []

@@ -84,8 +84,8 @@ class Placed:
 def build(root: Path, each: Each = map) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
-    `each` is as for `believed`: processes also write the files of several sessions at once. A journal
-    without a header is one of a session which never started: it is left out. Raises what `believed` raises,
+    `each` is as for `believed`, and writes the files of several sessions at once. A journal without a header is one of
+    a session which never started: it is left out. Raises what `believed` raises,
     and `DatasetError` if there is no journal and none was erased, or a foot trace is not the one its journal names.
     """
     dataset = believed(root, each)

@@ -99,17 +99,19 @@ def sha256(directory: Path) -> str:
 
     Raises `RecordingError` if the manifest cannot be read.
     """
-    _read(directory / MANIFEST)
-    return hashlib.sha256(storage.read_bytes(directory / MANIFEST)).hexdigest()
+    try:
+        return hashlib.sha256(storage.read_bytes(directory / MANIFEST)).hexdigest()
+    except OSError as error:
+        raise _unreadable(directory / MANIFEST) from error
 
 
 def is_simulated(directory: Path) -> bool:
-    """Return whether a simulation made a set of recordings. Raises `RecordingError` as `sha256` does."""
+    """Return whether a simulation made a set of recordings. Raises `RecordingError` as `load` does of a manifest."""
     return _read(directory / MANIFEST).simulated
 
 
 def materials_of(directory: Path) -> frozenset[str]:
-    """Return the ids of the materials of which there are takes. Raises `RecordingError` as `sha256` does."""
+    """Return the ids of the materials of which there are takes. Raises `RecordingError` as `is_simulated`."""
     return frozenset(take.material for take in _read(directory / MANIFEST).takes if take.material is not None)
 
 
@@ -191,11 +193,15 @@ def _condition(material: str | None, speed_mm_s: float, number: int) -> str:
     return f"take {number} of {material or 'the bare panel'} at {speed_mm_s:g} mm/s"
 
 
+def _unreadable(path: Path) -> RecordingError:
+    return RecordingError(
+        f"{path}: cannot be read; allowed: a folder of recordings with its {MANIFEST}; name another folder"
+    )
+
+
 def _read(path: Path) -> _Manifest:
     if not path.is_file():
-        raise RecordingError(
-            f"{path}: cannot be read; allowed: a folder of recordings with its {MANIFEST}; name another folder"
-        )
+        raise _unreadable(path)
     try:
         return settings.checked(path, _Manifest, *settings.parsed(path, LARGEST))
     except ProtocolError as error:
