@@ -50,9 +50,10 @@ def analyse(
     published, ours or exploratory. A published study is compared with its paper, value by value.
     """
     _believe(*datasets)
-    tell_analysis(
+    found = analysed(
         datasets, out, as_json=as_json, figures=figures, titles=titles, full=full, dissimilarities=dissimilarities
     )
+    options.put(found)
 
 
 @commands.command(epilog="Example: palpate export participants/okamoto2012 --out okamoto2012-tables")
@@ -475,7 +476,7 @@ def status_of(study: Path) -> "Status":
     return replace(found, excluded={one.participant: one.reason for one in whole})
 
 
-def tell_analysis(
+def analysed(
     datasets: list[Path],
     out: Path | None,
     *,
@@ -485,15 +486,15 @@ def tell_analysis(
     titles: bool = False,
     full: bool = False,
     dissimilarities: Path | None = None,
-) -> None:
-    """Analyse datasets, and print what was found in the width of the terminal."""
+) -> object:
+    """Analyse datasets, and return what was found, in the width of the terminal or as a document for JSON."""
     from analysis import analyse as analyses
     from analysis.documents.tables import WIDTH
 
     drawn = {"figures": figures, "pictures": pictures, "titles": titles}
     with options.working("Reading the dataset") as say:
         result = analyses.analyse(datasets, out, **drawn, dissimilarities=dissimilarities, say=say)
-    options.put(result.as_dict() if as_json else result.text(options.columns(WIDTH), full=full))
+    return result.as_dict() if as_json else result.text(options.columns(WIDTH), full=full)
 
 
 def _believe(*datasets: Path) -> None:

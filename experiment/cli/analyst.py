@@ -23,8 +23,8 @@ MEANWHILE = (
 
 
 @contextmanager
-def analyst(*, elsewhere: bool, as_json: bool) -> Iterator[Callable[[Path], None]]:
-    """Give what analyses a dataset and prints what was found, with figures for the report.
+def analyst(*, elsewhere: bool, as_json: bool) -> Iterator[Callable[[Path], object]]:
+    """Give what analyses a dataset, with figures for the report, and returns what is to be printed.
 
     On Linux, with `elsewhere`, a fork of this process does so, which is begun here, before this process holds much or
     has a thread. Where the fork fails it is done here, so that what it raises is raised here.
@@ -45,14 +45,14 @@ def analyst(*, elsewhere: bool, as_json: bool) -> Iterator[Callable[[Path], None
     there.close()
     asked = False
 
-    def analyse(dataset: Path) -> None:
+    def analyse(dataset: Path) -> object:
         nonlocal asked
         asked = True
-        with suppress(EOFError, OSError):
+        try:
             here.send(dataset)
-            here.recv()
-            return
-        here_too(dataset)
+            return here.recv()
+        except (EOFError, OSError):
+            return here_too(dataset)
 
     try:
         yield analyse
@@ -63,8 +63,8 @@ def analyst(*, elsewhere: bool, as_json: bool) -> Iterator[Callable[[Path], None
         other.join()
 
 
-def _asked(asker: Connection, asked: Connection, analyse: Callable[[Path], None]) -> None:
-    """Analyse the dataset that is asked for, and say when it is done; say nothing of what fails."""
+def _asked(asker: Connection, asked: Connection, analyse: Callable[[Path], object]) -> None:
+    """Analyse the dataset that is asked for, and send what was found; send nothing of what fails."""
     asker.close()
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
@@ -75,13 +75,11 @@ def _asked(asker: Connection, asked: Connection, analyse: Callable[[Path], None]
         gc.freeze()
         dataset = asked.recv()
         signal.signal(signal.SIGINT, before)
-        analyse(dataset)
-        asked.send(None)
+        asked.send(analyse(dataset))
 
 
-def _analyse(dataset: Path, *, as_json: bool) -> None:
-    from experiment.cli.analysis import tell_analysis
+def _analyse(dataset: Path, *, as_json: bool) -> object:
+    from experiment.cli.analysis import analysed
 
     # Its tables were made of its journals just now, so that nothing is left to be verified.
-    tell_analysis([dataset], None, as_json=as_json, figures=True, pictures=False)
-    sys.stdout.flush()
+    return analysed([dataset], None, as_json=as_json, figures=True, pictures=False)

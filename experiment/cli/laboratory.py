@@ -301,7 +301,7 @@ def rehearse(
                 tick=tick,
                 screen=screen,
             )
-        analyse(dataset)
+        options.put(analyse(dataset))
 
 
 @commands.command(

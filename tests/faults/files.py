@@ -477,10 +477,10 @@ def quickened() -> None:
     drawn = (figures, ("numerics", "diagrams", "budget")), (numerics_report, ("svg", "png"))
     for module, names in (simulate, ("run",)), (numerics, ("run",)), (played, ("arrays",)), *drawn:
         vars(module).update({name: remembered(vars(module)[name]) for name in names})
-    drawings, tell = remembered(page.drawings), analysis.tell_analysis
+    drawings, analysed = remembered(page.drawings), analysis.analysed
     vars(page)["drawings"] = lambda sheets: drawings(sheets) if sheets else {}
     vars(power_report)["plot"] = remembered(power_report.plot)
-    vars(analysis)["tell_analysis"] = lambda *given, **named: sys.argv[1] == "rehearse" or tell(*given, **named)
+    vars(analysis)["analysed"] = lambda *given, **named: "" if sys.argv[1] == "rehearse" else analysed(*given, **named)
 
 
 def main() -> None:

@@ -15,6 +15,7 @@ from experiment.apparatus import rig
 from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples, encode
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from experiment.apparatus.tracker.serial_port import LINE_BYTES, SerialPort
 from experiment.apparatus.tracker.serial_tracker import SerialTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError, TrackerStopped
@@ -240,6 +241,27 @@ def test_ports_that_are_none_are_refused_in_one_line(tmp_path: Path, settings: T
         SerialTracker(url, settings)
     with pytest.raises(TrackerError, match=r"correct \[tracker\] in the rig file"):
         SerialTracker("nothing://here", settings)
+
+
+BACKLOG = bytes(range(256)) * 40
+
+
+def test_a_backlog_behind_a_full_line_is_taken_at_once() -> None:
+    """As soon as the system lets it follow, which a busy machine may put off: one of a hundred is."""
+    if os.name != "posix":
+        pytest.skip("this system has no pseudo-terminals")
+    with SerialLine("pty") as line:
+        port = SerialPort(line.url, 115200)
+        at_once = False
+        for _ in range(100):
+            sent = BACKLOG[: line.offer(BACKLOG)]
+            taken = port.take()
+            at_once |= taken == sent and len(sent) > LINE_BYTES
+            while len(taken) < len(sent) and port.wait(1.0):
+                taken += port.take()
+            assert taken == sent
+        port.close()
+    assert at_once
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 5000])

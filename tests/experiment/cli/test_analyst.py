@@ -26,12 +26,13 @@ def doing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Doing:
     def begun(first: Callable[[], object]) -> Callable[[], list[bool]]:
         here, noted = os.getpid(), tmp_path / "noted"
 
-        def analyse(dataset: Path, *, as_json: bool) -> None:
+        def analyse(dataset: Path, *, as_json: bool) -> str:
             assert (dataset, as_json) == (tmp_path, True)
             if os.getpid() != here:
                 first()
             with noted.open("a", encoding="utf-8") as file:
                 file.write(f"{os.getpid()}\n")
+            return "found"
 
         monkeypatch.setattr(analysts, "_analyse", analyse)
         return lambda: [int(line) == here for line in noted.read_text("utf-8").split()]
@@ -53,7 +54,7 @@ def test_what_a_fork_cannot_analyse_is_analysed_here(
 ) -> None:
     done = doing(first)
     with analysts.analyst(elsewhere=True, as_json=True) as analyse:
-        analyse(tmp_path)
+        assert analyse(tmp_path) == "found"
     assert done() == [here]
     assert not multiprocessing.active_children()
 
@@ -64,7 +65,7 @@ def test_a_fork_that_cannot_import_what_it_needs_is_done_without(
     done = doing(lambda: None)
     monkeypatch.setattr(analysts, "MEANWHILE", ("no_such_module_of_palpate",))
     with analysts.analyst(elsewhere=True, as_json=True) as analyse:
-        analyse(tmp_path)
+        assert analyse(tmp_path) == "found"
     assert done() == [True]
 
 
