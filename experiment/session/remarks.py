@@ -178,7 +178,7 @@ class Attendance:
         if self.stream is None:
             return ()
         marked, gaps = self.stream.xruns, self.stream.gaps
-        return (Lamp(name="audio", good=not gaps, words=f"{gaps} gaps, {marked} late blocks"),)
+        return (Lamp(name="audio", good=not gaps, words=f"gaps: {gaps}, late blocks: {marked}"),)
 
     def _disk(self) -> Lamp:
         try:

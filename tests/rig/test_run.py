@@ -27,7 +27,7 @@ from experiment.rehearsal.footstep.panel import Panel
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig.faults import Faults
-from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory
+from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory, write_rig
 
 pytestmark = pytest.mark.alone
 
@@ -40,11 +40,7 @@ def laboratory(
     simulated_rig = rigs.load(shipped("rigs/rehearsal.toml"))
     panel = Panel(simulated_rig.actuator)
     with SerialLine(link=tmp_path / "tracker") as line:
-        text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
-        text = text.replace("[tracker]", f"[tracker]\ncalibrated_on = {date.today()}\ncalibration_days = 30")
-        text = text.replace('port = "rehearsal"', f'port = "{line.url}"')
-        shutil.copy(shipped("rigs/rehearsal-response.csv"), tmp_path)
-        (tmp_path / "rig.toml").write_text(text.replace('address = "rehearsal"', f'address = "{panel.address}"'))
+        write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address=f'"{panel.address}"')
         study = (
             shipped("okamoto2012.toml")
             .read_text("utf-8")

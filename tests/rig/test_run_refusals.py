@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from datetime import date, timedelta
+from hashlib import sha256
 from pathlib import Path
 
 import pytest
@@ -103,6 +104,15 @@ def test_a_rig_that_leaves_out_more_than_the_protocol_allows(refusal: Run, tmp_p
     assert re.search(r"got 34\.\d% \(rms\) of copy paper at \d+ mm/s \(.*\) left out; allowed: 0\.3 of it", told)
     assert "get a panel that moves, and is measured, below 10 Hz and a panel" in told
     assert not (tmp_path / "dataset" / "sourcedata" / "recordings").exists()
+
+
+def test_a_response_that_nobody_measured(refusal: Run, tmp_path: Path) -> None:
+    rig = write_rig(tmp_path, "rehearsal", port='"nowhere"', address='"127.0.0.1:9"')
+    table = shipped("rigs/rehearsal-response.csv").read_bytes()
+    (tmp_path / "rehearsal-response.csv").write_bytes(table)
+    text = re.sub('response_sha256 = "[0-9a-f]+"', f'response_sha256 = "{sha256(table).hexdigest()}"', rig.read_text())
+    rig.write_text(text, "utf-8")
+    assert "rehearsal-response.csv says that it is SIMULATED; allowed: a table that was measured" in refusal(rig)
 
 
 def test_counts_outside_the_calibration(line: SerialLine, panel: Panel, refusal: Run, tmp_path: Path) -> None:

@@ -83,13 +83,12 @@ def table(rig: Rig, folder: Path) -> Check | None:
     except PalpateError as error:
         return refused(name, error)
     low_hz, high_hz = measured.frequencies_hz[0], measured.frequencies_hz[-1]
-    whole = " ".join(response.comments(content))
-    said = textwrap.shorten(whole, 160, placeholder=" ...")
+    said = textwrap.shorten(" ".join(response.comments(content)), 160, placeholder=" ...")
     told = f"{shaping.response}: {low_hz:g} to {high_hz:g} Hz, hash as stated; it says: "
     measure = "measure the loaded panel, and say in comments (#) when and under which load"
     if not said:
         return unchecked(name, f"{told}nothing, neither when it was measured nor under which load", measure)
-    real = rig.rig.simulated or "SIMULATED" not in whole
+    real = rig.rig.simulated or not response.is_simulated(content)
     return judged(name, real, told + said, allowed="" if real else "a table that was measured", remedy=measure)
 
 

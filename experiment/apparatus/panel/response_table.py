@@ -87,6 +87,11 @@ def comments(content: bytes) -> tuple[str, ...]:
     return tuple(plain(line.lstrip("# ").rstrip()) for line in lines if line.startswith("#"))
 
 
+def is_simulated(content: bytes) -> bool:
+    """Return whether a table says of itself that it is SIMULATED."""
+    return any("SIMULATED" in line for line in comments(content))
+
+
 def _rows(path: Path, text: str) -> list[_Row]:
     """Return every row, each later than the one before in frequency or, at one frequency, in level."""
     rows: list[_Row] = []
