@@ -9,6 +9,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
+# As in the command, and before any test imports numpy.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 # The same cases on every run, however busy the machine: a failure can be repeated, and none is one of time.
 settings.register_profile("palpate", deadline=None, derandomize=True)
 settings.load_profile("palpate")
