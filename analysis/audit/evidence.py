@@ -10,6 +10,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from statistics import mean, variance
 from typing import Literal
 
 from analysis.audit.granularity import Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
@@ -19,7 +20,6 @@ from analysis.identification.results import Results
 from analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale
 from analysis.published.printed import Interval, Printed, point
 from analysis.statistics.anova import TYPES
-from analysis.statistics.exact import mean, sum_of_squares
 from experiment.errors import PublishedError
 
 Misreading = Literal["the population SD", "the standard error"]
@@ -156,7 +156,7 @@ def _measured(values: Sequence[Fraction]) -> Sample:
     n = len(values)
     if n < 2:
         return Sample(n)
-    only = (Moments(n, point(mean(values)), point(sum_of_squares(values) / (n - 1))),)
+    only = (Moments(n, point(mean(values)), point(variance(values))),)
     return Sample(n, only, only)
 
 
