@@ -214,9 +214,8 @@ class FromPrint:
     def reading(self, cells: Iterable[PrintedCell], misreading: Misreading) -> FromPrint | None:
         """Return this evidence with the SDs of `cells` read as `misreading`; None where no values have such moments."""
         changed = {cell.key: misreading for cell in cells}
-        found = FromPrint(self._published, self._misread | changed)
-        found.work = self.work
-        found._found = {key: sample for key, sample in self._found.items() if key not in changed}
+        found = self.working_with(self._published, changed)
+        found._misread |= changed
         return found if all(found.sample(cell).every for cell in cells) else None
 
     def working_with(
