@@ -397,12 +397,10 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
     renamed = [_renamed(study, name) for study, name in zip(studies, names, strict=True)]
     parts = tuple(part for study in renamed for part in study.parts)
     check_chances(parts, len(first.materials))
-    return Study(
+    return replace(
+        first,
         id="+".join(ids),
         name=f"Pooled: {'; '.join(f'{s.name} ({name})' for s, name in zip(studies, names, strict=True))}",
-        origin=first.origin,
-        label=first.label,
-        materials=first.materials,
         tasks=_tasks(studies),
         participants=tuple(label for study in renamed for label in study.participants),
         first_tasks={label: task for study in renamed for label, task in study.first_tasks.items()},
@@ -412,7 +410,6 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         unasked=tuple(one for study in renamed for one in study.unasked),
         parts=parts,
         ordered=all(study.ordered for study in studies),
-        answers=first.answers,
     )
 
 
