@@ -37,14 +37,6 @@ from experiment.errors import DatasetError
 from experiment.synthesis.noise import CLAIMED_FROM_S
 from experiment.synthesis.stepping.stability import of_the_paper
 
-SLUGS = ("synthesis", "voltages", "samples", "resampling", "shaping", "noise", "contact")
-FILES = (
-    *(f"{slug}.csv" for slug in (*SLUGS, "conditions", "budget", "cases")),
-    *(f"{name}.{kind}" for name in ("numerics", "contact", "budget") for kind in ("svg", "png")),
-    *("numerics.md", "methods.md", "played.npz"),
-)
-"""The files that `write` writes."""
-
 TITLES = {
     "synthesis": "Synthesis: equations (3) to (5)",
     "voltages": "Voltages: equations (3) to (5) and (7)",
@@ -54,6 +46,13 @@ TITLES = {
     "noise": "Noise of the masker",
     "contact": "Contact with a virtual block: equations (4) and (5) of Wellman and Howe",
 }
+FILES = (
+    *(f"{slug}.csv" for slug in (*TITLES, "conditions", "budget", "cases")),
+    *(f"{name}.{kind}" for name in ("numerics", "contact", "budget") for kind in ("svg", "png")),
+    *("numerics.md", "methods.md", "played.npz"),
+)
+"""The files that `write` writes."""
+
 USUAL_FREQUENCIES = 120
 """Of a response table: every 5 Hz to 600 Hz."""
 
