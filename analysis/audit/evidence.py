@@ -13,7 +13,7 @@ from fractions import Fraction
 from statistics import mean, variance
 from typing import Literal
 
-from analysis.audit.granularity import Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
+from analysis.audit.granularity import ANY, Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
 from analysis.audit.mistakes import Verdict
 from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
 from analysis.identification.results import Results
@@ -303,8 +303,7 @@ class FromPrint:
         if n is None or n < 2:
             return Sample(n or 0, statement="the number of participants is not printed, or below two")
         if cell.sd is None:
-            everything = Interval(Fraction(0), math.inf)
-            any_sd = (self._counted(cell, n, cell.scale, everything) if cell.scale else None) or ()
+            any_sd = (self._counted(cell, n, cell.scale, ANY) if cell.scale else None) or ()
             return Sample(n, any_sd, any_sd, NO_SD)
         misreading = self.misreading(cell)
         wanted = cell.sd.either.squared().times(MISREADINGS[misreading](n) if misreading else Fraction(1))

@@ -44,14 +44,6 @@ class Comparisons:
     person: Integers
     items: int
 
-    def wins(self) -> Integers:
-        """Return how often the row's item was chosen over the column's, shape (items, items); ties count for none."""
-        found = np.zeros((self.items, self.items), dtype=np.int64)
-        np.add.at(found, (self.first, self.second), self.chosen == FIRST)
-        np.add.at(found, (self.second, self.first), self.chosen == SECOND)
-        np.fill_diagonal(found, 0)
-        return found
-
 
 @dataclass(frozen=True)
 class Scale:
@@ -125,11 +117,11 @@ def _check(data: Comparisons, law: Law) -> None:
     if ties != (law == "davidson"):
         said = "some comparisons ended in a tie, which this law has not" if ties else "no comparison ended in a tie"
         raise NotDefined(f"{said}, so the {law} scale is not defined")
-    wins = data.wins()
     # A tie counts as half a choice of each, so it joins both.
-    np.add.at(wins, (data.first, data.second), data.chosen == TIE)
-    np.add.at(wins, (data.second, data.first), data.chosen == TIE)
-    pieces, _ = connected_components(coo_array(wins), directed=True, connection="strong")
+    joined = np.zeros((data.items, data.items), dtype=np.int64)
+    np.add.at(joined, (data.first, data.second), data.chosen != SECOND)
+    np.add.at(joined, (data.second, data.first), data.chosen != FIRST)
+    pieces, _ = connected_components(coo_array(joined), directed=True, connection="strong")
     if pieces > 1:
         raise NotDefined("some items were chosen over all others every time, so that no finite scale fits best")
     if _separated(data, _design(data)):
