@@ -94,7 +94,7 @@ def worst(method: str, *, stiffness: float, mass: float, step_s: float) -> dict[
 
 
 def run_of(method: str, *, stiffness: float, mass: float, step_s: float) -> partial[list[Switch]]:
-    """Return one impact of a diagram, to be run at a phase; it is timed at that of a mass in mid-step."""
+    """Return one impact of a diagram, to be called with a `phase` or, as it is timed, at the third of `PHASES`."""
     block = block_of(stiffness=stiffness, damping_ratio=DAMPING_RATIO, mass=mass, step_s=step_s)
     return partial(impact, block, STEPPERS[method], speed=SPEED_M_S, step_s=step_s, phase=PHASES[2])
 

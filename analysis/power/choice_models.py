@@ -263,7 +263,7 @@ class Stated(Confined):
 
 
 def _spread(shares: Floats, variance: float, shortness: float, people: int, where: str, notes: list[str]) -> float:
-    """Return the intraclass correlation by moments, which can be drawn from, and note where it is not the one fitted.
+    """Return the intraclass correlation by moments, as far as it can be drawn from, and note where that changes it.
 
     The variance of a ratio of m trials is p (1 - p) (rho + (1 - rho) / m). Both sides are added up over the answers,
     which weights them by their variance; a mean of n participants makes p (1 - p) too small by variance / n.

@@ -228,9 +228,9 @@ def _add_confusion(
     passed.cells(where, unread)
     if not cells:
         raise _Unknown("no cell holds a mean, or a mean and an SD")
-    if _is_percent(cells):
-        where = f"{where}, read as percent"
-    cells = _with_percent(cells, all_of_them=_is_percent(cells))
+    percent = _is_percent(cells)
+    where += ", read as percent" * percent
+    cells = _with_percent(cells, all_of_them=percent)
     task = f"task {number + 1}"
     trials = {"trials": stated.trials} if stated.trials else {}
     document["task"] = (*document.get("task", ()), {"id": task, "participants": people, **trials})

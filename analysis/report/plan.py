@@ -54,27 +54,25 @@ class Standing:
     @property
     def results(self) -> str:
         """The name of the part of a report that holds what was planned or published, or all if neither is known."""
-        known = [mark for mark, tests in ((PLANNED, self.planned), (PUBLISHED, self.printed)) if tests]
-        return f"{' and '.join(known)} results".lstrip().capitalize()
+        return f"{' and '.join(_marks(self.planned, self.printed))} results".lstrip().capitalize()
 
     def of(self, test: str, *tasks: str) -> str:
         """Return the mark of a test of these tasks."""
-        marks = [
-            mark
-            for mark, known in ((PLANNED, self.planned), (PUBLISHED, self.printed))
-            if any((test, task) in known for task in tasks)
-        ]
-        return ", ".join(marks) or EXPLORATORY
+        these = {(test, task) for task in tasks}
+        return ", ".join(_marks(these & self.planned, these & self.printed)) or EXPLORATORY
 
     def of_pair(self, pair: PairTest) -> str:
         """Return the mark of a one-way ANOVA, exploratory where neither plan nor paper name its two materials."""
         printed = (ONE_WAY, pair.task) in self.printed and "published" in pair.chosen
-        named = {PLANNED: names(self.asked.get(pair.task, ""), pair), PUBLISHED: printed}
-        return ", ".join(mark for mark, known in named.items() if known) or EXPLORATORY
+        return ", ".join(_marks(names(self.asked.get(pair.task, ""), pair), printed)) or EXPLORATORY
 
     def ours(self, test: str, *tasks: str) -> str:
         """Return the mark of a test of ours that asks what this test of these tasks asks."""
         return OURS if self.of(test, *tasks) != EXPLORATORY else f"{OURS}, {EXPLORATORY}"
+
+
+def _marks(planned: object, printed: object) -> list[str]:
+    return [mark for mark, known in ((PLANNED, planned), (PUBLISHED, printed)) if known]
 
 
 def standing(study: Study, printed: Published | None) -> Standing:
