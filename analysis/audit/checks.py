@@ -142,7 +142,7 @@ class Checks:
         if not known.values and not known.statement:
             return
         if cell.sd is not None:
-            held = self._that_give(test, sample) if test else ()
+            held = self.that_give(cell)
             variances = [one.variance for one in held or sample.every]
             no_steps = "no whole counts give the mean" if cell.scale else NO_STEPS
             cited = replace(cited, statement=known.statement or sample.statement or no_steps)
@@ -158,10 +158,13 @@ class Checks:
         if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
             yield self._stars(cited, cell, null, test)
 
-    def _that_give(self, test: PrintedT, sample: Sample) -> tuple[Moments, ...]:
+    def that_give(self, cell: PrintedCell) -> tuple[Moments, ...]:
         """Return those means and variances behind the printed mean and SD that give the printed t, read as t or d."""
-        pins = self.effects(test) if self._diagnose else ()
-        sizes = ((one, effect(one, test.null)) for one in sample.moments)
+        test = self._test_of(cell)
+        if test is None or not self._diagnose:
+            return ()
+        pins = self.effects(test)
+        sizes = ((one, effect(one, test.null)) for one in self._evidence.sample(cell).moments)
         return tuple(one for one, size in sizes if size is not None and any(size.meets(pin) for pin in pins))
 
     def _test_of(self, cell: PrintedCell) -> PrintedT | None:

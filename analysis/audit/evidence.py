@@ -10,16 +10,16 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from statistics import mean, variance
 from typing import Literal
 
-from analysis.audit.granularity import Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
+from analysis.audit.granularity import ANY, Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
 from analysis.audit.mistakes import Verdict
 from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
 from analysis.identification.results import Results
 from analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale
 from analysis.published.printed import Interval, Printed, point
 from analysis.statistics.anova import TYPES
-from analysis.statistics.exact import mean, sum_of_squares
 from experiment.errors import PublishedError
 
 Misreading = Literal["the population SD", "the standard error"]
@@ -156,7 +156,7 @@ def _measured(values: Sequence[Fraction]) -> Sample:
     n = len(values)
     if n < 2:
         return Sample(n)
-    only = (Moments(n, point(mean(values)), point(sum_of_squares(values) / (n - 1))),)
+    only = (Moments(n, point(mean(values)), point(variance(values))),)
     return Sample(n, only, only)
 
 
@@ -214,9 +214,8 @@ class FromPrint:
     def reading(self, cells: Iterable[PrintedCell], misreading: Misreading) -> FromPrint | None:
         """Return this evidence with the SDs of `cells` read as `misreading`; None where no values have such moments."""
         changed = {cell.key: misreading for cell in cells}
-        found = FromPrint(self._published, self._misread | changed)
-        found.work = self.work
-        found._found = {key: sample for key, sample in self._found.items() if key not in changed}
+        found = self.working_with(self._published, changed)
+        found._misread |= changed
         return found if all(found.sample(cell).every for cell in cells) else None
 
     def working_with(
@@ -304,8 +303,7 @@ class FromPrint:
         if n is None or n < 2:
             return Sample(n or 0, statement="the number of participants is not printed, or below two")
         if cell.sd is None:
-            everything = Interval(Fraction(0), math.inf)
-            any_sd = (self._counted(cell, n, cell.scale, everything) if cell.scale else None) or ()
+            any_sd = (self._counted(cell, n, cell.scale, ANY) if cell.scale else None) or ()
             return Sample(n, any_sd, any_sd, NO_SD)
         misreading = self.misreading(cell)
         wanted = cell.sd.either.squared().times(MISREADINGS[misreading](n) if misreading else Fraction(1))

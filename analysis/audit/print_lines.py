@@ -27,7 +27,7 @@ from analysis.audit.checks import Checks
 from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
 from analysis.audit.granularity import MOST_COLUMNS, Row, Undecided, Work, examine
 from analysis.audit.mistakes import AGREES, SWAPPED, TENFOLD, Citation, Line, Mistake, Verdict, judge, of_any_f, slips
-from analysis.audit.recomputed import effect, p_of_f, quotient
+from analysis.audit.recomputed import p_of_f, quotient
 from analysis.documents.tables import plural
 from analysis.published.numbers import (
     PrintedCell,
@@ -292,26 +292,12 @@ def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Seque
         return cited.text("row", printed, allowed, "impossible", NO_ROW)
     # An SD that was misread says nothing about the row.
     cells = [replace(cell, sd=None) if evidence.misreading(cell) else cell for cell in cells]
-    pinned = {i: found for i, cell in enumerate(cells) if (found := _pinned(published, checks, evidence, cell))}
+    pinned = {i: hull(one.variance for one in held) for i, cell in enumerate(cells) if (held := checks.that_give(cell))}
     try:
         row = examine(cells, task.participants, task.trials, pinned, work)
     except Undecided as reason:
         return cited.text("row", printed, "-", UNDECIDED, str(reason))
     return _judged(published, cited, printed, cells, row, given=", given the printed t" if pinned else "")
-
-
-def _pinned(published: Published, checks: Checks, evidence: FromPrint, cell: PrintedCell) -> Interval | None:
-    """Return the variances that agree with the cell's t, or None where it has no test or none agrees."""
-    test = next(iter(published.tests_by_key.get(cell.key, ())), None)
-    if test is None:
-        return None
-    pins = checks.effects(test)
-    held = [
-        one.variance
-        for one in evidence.sample(cell).moments
-        if (size := effect(one, test.null)) is not None and any(size.meets(pin) for pin in pins)
-    ]
-    return hull(held) if held else None
 
 
 def _judged(

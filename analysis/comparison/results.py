@@ -17,14 +17,12 @@ from scipy.special import chdtrc, stdtrit
 from analysis.published.numbers import Published
 from analysis.reading.study import Study, Task
 from analysis.statistics.exact import defined
-from analysis.statistics.inference import ConfidenceInterval, clopper_pearson
+from analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
 from analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
 from experiment.records import tapping
 from experiment.records.events import NO_ANSWER
 
 CHOSEN = {tapping.FIRST: FIRST, tapping.SECOND: SECOND, tapping.TIE: TIE}
-
-CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -210,7 +208,7 @@ def _pair(data: Comparisons, right: NDArray[np.bool_], low: int, high: int) -> P
 def share(of: NDArray[np.bool_]) -> Share:
     """Return how many of these, shape (trials,), are true."""
     count, trials = int(of.sum()), len(of)
-    return Share(count, trials, clopper_pearson(count, trials, CONFIDENCE) if trials else None)
+    return Share(count, trials, clopper_pearson(count, trials) if trials else None)
 
 
 def scaled(data: Comparisons, law: Law) -> Scaled:

@@ -16,12 +16,13 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from statistics import mean, variance
 
 import numpy as np
 from numpy.typing import NDArray
 
 from analysis.reading.study import Study
-from analysis.statistics.exact import NotDefined, mean, sum_of_squares
+from analysis.statistics.exact import NotDefined
 from experiment.errors import DatasetError
 
 
@@ -92,7 +93,7 @@ class Confusion:
     def sd(self, presented: int, answered: int) -> float | None:
         """Return the sample standard deviation (n - 1) among participants, or None below two."""
         values = list(self.ratios(presented, answered).values())
-        return math.sqrt(sum_of_squares(values) / (len(values) - 1)) if len(values) > 1 else None
+        return math.sqrt(variance(values)) if len(values) > 1 else None
 
     def means(self) -> NDArray[np.float64]:
         """Return the mean ratios, shape (M, M + 1); NaN where a material was never presented."""

@@ -238,8 +238,7 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
 
 def margin(study: Study, tasks: tuple[str, ...]) -> float | None:
     """Return the margin within which a protocol plans to take these as equivalent: one task's pairs, or two tasks."""
-    for part in study.parts:
-        for plan in part.protocol.analysis if part.protocol else ():
-            if plan.test == "equivalence" and (plan.tasks == tasks or (len(tasks) > 1 and {*tasks} <= {*plan.tasks})):
-                return plan.margin
+    for plan in study.plans():
+        if plan.test == "equivalence" and (plan.tasks == tasks or (len(tasks) > 1 and {*tasks} <= {*plan.tasks})):
+            return plan.margin
     return None

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from statistics import mean
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from analysis.identification import maps
 from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
 from analysis.identification.maps import Choice, Mantel, Scaling
 from analysis.statistics import lapses
-from analysis.statistics.exact import NotDefined, Statements, defined, mean
+from analysis.statistics.exact import NotDefined, Statements, defined
 from analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,

@@ -17,14 +17,12 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.statistics.exact import NotDefined
+from analysis.statistics.exact import Floats, NotDefined
 
 TOLERANCE = 1e-10
 """Largest relative difference between a fitted sum and the counts' in the last round."""
 
 ROUNDS = 20_000
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

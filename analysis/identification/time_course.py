@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from analysis.documents.tables import plural
 from analysis.reading.study import Study
 from analysis.statistics.exact import NotDefined
-from analysis.statistics.inference import RESAMPLES, ConfidenceInterval, bca, leave_one_out, resamples, wilson
+from analysis.statistics.inference import RESAMPLES, ConfidenceInterval, bca, resamples, wilson
 
 QUANTITIES = {
     "contact, predicted minus actual": "prediction_error_s",
@@ -190,7 +190,7 @@ def _learning(trials: pd.DataFrame, rng: np.random.Generator) -> tuple[Window, .
         drawn, reason = np.ones((1, people)), str(why)
     with np.errstate(invalid="ignore"):
         shares = (drawn @ numerators) / (drawn @ denominators)
-        left_out = leave_one_out(people) @ numerators / (leave_one_out(people) @ denominators)
+        left_out = (numerators.sum(axis=0) - numerators) / (denominators.sum(axis=0) - denominators)
     windows = []
     for place in range(numerators.shape[1]):
         count, total = int(numerators[:, place].sum()), int(denominators[:, place].sum())

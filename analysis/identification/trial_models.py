@@ -24,7 +24,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from analysis.reading.study import Study
-from analysis.statistics.exact import NotDefined, Statements, defined
+from analysis.statistics.exact import Floats, NotDefined, Statements, defined
 
 TRIAL, FASTER, LATER = "10 trials on", "foot 100 mm/s faster", "a task after the first"
 COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0)}
@@ -124,20 +124,17 @@ def _groups(study: Study, table: pd.DataFrame) -> dict[str, NDArray[np.bool_]]:
     return found
 
 
-def _thin(known: NDArray[np.bool_], groups: Mapping[str, NDArray[np.bool_]]) -> str | None:
-    """Return the first group of whose trials less than half are `known`."""
-    return next((name for name, inside in groups.items() if 2 * known[inside].sum() < inside.sum()), None)
-
-
 def _thinned(
     columns: dict[str, NDArray[np.float64]], absent: dict[str, str], groups: Mapping[str, NDArray[np.bool_]]
 ) -> NDArray[np.bool_]:
     """Return which trials have every covariate; those that leave less than half of a group move to `absent`."""
     for name in list(columns):
         known = np.asarray(np.isfinite(columns[name]))
-        if (thin := _thin(known, groups)) is not None:
-            absent[name] = f"it is known for {known[groups[thin]].sum()} of {groups[thin].sum()} {thin}"
-            del columns[name]
+        for group, inside in groups.items():
+            if 2 * known[inside].sum() < inside.sum():
+                absent[name] = f"it is known for {known[inside].sum()} of {inside.sum()} {group}"
+                del columns[name]
+                break
     return np.asarray(np.array([groups["trials"], *map(np.isfinite, columns.values())]).all(axis=0))
 
 
@@ -170,21 +167,6 @@ DIFFERENCE = 1e-4
 """The step of the central differences of gradients that make the Hessian."""
 
 START_SD = 0.5
-
-Floats = NDArray[np.float64]
-
-
-@dataclass(frozen=True)
-class MixedLogit:
-    """Maximum likelihood estimates: log odds ratios, shape (K,), and the SD of the random intercepts.
-
-    The covariance, shape (K, K), is that of the observed information, the SD being estimated too.
-    """
-
-    coefficients: Floats
-    covariance: Floats
-    sd: float
-    log_likelihood: float
 
 
 def log_likelihood(
@@ -219,41 +201,6 @@ def log_likelihood(
         by_trial += left[k]
         by_sd += float(left[k] @ at[k][participants])
     return float((top + np.log(total)).sum()), np.append(by_trial @ matrix, by_sd)
-
-
-def fit(*, correct: Floats, matrix: Floats, participants: NDArray[np.int64]) -> MixedLogit:
-    """Return the maximum of `log_likelihood`, searched on columns made orthogonal and of one size.
-
-    Raises:
-        NotDefined: if columns depend on one another, the search does not converge, or the likelihood is flat there.
-    """
-    from scipy.optimize import minimize
-
-    count = matrix.shape[1]
-    even, mixing = np.linalg.qr(matrix)
-    size = np.abs(np.diag(mixing))
-    if size.min() <= 1e-10 * size.max():
-        raise NotDefined("some terms of the mixed logit cannot be told from the others")
-    even, mixing = even * np.sqrt(len(even)), mixing / np.sqrt(len(even))
-
-    def lost(parameters: Floats) -> tuple[float, Floats]:
-        value, gradient = log_likelihood(
-            correct=correct, matrix=even, participants=participants, coefficients=parameters[:-1], sd=parameters[-1]
-        )
-        return -value / correct.size, -gradient / correct.size
-
-    start = np.append(np.zeros(count), START_SD)
-    found = minimize(lost, start, jac=True, method="BFGS", options={"gtol": GRADIENT_TOLERANCE})
-    if not np.isfinite(found.x).all() or np.abs(found.jac).max() > 10 * GRADIENT_TOLERANCE:
-        raise NotDefined("the mixed logit does not converge")
-    steps = DIFFERENCE * np.eye(count + 1)
-    rows = [(lost(found.x + step)[1] - lost(found.x - step)[1]) / (2 * DIFFERENCE) for step in steps]
-    information = correct.size * (np.array(rows) + np.array(rows).T) / 2
-    if np.linalg.eigvalsh(information)[0] <= 0:
-        raise NotDefined("the likelihood of the mixed logit is flat at its maximum")
-    back = np.linalg.inv(mixing)
-    covariance: Floats = (back @ np.linalg.inv(information)[:count, :count] @ back.T).astype(np.float64)
-    return MixedLogit(back @ found.x[:count], covariance, abs(float(found.x[-1])), -float(found.fun) * correct.size)
 
 
 def _modes(
@@ -388,14 +335,45 @@ def _of_few(design: Design, estimates: Floats, alike: float) -> Floats:
 
 
 def mixed(design: Design) -> TrialModel:
-    """Return the logit with a random intercept for each participant.
+    """Return the logit with a random intercept for each participant, whose SD is estimated too.
+
+    The maximum of `log_likelihood` is searched on columns made orthogonal and of one size.
 
     Raises:
-        NotDefined: if participants are too few for the parameters, or the fit does not converge.
+        NotDefined: if participants are too few for the parameters, columns depend on one another, the search does not
+            converge, or the likelihood is flat at its maximum.
     """
-    people = _participants(design)
-    found = fit(correct=design.correct, matrix=design.matrix, participants=design.participants)
-    return _model(design, people, found.coefficients, found.covariance, found.sd)
+    from scipy.optimize import minimize
+
+    people, trials, count = _participants(design), design.correct.size, design.matrix.shape[1]
+    even, mixing = np.linalg.qr(design.matrix)
+    size = np.abs(np.diag(mixing))
+    if size.min() <= 1e-10 * size.max():
+        raise NotDefined("some terms of the mixed logit cannot be told from the others")
+    even, mixing = even * np.sqrt(len(even)), mixing / np.sqrt(len(even))
+
+    def lost(parameters: Floats) -> tuple[float, Floats]:
+        value, gradient = log_likelihood(
+            correct=design.correct,
+            matrix=even,
+            participants=design.participants,
+            coefficients=parameters[:-1],
+            sd=parameters[-1],
+        )
+        return -value / trials, -gradient / trials
+
+    start = np.append(np.zeros(count), START_SD)
+    found = minimize(lost, start, jac=True, method="BFGS", options={"gtol": GRADIENT_TOLERANCE})
+    if not np.isfinite(found.x).all() or np.abs(found.jac).max() > 10 * GRADIENT_TOLERANCE:
+        raise NotDefined("the mixed logit does not converge")
+    steps = DIFFERENCE * np.eye(count + 1)
+    rows = [(lost(found.x + step)[1] - lost(found.x - step)[1]) / (2 * DIFFERENCE) for step in steps]
+    information = trials * (np.array(rows) + np.array(rows).T) / 2
+    if np.linalg.eigvalsh(information)[0] <= 0:
+        raise NotDefined("the likelihood of the mixed logit is flat at its maximum")
+    back = np.linalg.inv(mixing)
+    covariance: Floats = (back @ np.linalg.inv(information)[:count, :count] @ back.T).astype(np.float64)
+    return _model(design, people, back @ found.x[:count], covariance, abs(float(found.x[-1])))
 
 
 def _participants(design: Design) -> int:

@@ -381,7 +381,7 @@ CAUSES = {
     "table": "steps of the response table",
     "rounding": "rounding",
 }
-"""What each share of a budget is called."""
+"""What each share of a budget (`synthesis.budget`) is called that a rig without a scene may have."""
 
 
 def budget(played: Sequence[Played]) -> Figure:

@@ -402,7 +402,7 @@ def _noise(colour: Colour, seconds: float, extent: Extent) -> Measured:
 
 def _contact(method: str, stiffness: float, mass: float, step_s: float, extent: Extent) -> Measured:
     found = contact.worst(method, stiffness=stiffness, mass=mass, step_s=step_s)
-    run_ = contact.run_once(method, stiffness=stiffness, mass=mass, step_s=step_s)
+    run_ = contact.run_of(method, stiffness=stiffness, mass=mass, step_s=step_s)
     return Measured(
         subject="contact",
         way=method,

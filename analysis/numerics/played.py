@@ -213,9 +213,6 @@ def within_claims(rig: Rig, spectra: CrinkleSpectra, speeds_mm_s: Sequence[float
     return True, f"at most {worst:.3f} of the error claimed; {prepared}" if worst else f"no error at all; {prepared}"
 
 
-CAUSES = ("rate", "below", "above", "held_back", "taken_down", "table", "rounding")
-"""The shares of a budget (`synthesis.budget`) that a rig without a scene may have."""
-
 BUDGET_SPEEDS_MM_S = tuple(np.geomspace(20.0, 600.0, 10).tolist())
 """All speeds that the study of Okamoto et al. counts."""
 

@@ -37,14 +37,6 @@ from experiment.errors import DatasetError
 from experiment.synthesis.noise import CLAIMED_FROM_S
 from experiment.synthesis.stepping.stability import of_the_paper
 
-SLUGS = ("synthesis", "voltages", "samples", "resampling", "shaping", "noise", "contact")
-FILES = (
-    *(f"{slug}.csv" for slug in (*SLUGS, "conditions", "budget", "cases")),
-    *(f"{name}.{kind}" for name in ("numerics", "contact", "budget") for kind in ("svg", "png")),
-    *("numerics.md", "methods.md", "played.npz"),
-)
-"""The files that `write` writes."""
-
 TITLES = {
     "synthesis": "Synthesis: equations (3) to (5)",
     "voltages": "Voltages: equations (3) to (5) and (7)",
@@ -54,6 +46,13 @@ TITLES = {
     "noise": "Noise of the masker",
     "contact": "Contact with a virtual block: equations (4) and (5) of Wellman and Howe",
 }
+FILES = (
+    *(f"{slug}.csv" for slug in (*TITLES, "conditions", "budget", "cases")),
+    *(f"{name}.{kind}" for name in ("numerics", "contact", "budget") for kind in ("svg", "png")),
+    *("numerics.md", "methods.md", "played.npz"),
+)
+"""The files that `write` writes."""
+
 USUAL_FREQUENCIES = 120
 """Of a response table: every 5 Hz to 600 Hz."""
 
@@ -151,13 +150,6 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
     return publish(out, files, LABEL, "numerics")
 
 
-def usual(rows: list[Measured]) -> list[Measured]:
-    """Return the rows of synthesis at one length, one output rate and one speed, which stand for all."""
-    length = usual_length(one.given["samples"] for one in rows)
-    wanted = {"samples": length, "output_rate_hz": OUTPUT_RATE_HZ, "speed_mm_s": BETWEEN_MM_S}
-    return [one for one in rows if one.given == wanted]
-
-
 def _subject(result: Numerics, subject: str) -> list[Measured]:
     return [one for one in result.measured if one.subject == subject]
 
@@ -181,7 +173,7 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
     tables = [_table("", rows, given=True)]
     brief: tuple[Table, ...] = ()
     if subject == "synthesis":
-        shown = usual(rows)
+        shown = _usual(subject, rows)
         size = "N = {samples:g} at {output_rate_hz:g} Hz, {speed_mm_s:g} mm/s".format(**shown[0].given)
         brief = (_table(f"{size} (all {len(rows)} rows: --out)", shown, given=False),)
         tables = [_table(size, shown, given=False), replace(tables[0], title="Every size, rate and speed")]
@@ -285,8 +277,8 @@ def _budget(result: Sequence[Played]) -> Section:
         names = list(dict.fromkeys(one.material for one in result))
         of = {name: [one for one in result if (one.unit, one.material) == (unit, name)] for name in names}
         rows = [
-            (figures.CAUSES[cause], *(_range([getattr(one.budget, cause) for one in of[name]]) for name in names))
-            for cause in played.CAUSES
+            (label, *(_range([getattr(one.budget, cause) for one in of[name]]) for name in names))
+            for cause, label in figures.CAUSES.items()
         ]
         rows.append(("all of it", *(_range([one.budget.total for one in of[name]]) for name in names)))
         rows.append(("truth", *(_range([one.truth for one in of[name]]) for name in names)))
@@ -348,10 +340,9 @@ def methods(result: Numerics) -> Section:
 
 def _usual(subject: str, rows: list[Measured]) -> list[Measured]:
     """Return the rows of a subject at the usual sizes, which stand for all."""
-    if subject == "synthesis":
-        return usual(rows)
     usual_samples = usual_length(one.given.get("samples", 0) for one in rows)
     wanted: dict[str, dict[str, float]] = {
+        "synthesis": {"samples": usual_samples, "output_rate_hz": OUTPUT_RATE_HZ, "speed_mm_s": BETWEEN_MM_S},
         "voltages": {"samples": usual_samples},
         "resampling": {"output_rate_hz": OUTPUT_RATE_HZ},
         "shaping": {"frequencies": USUAL_FREQUENCIES},

@@ -126,24 +126,22 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
             except KeyError as missing:
                 lacking = " answered ".join(missing.args[0][1:])
                 raise _lacking(f"the tables of {printed.study}", task.id, lacking) from None
+            where = f"{task.id}, {shown}"
             means = np.array([cell.mean.value for cell in row])
             gap = 1 - float(means.sum())
             rounding = sum(cell.mean.unit for cell in row) / 2
             if gap < -rounding:
                 notes.append(
-                    f"{task.id}, {shown}: the printed ratios add up to {1 - gap:.3f}, more than rounding explains; one "
+                    f"{where}: the printed ratios add up to {1 - gap:.3f}, more than rounding explains; one "
                     "of them is wrong in print, and all are scaled to add up to 1"
                 )
             if gap > rounding:
-                notes.append(
-                    f"{task.id}, {shown}: the printed ratios leave {gap:.3g}, which is taken as no material named"
-                )
+                notes.append(f"{where}: the printed ratios leave {gap:.3g}, which is taken as no material named")
                 shares = np.array([*means, gap])
             else:
                 shares = np.array([*means / means.sum(), 0.0])
             variance = sum((cell.sd.value if cell.sd else 0.0) ** 2 for cell in row)
-            fit = _spread(shares[:-1], variance, 1 / did.trials, did.participants)
-            rows[shown] = shares, _clipped(fit, f"{task.id}, {shown}", notes)
+            rows[shown] = shares, _spread(shares[:-1], variance, 1 / did.trials, did.participants, where, notes)
         tasks.append(_answers(task.id, rows, ids))
     where = " and ".join(dict.fromkeys(table.where for table in printed.table))
     source = f"means and standard deviations of {where} of {printed.source}"
@@ -181,8 +179,8 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
             ratios = answers.counts[present, i] / done[:, None]
             shares = ratios.mean(axis=0)
             variance = float(ratios[:, :-1].var(axis=0, ddof=1).sum())
-            fit = _spread(shares[:-1], variance, float(np.mean(1 / done)), people)
-            rows[shown] = shares / shares.sum(), _clipped(fit, f"{task.id}, {shown}", notes)
+            spread = _spread(shares[:-1], variance, float(np.mean(1 / done)), people, f"{task.id}, {shown}", notes)
+            rows[shown] = shares / shares.sum(), spread
         tasks.append(_answers(task.id, rows, ids))
     label = f" ({study.label})" if study.label else ""
     return ChoiceModel(f"fitted to the answers in {folder.name}{label}", tuple(tasks), tuple(notes), study.label)
@@ -264,8 +262,8 @@ class Stated(Confined):
     rows: Annotated[tuple[StatedRow, ...], Field(min_length=1)]
 
 
-def _spread(shares: Floats, variance: float, shortness: float, people: int) -> float:
-    """Return the intraclass correlation by moments; below 0 where participants differ less than by chance alone.
+def _spread(shares: Floats, variance: float, shortness: float, people: int, where: str, notes: list[str]) -> float:
+    """Return the intraclass correlation by moments, as far as it can be drawn from, and note where that changes it.
 
     The variance of a ratio of m trials is p (1 - p) (rho + (1 - rho) / m). Both sides are added up over the answers,
     which weights them by their variance; a mean of n participants makes p (1 - p) too small by variance / n.
@@ -274,11 +272,7 @@ def _spread(shares: Floats, variance: float, shortness: float, people: int) -> f
     largest = float((shares * (1 - shares)).sum()) + variance / people
     if largest == 0 or shortness == 1:
         return 0.0
-    return (variance / largest - shortness) / (1 - shortness)
-
-
-def _clipped(fit: float, where: str, notes: list[str]) -> float:
-    """Return a spread that can be drawn from, and note where it is not the one that was fitted."""
+    fit = (variance / largest - shortness) / (1 - shortness)
     if fit < 0:
         notes.append(f"{where}: participants differ less than by chance alone; their spread is taken as 0")
     elif fit > MOST_SPREAD:

@@ -8,6 +8,7 @@ from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import helmert
 
 from analysis.identification.confusion import most_confused
 from analysis.identification.results import EVERY
@@ -15,7 +16,7 @@ from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way
 from analysis.statistics.exact import Floats, Integers, Ratios, of_counts
 from analysis.statistics.icc import NAMES, icc_tests
 from analysis.statistics.inference import holm, t_tests
-from analysis.statistics.participants import contrasts, repeated_tests, sign_flip_tests
+from analysis.statistics.participants import repeated_tests, sign_flip_tests
 from experiment.protocol.models import PlannedTest, Protocol, Task
 
 ADJUSTED = "Holm"
@@ -203,7 +204,7 @@ def _two_way(
     correct = [every[task][places, places] for task in test.tasks]
     layout, cells = tasks_by_materials(correct)
     for effect, name in (("A", "task"), ("B", "material"), ("X", "task x material")):
-        for same in layout.same(effect):
+        for same in layout.same[effect]:
             subject = f"{name}, type{'s' * (len(same) > 1)} {', '.join(same)}"
             p = two_way_tests(layout, cells, effect, same[0]).p
             yield Question(number, test.test, test.tasks, subject, test.alpha), Answer(p=p)
@@ -218,7 +219,7 @@ def _repeated(
             places = planned.places(task.id)
             ratios = np.moveaxis(drawn[task.id][places, places] / task.repetitions, 0, -1)
             studies, people = ratios.shape[:2]
-            p = np.full(studies, np.nan) if people < 2 else repeated_tests(ratios @ contrasts(len(places)))[2]
+            p = np.full(studies, np.nan) if people < 2 else repeated_tests(ratios @ helmert(len(places)).T)[2]
             yield Question(number, REPEATED, (task.id,), "material", test.alpha), Answer(p=p)
 
 

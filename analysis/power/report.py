@@ -371,7 +371,7 @@ def plot(result: Power) -> Sheet:
 def powers(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
     """Draw the power of each question by number of participants, with its Monte Carlo interval as a band."""
     for i, question in enumerate(questions):
-        rows = _rows(result, question)
+        rows = result.by_size(question)
         limits = [row.interval or (0.0, 0.0) for row in rows]
         values = [(low, row.power or 0.0, high) for row, (low, high) in zip(rows, limits, strict=True)]
         _curve(axes, i, [row.participants for row in rows], values, _name(question))
@@ -386,7 +386,7 @@ def powers(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
 def estimates(axes: Axes, result: Power, questions: Sequence[Question]) -> None:
     """Draw the median of the estimates by number of participants, with a band that holds 95 % of the studies."""
     for i, question in enumerate(questions):
-        rows = [row for row in _rows(result, question) if row.quantiles]
+        rows = [row for row in result.by_size(question) if row.quantiles]
         values = [row.quantiles or (0.0, 0.0, 0.0) for row in rows]
         _curve(axes, i, [row.participants for row in rows], values, _name(question))
     axes.set_ylim(top=1.02)
@@ -408,10 +408,6 @@ def _frame(axes: Axes, result: Power, questions: Sequence[Question], what: str) 
 
 def _name(question: Question) -> str:
     return textwrap.fill(subject(question), LETTERS)
-
-
-def _rows(result: Power, question: Question) -> list[Row]:
-    return [row for size in result.participants if (row := result.row(question, size))]
 
 
 def text(result: Power, width: int = WIDTH) -> str:

@@ -272,16 +272,17 @@ def section(result: Sequential) -> Section:
     rows, records = [], []
     for one in result.outcomes:
         power, error = sum(one.found), sum(one.control)
-        low, high = _limits(power, result.studies)
-        least, most = _limits(error, result.studies)
+        own, control = (wilson(round(share * result.studies), result.studies) for share in (power, error))
         rows.append(
-            (one.subject, f"{power:.3f} ({low:.3f}-{high:.3f})", f"{error:.3f} ({least:.3f}-{most:.3f})",
+            (one.subject, f"{power:.3f} ({own.low:.3f}-{own.high:.3f})",
+             f"{error:.3f} ({control.low:.3f}-{control.high:.3f})",
              number(one.mean, 1), number(one.control_mean, 1), " ".join(f"{share:.2f}" for share in one.found),
              *((f"{sum(one.none):.3f}",) if result.rule == "bayes" else ()))
         )  # fmt: skip
         records.append(
-            {"of": one.subject, "rule": result.rule, "power": power, "power_low": low, "power_high": high,
-             "type_i_error": error, "type_i_low": least, "type_i_high": most, "participants": one.mean,
+            {"of": one.subject, "rule": result.rule, "power": power, "power_low": own.low,
+             "power_high": own.high, "type_i_error": error, "type_i_low": control.low, "type_i_high": control.high,
+             "participants": one.mean,
              "participants_control": one.control_mean,
              **{f"found_at_{look}": share for look, share in zip(result.looks, one.found, strict=True)},
              **{f"none_at_{look}": share for look, share in zip(result.looks, one.none, strict=True)}}
@@ -298,8 +299,3 @@ def section(result: Sequential) -> Section:
     ) * (result.rule == "bayes")  # fmt: skip
     return Section("looks", "Design with looks", paragraphs,
                    (Table("", header, tuple(rows), notes=(note, same, *bayes)),), tuple(records))  # fmt: skip
-
-
-def _limits(share: float, studies: int) -> tuple[float, float]:
-    limits = wilson(round(share * studies), studies)
-    return limits.low, limits.high

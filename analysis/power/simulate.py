@@ -145,13 +145,17 @@ class Power:
         """Return one row, or None where this question is not asked at this number of participants."""
         return self._places.get((question, participants, kind))
 
+    def by_size(self, question: Question) -> list[Row]:
+        """Return the rows of one question under the model, by number of participants."""
+        return [row for size in self.participants if (row := self.row(question, size))]
+
     @cached_property
     def _places(self) -> dict[tuple[Question, int, Kind], Row]:
         return {(row.question, row.participants, row.kind): row for row in self.rows}
 
     def needed(self, question: Question) -> Needed:
         """Return how many participants reach the target."""
-        rows = [row for size in self.participants if (row := self.row(question, size))]
+        rows = self.by_size(question)
         low = {row.participants: row.interval[0] for row in rows if row.interval}
         high = {row.participants: row.interval[1] for row in rows if row.interval}
         likely = {row.participants: row.power for row in rows if row.power is not None}

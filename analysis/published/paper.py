@@ -228,9 +228,9 @@ def _add_confusion(
     passed.cells(where, unread)
     if not cells:
         raise _Unknown("no cell holds a mean, or a mean and an SD")
-    if _is_percent(cells):
-        where = f"{where}, read as percent"
-    cells = _with_percent(cells, all_of_them=_is_percent(cells))
+    percent = _is_percent(cells)
+    where += ", read as percent" * percent
+    cells = _with_percent(cells, all_of_them=percent)
     task = f"task {number + 1}"
     trials = {"trials": stated.trials} if stated.trials else {}
     document["task"] = (*document.get("task", ()), {"id": task, "participants": people, **trials})
@@ -381,8 +381,9 @@ def _grids(path: Path, tables: Iterable[list[list[str]]], names: Iterable[str] =
 class _Page(HTMLParser):
     """Collects the tables of a page; a table within a table stands after it."""
 
-    def __init__(self) -> None:
+    def __init__(self, path: Path) -> None:
         super().__init__(convert_charrefs=True)
+        self._path = path
         self.tables: list[list[list[str]]] = []
         self.captions: list[str] = []
         self._open: list[int] = []
@@ -454,15 +455,12 @@ class _Page(HTMLParser):
     def _count(self, cells: int) -> None:
         self._cells += cells
         if self._cells > MOST_CELLS:
-            raise _TooMany
+            allowed = "the tables of one paper"
+            raise PublishedError(f"{self._path}: got more than {MOST_CELLS} cells; allowed: {allowed}")
 
     def _fill(self, table: int, row: list[str], index: int) -> None:
         while (table, index, len(row)) in self._reach:
             row.append(self._reach.pop((table, index, len(row))))
-
-
-class _TooMany(Exception):
-    """A page has more cells than a paper."""
 
 
 def _reaches(text: str | None) -> int:
@@ -470,12 +468,10 @@ def _reaches(text: str | None) -> int:
 
 
 def _html(path: Path) -> tuple[Grid, ...]:
-    page = _Page()
+    page = _Page(path)
     try:
         # Without `close`, which tries every `<` of an unfinished page again.
         page.feed(_text(path))
-    except _TooMany as error:
-        raise PublishedError(f"{path}: got more than {MOST_CELLS} cells; allowed: the tables of one paper") from error
     except (AssertionError, ValueError, RecursionError) as error:
         raise PublishedError(
             f"{path}: got HTML that cannot be parsed; allowed: a page as a browser saves it"

@@ -214,23 +214,20 @@ def _sidecar(path: Path) -> dict[str, Any]:
     sidecar = _json(path, "make the dataset again, because every events file has its sidecar")
     materials, rows = sidecar.get("Materials"), sidecar.get("Rows")
     if not (isinstance(materials, list) and len(materials) > 1 and all(isinstance(m, str) for m in materials)):
-        raise DatasetError(
-            f"{path}: Materials is {materials!r}; allowed: a list of two names or more; make the dataset again"
-        )
+        raise _wrong(path, "Materials", materials, "a list of two names or more")
     shown = sidecar.get("Presented", materials)
     if not (isinstance(shown, list) and shown and shown == [one for one in materials if one in shown]):
-        raise DatasetError(
-            f"{path}: Presented is {shown!r}; allowed: a list of some of {', '.join(materials)}, in this order; make "
-            "the dataset again"
-        )
+        raise _wrong(path, "Presented", shown, f"a list of some of {', '.join(materials)}, in this order")
     answers = sidecar.get("Answers", [])
     if not (isinstance(answers, list) and all(answer in ANSWERS for answer in answers)):
-        raise DatasetError(
-            f"{path}: Answers is {answers!r}; allowed: a list of {', '.join(ANSWERS)}; make the dataset again"
-        )
+        raise _wrong(path, "Answers", answers, f"a list of {', '.join(ANSWERS)}")
     if not isinstance(rows, int):
-        raise DatasetError(f"{path}: Rows is {rows!r}; allowed: the number of rows; make the dataset again")
+        raise _wrong(path, "Rows", rows, "the number of rows")
     return sidecar
+
+
+def _wrong(path: Path, key: str, got: object, allowed: str) -> DatasetError:
+    return DatasetError(f"{path}: {key} is {got!r}; allowed: {allowed}; make the dataset again")
 
 
 def _table(path: Path) -> tuple[list[str], list[list[str]]]:
@@ -397,12 +394,10 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
     renamed = [_renamed(study, name) for study, name in zip(studies, names, strict=True)]
     parts = tuple(part for study in renamed for part in study.parts)
     check_chances(parts, len(first.materials))
-    return Study(
+    return replace(
+        first,
         id="+".join(ids),
         name=f"Pooled: {'; '.join(f'{s.name} ({name})' for s, name in zip(studies, names, strict=True))}",
-        origin=first.origin,
-        label=first.label,
-        materials=first.materials,
         tasks=_tasks(studies),
         participants=tuple(label for study in renamed for label in study.participants),
         first_tasks={label: task for study in renamed for label, task in study.first_tasks.items()},
@@ -412,7 +407,6 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         unasked=tuple(one for study in renamed for one in study.unasked),
         parts=parts,
         ordered=all(study.ordered for study in studies),
-        answers=first.answers,
     )
 
 

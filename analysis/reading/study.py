@@ -8,7 +8,7 @@ Everything left out is reported, and so is everything kept because a rule could 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from experiment.errors import DatasetError
 from experiment.records.events import NO_ANSWER
 
 if TYPE_CHECKING:
-    from experiment.protocol.models import ExclusionRule, Protocol
+    from experiment.protocol.models import ExclusionRule, PlannedTest, Protocol
 
 ALL_TASKS = "all"
 
@@ -218,6 +218,11 @@ class Study:
         """Return the trials of one task that the analysis counts."""
         return self.attempts[self.attempts["included"] & (self.attempts["task"] == task)]
 
+    def plans(self) -> Iterator[PlannedTest]:
+        """Yield the planned tests of every part."""
+        for part in self.parts:
+            yield from part.protocol.analysis if part.protocol else ()
+
 
 def chance(study: Study, task: str) -> Fraction:
     """Return chance in a task, which is the same in every part of a study; see `check_chances`."""
@@ -229,11 +234,8 @@ def correction(study: Study, task: str) -> str | None:
 
     It is that of the first protocol that plans a test of the task against chance.
     """
-    for part in study.parts:
-        for plan in part.protocol.analysis if part.protocol else ():
-            if plan.test == "t against chance" and task in plan.tasks:
-                return plan.correction
-    return None
+    found = (plan.correction for plan in study.plans() if plan.test == "t against chance" and task in plan.tasks)
+    return next(found, None)
 
 
 def check_chances(parts: Sequence[Part], materials: int) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import asdict, replace
+from functools import partial
 
-from analysis.comparison.results import Beside, Compared, Estimate, Scaled, Share, TaskComparisons
+from analysis.comparison.results import Beside, Compared, Scaled, Share, TaskComparisons
 from analysis.documents.tables import Section, Table, interval, number, p_is, plural
 from analysis.published.numbers import Published
 from analysis.reading.study import Study
@@ -18,10 +19,7 @@ LAWS = {
     "thurstone": "Thurstone's case V, in standard deviations of a difference",
     "davidson": "Davidson, with ties, in logits",
 }
-
-
-SCALES = {"bradley-terry": "Bradley-Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
-"""The name of each law in a protocol."""
+"""What is said of each law, whose name in a protocol is its own with capitals."""
 
 FIT = (
     "The P of a deviance takes all answers as independent and every participant as having the same scale, and needs "
@@ -54,7 +52,7 @@ def sections(study: Study, results: Compared, printed: Published | None = None) 
 
 def _of_pairs(stands: plan.Standing, task: str) -> str:
     """Return how the right choices stand, which are printed, or lie behind a planned scale."""
-    marks = {mark for test in (plan.PAIRS, *SCALES.values()) for mark in stands.of(test, task).split(", ")}
+    marks = {mark for test in (plan.PAIRS, *map(str.title, LAWS)) for mark in stands.of(test, task).split(", ")}
     return ", ".join(mark for mark in (plan.PLANNED, plan.PUBLISHED) if mark in marks) or plan.EXPLORATORY
 
 
@@ -75,7 +73,7 @@ def _overview(study: Study, results: Compared) -> Section:
          "without_answer": task.unanswered}
         for task in results.tasks
     )  # fmt: skip
-    found = plan.overview(study, rows, plan.done_of_comparisons(results))
+    found = plan.overview(study, rows, partial(plan.done_of_comparisons, results))
     by = "" if results.quality == UNNAMED else f" by their {results.quality}"
     about = (
         f"Pairs of materials were compared{by}. From the least to the most the protocol has "
@@ -200,10 +198,10 @@ def _scales(results: Compared, stands: plan.Standing) -> Section:
                 law = LAWS[one.law].partition(",")[0]
                 paragraphs.append(f"{task.task.id}: there is no scale of {law}: {one.statement}.")
                 continue
-            mark = stands.of(SCALES[one.law], task.task.id)
+            mark = stands.of(one.law.title(), task.task.id)
             tables.append(replace(_scale(results, task, one), standing=mark))
             records += [
-                {"task": task.task.id, "law": one.law, "of": name, **_record(value)}
+                {"task": task.task.id, "law": one.law, "of": name, **asdict(value)}
                 for name, value in (*zip(results.materials, one.values, strict=True), ("first", one.order))
                 if value is not None
             ]
@@ -229,10 +227,6 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:
         )
     header = ("material", "value", "95 % CI", "above the one before", "95 % CI")
     return Table(f"{task.task.title}: {LAWS[one.law]}", header, rows, notes=tuple(notes))
-
-
-def _record(value: Estimate) -> dict[str, object]:
-    return {"value": value.value, "se": value.se, "low": value.low, "high": value.high}
 
 
 def methods() -> tuple[tuple[str, str], ...]:

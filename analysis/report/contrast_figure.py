@@ -14,7 +14,7 @@ from analysis.documents.drawing import COLUMN_MM, COLUMN_STYLE, PAGE_MM, Sheet, 
 from analysis.identification.contrasts import Marginal
 
 FEW = 5
-"""The most materials beside one another within a column of a journal."""
+"""The most materials beside one another within a column of a journal; more take the width of two."""
 
 SHARES = (0.001, 0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 0.999)
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 
+from scipy.special import expit
+
 from analysis.documents.tables import Section, Table, bayes_factor, interval, number, probability
 from analysis.identification.contrasts import MARGIN, Contrast, Equivalences, Equivalent, Marginal
 from analysis.identification.results import Results
@@ -100,7 +102,7 @@ def _about(found: Marginal) -> tuple[str, ...]:
 def _tables(found: Marginal) -> tuple[Table, ...]:
     rows = tuple(
         (one.task, one.material, number(one.log_odds), number(one.error), f"{one.low:.3f} to {one.high:.3f}",
-         number(_share(one.log_odds)), f"{_share(one.low):.3f} to {_share(one.high):.3f}")
+         number(expit(one.log_odds)), f"{expit(one.low):.3f} to {expit(one.high):.3f}")
         for one in found.means
     )  # fmt: skip
     header = ("task", "presented", "log odds", "SE", "95 % CI", "share", "95 % CI")
@@ -181,7 +183,3 @@ def _contrasts(title: str, within: str, of: Sequence[Contrast], note: str) -> Ta
     )  # fmt: skip
     header = (within, "difference", "log odds", "SE", "odds ratio", "95 % CI", "t", "df", "P", "P (Holm)")
     return Table(title, header, rows, left=frozenset({0, 1}), notes=(note,))
-
-
-def _share(log_odds: float) -> float:
-    return 1 / (1 + math.exp(-log_odds))

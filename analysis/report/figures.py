@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from math import ceil
 from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from analysis.documents.drawing import (
@@ -37,7 +35,7 @@ from analysis.documents.tables import plural
 from analysis.identification.identify import Identification
 from analysis.identification.results import Results, TaskResult, bracketed
 from analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window
-from analysis.report.contrast_figure import contrast_sheet
+from analysis.report.contrast_figure import FEW, contrast_sheet
 from experiment.records.events import NO_ANSWER
 
 ACROSS = 5
@@ -301,9 +299,6 @@ def _ratios(axes: Axes, chances: Mapping[str, float], top: float = 1.02) -> None
     key(axes)
 
 
-FEW = 5
-"""The most materials beside one another within a column of a journal; more take the width of two."""
-
 PAGE = 25
 """The number of participants on a page of panels."""
 
@@ -316,27 +311,23 @@ def sheets(results: Results, label: str, *, titles: bool = False) -> tuple[Sheet
 
     `label` is that of the dataset, and stands above each figure; with `titles` what it shows stands there too.
     """
-    head = _Head(label, titles)
     with mpl.rc_context(COLUMN_STYLE):
-        return (*_answers(results, head), *_contrasts(results, head), *_course(results, head))
+        return tuple(_sheets(results, label, titles=titles))
 
 
-@dataclass(frozen=True)
-class _Head:
-    """What stands above every figure: the label, and its own title if there are to be `titles`."""
-
-    label: str
-    titles: bool
-
-    def sheet(self, rows: Sequence[float], title: str, width_mm: float = COLUMN_MM) -> tuple[Figure, list[Axes]]:
-        return sheet(rows, title if self.titles else "", self.label, width_mm)
+def _sheets(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
+    yield from _answers(results, label, titles=titles)
+    if found := results.marginal[0]:
+        chances = {task.task.id: task.chance for task in results.tasks}
+        yield contrast_sheet(found, list(chances), label, list(chances.values()), titles)
+    yield from _course(results, label, titles=titles)
 
 
-def _answers(results: Results, head: _Head) -> Iterator[Sheet]:
+def _answers(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
     tasks = results.tasks
     count = len(tasks[0].confusion.materials)
     width = COLUMN_MM if count <= FEW else PAGE_MM
-    figure, (axes,) = head.sheet([2.4], "Correct answers: mean ± SD", width)
+    figure, (axes,) = sheet([2.4], "Correct answers: mean ± SD" * titles, label, width)
     correct_ratios(axes, tasks)
     adjusted = [task.task.id for task in tasks if task.correction]
     by = f"adjusted by Holm in {' and '.join(adjusted)}" if adjusted else "not adjusted"
@@ -351,10 +342,10 @@ def _answers(results: Results, head: _Head) -> Iterator[Sheet]:
     unanswered = any(task.confusion.unanswered for task in tasks)
     height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else min(0.32 * count + 1.4, PAGE_INCHES)
     for page, of in pages(tasks, height):
-        figure, panels = head.sheet([height] * len(of), "Answer ratios: means among participants", width)
+        figure, panels = sheet([height] * len(of), "Answer ratios: means among participants" * titles, label, width)
         for axes, task in zip(panels, of, strict=True):
             confusion(axes, task, unanswered=unanswered)
-            if len(tasks) == 1 and not head.titles:
+            if len(tasks) == 1 and not titles:
                 axes.set_title("")
         said = (
             f"Mean answer ratios in {_people(of)}, from 0 (white) to 1 (dark), ± the standard deviation among "
@@ -363,11 +354,12 @@ def _answers(results: Results, head: _Head) -> Iterator[Sheet]:
         yield Sheet(f"confusion{page}", "confusion", said, figure)
 
     for task in tasks:
-        yield from _participants(task, head)
+        yield from _participants(task, label, titles=titles)
 
     found = [one for one in zip(tasks, results.identifications, strict=True) if one[1].scaling]
     for page, mapped in pages(found, MAP_INCHES):
-        figure, panels = head.sheet([MAP_INCHES] * len(mapped), "Map of the materials, from their confusions")
+        title = "Map of the materials, from their confusions" * titles
+        figure, panels = sheet([MAP_INCHES] * len(mapped), title, label)
         for axes, (_, one) in zip(panels, mapped, strict=True):
             material_map(axes, one, tasks[0].confusion.materials)
         key(panels[0])
@@ -378,7 +370,7 @@ def _answers(results: Results, head: _Head) -> Iterator[Sheet]:
         yield Sheet(f"map{page}", "confusions", said, figure)
 
     if confusing := _confusing(results):
-        figure, (axes,) = head.sheet([2.5], "Confusing answers and dissimilarity of spectra")
+        figure, (axes,) = sheet([2.5], "Confusing answers and dissimilarity of spectra" * titles, label)
         against_dissimilarity(axes, confusing, results.dissimilarities.source)
         said = (
             f"Mean confusing answer ratios in {_people(tasks)} against the dissimilarity of the spectra, a point for "
@@ -396,13 +388,13 @@ def _people(tasks: Sequence[TaskResult]) -> str:
     return " and ".join(f"{task.task.title} (n = {len(task.confusion.participants)})" for task in tasks)
 
 
-def _participants(task: TaskResult, head: _Head) -> Iterator[Sheet]:
+def _participants(task: TaskResult, label: str, *, titles: bool) -> Iterator[Sheet]:
     people, count = len(task.confusion.participants), len(task.confusion.presented)
     shown = min(people, PAGES * PAGE)
     for page, first in enumerate(range(0, shown, PAGE), start=1):
         last = min(first + PAGE, shown)
         title = f"{task.task.id}: participants {first + 1} to {last} of {people}, and their share of right answers"
-        figure, (axes,) = head.sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title)
+        figure, (axes,) = sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title * titles, label)
         participants(axes, task, first, last)
         said = (
             f"Answer ratios of each participant in {task.task.title}, {first + 1} to {last} (n = {people}), the "
@@ -432,18 +424,12 @@ def _confusing(results: Results) -> dict[str, list[tuple[float, float]]]:
     return found
 
 
-def _contrasts(results: Results, head: _Head) -> Iterator[Sheet]:
-    if found := results.marginal[0]:
-        chances = {task.task.id: task.chance for task in results.tasks}
-        yield contrast_sheet(found, list(chances), head.label, list(chances.values()), head.titles)
-
-
-def _course(results: Results, head: _Head) -> Iterator[Sheet]:
+def _course(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
     found = results.course
     chances = {task.task.id: task.chance for task in results.tasks}
     if found.learning:
         window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
-        figure, (axes,) = head.sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time")
+        figure, (axes,) = sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time" * titles, label)
         learning(axes, found.learning, chances)
         of = plural(window, "successive trial")
         said = (
@@ -452,7 +438,7 @@ def _course(results: Results, head: _Head) -> Iterator[Sheet]:
         )
         yield Sheet("learning", "course", said, figure)
     if found.speed:
-        figure, (axes,) = head.sheet([2.3], "Right answers by the speed of the foot")
+        figure, (axes,) = sheet([2.3], "Right answers by the speed of the foot" * titles, label)
         speed(axes, found.speed, chances)
         said = (
             f"Share of right answers by the speed of the foot, of all participants together ({_people(results.tasks)}"
@@ -460,7 +446,7 @@ def _course(results: Results, head: _Head) -> Iterator[Sheet]:
         )
         yield Sheet("speed", "course", said, figure)
     if found.onsets:
-        figure, (axes,) = head.sheet([2.3], "Onset of the stimulus, measured at the panel")
+        figure, (axes,) = sheet([2.3], "Onset of the stimulus, measured at the panel" * titles, label)
         onset_errors(axes, found.onsets)
         trials = " and ".join(f"{task} ({plural(len(one.errors_ms), 'trial')})" for task, one in found.onsets.items())
         said = (
@@ -468,7 +454,7 @@ def _course(results: Results, head: _Head) -> Iterator[Sheet]:
         )
         yield Sheet("onset-errors", "course", said, figure)
     if found.masker:
-        figure, (axes,) = head.sheet([2.3], "Masker of each participant")
+        figure, (axes,) = sheet([2.3], "Masker of each participant" * titles, label)
         masker_levels(axes, found.masker)
         people = " and ".join(f"{task} (n = {len(levels)})" for task, levels in found.masker.items())
         said = (

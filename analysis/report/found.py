@@ -9,7 +9,7 @@ from analysis.documents.tables import Section, Table, interval, number, p_is, pl
 from analysis.identification.identify import Cell, Identification
 from analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from analysis.reading.study import Study
-from analysis.report.plan import TWO_WAY, Standing, T, alpha, plans
+from analysis.report.plan import TWO_WAY, Standing, T, alpha
 
 if TYPE_CHECKING:
     from analysis.comparison.results import Compared, Estimate, Scaled, TaskComparisons
@@ -47,7 +47,7 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
 def asked(study: Study) -> list[str]:
     """Return the planned questions as one paragraph, or nothing where none is known."""
     questions = dict.fromkeys(
-        " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?" for plan in plans(study) if plan.test != "ICC"
+        " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?" for plan in study.plans() if plan.test != "ICC"
     )
     return [f"Asked: {' '.join(questions)}"] * bool(questions)
 

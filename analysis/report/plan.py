@@ -14,6 +14,7 @@ from analysis.reading.study import Exclusion, Study, sentences
 if TYPE_CHECKING:
     from analysis.comparison.results import Compared
     from analysis.identification.results import PairTest, Results, TaskResult
+    from analysis.statistics.anova import Anova
     from experiment.protocol.models import ExclusionRule, PlannedTest
 
 PLANNED, PUBLISHED, OURS, EXPLORATORY, DESCRIPTIVE = "planned", "published", "ours", "exploratory", "descriptive"
@@ -53,34 +54,32 @@ class Standing:
     @property
     def results(self) -> str:
         """The name of the part of a report that holds what was planned or published, or all if neither is known."""
-        known = [mark for mark, tests in ((PLANNED, self.planned), (PUBLISHED, self.printed)) if tests]
-        return f"{' and '.join(known)} results".lstrip().capitalize()
+        return f"{' and '.join(_marks(self.planned, self.printed))} results".lstrip().capitalize()
 
     def of(self, test: str, *tasks: str) -> str:
         """Return the mark of a test of these tasks."""
-        marks = [
-            mark
-            for mark, known in ((PLANNED, self.planned), (PUBLISHED, self.printed))
-            if any((test, task) in known for task in tasks)
-        ]
-        return ", ".join(marks) or EXPLORATORY
+        these = {(test, task) for task in tasks}
+        return ", ".join(_marks(these & self.planned, these & self.printed)) or EXPLORATORY
 
     def of_pair(self, pair: PairTest) -> str:
         """Return the mark of a one-way ANOVA, exploratory where neither plan nor paper name its two materials."""
         printed = (ONE_WAY, pair.task) in self.printed and "published" in pair.chosen
-        named = {PLANNED: names(self.asked.get(pair.task, ""), pair), PUBLISHED: printed}
-        return ", ".join(mark for mark, known in named.items() if known) or EXPLORATORY
+        return ", ".join(_marks(names(self.asked.get(pair.task, ""), pair), printed)) or EXPLORATORY
 
     def ours(self, test: str, *tasks: str) -> str:
         """Return the mark of a test of ours that asks what this test of these tasks asks."""
         return OURS if self.of(test, *tasks) != EXPLORATORY else f"{OURS}, {EXPLORATORY}"
 
 
+def _marks(planned: object, printed: object) -> list[str]:
+    return [mark for mark, known in ((PLANNED, planned), (PUBLISHED, printed)) if known]
+
+
 def standing(study: Study, printed: Published | None) -> Standing:
     """Return what is planned, and what the paper prints, of this study; of its reconstruction alone: others are new."""
     tasks = [task.id for task in study.tasks]
-    planned = {(plan.test, task) for plan in plans(study) for task in plan.tasks}
-    asked = {task: plan.question for plan in plans(study) if plan.test == ONE_WAY for task in plan.tasks}
+    planned = {(plan.test, task) for plan in study.plans() for task in plan.tasks}
+    asked = {task: plan.question for plan in study.plans() if plan.test == ONE_WAY for task in plan.tasks}
     found: set[tuple[str, str]] = set()
     if printed is not None and study.origin == "RECONSTRUCTION":
         found |= {(T, table.task) for table in printed.table if table.task}
@@ -96,15 +95,9 @@ PAIRS = "right choices"
 """What stands in print of comparisons; no protocol plans it as a test."""
 
 
-def plans(study: Study) -> Iterator[PlannedTest]:
-    """Yield the planned tests of every part."""
-    for part in study.parts:
-        yield from part.protocol.analysis if part.protocol else ()
-
-
 def alpha(study: Study, test: str, *tasks: str) -> float:
     """Return the level of significance that is planned for a test of these tasks, 0.05 where none is."""
-    found = (plan.alpha for plan in plans(study) if plan.test == test and set(plan.tasks) & set(tasks))
+    found = (plan.alpha for plan in study.plans() if plan.test == test and set(plan.tasks) & set(tasks))
     return next(found, 0.05)
 
 
@@ -124,7 +117,7 @@ def marked(section: Section, *marks: str) -> Section:
 def icc_marks(study: Study, stands: Standing, results: Results) -> tuple[str, ...]:
     """Return a mark for each table of an ICC: where the plan names variance components, the forms are exploratory."""
     mark = stands.of(ICC, *(task.task.id for task in results.tasks))
-    named = any(plan.form and "variance" in plan.form.casefold() for plan in plans(study) if plan.test == ICC)
+    named = any(plan.form and "variance" in plan.form.casefold() for plan in study.plans() if plan.test == ICC)
     of_forms = EXPLORATORY if named and results.components else mark
     return (of_forms,) * len(results.reliabilities) + (mark,) * (results.components is not None)
 
@@ -208,26 +201,24 @@ def _tests(study: Study, done: Callable[[PlannedTest], str]) -> Iterator[tuple[s
         )
 
 
-def done_of(results: Results) -> Callable[[PlannedTest], str]:
-    """Return what says in words what was run of a planned test of identifications."""
-
-    def done(plan: PlannedTest) -> str:
-        match plan.test:
-            case "t against chance":
-                return "; ".join(_against_chance(task, results.task(task), plan.alpha) for task in plan.tasks)
-            case "one-way ANOVA":
-                return "; ".join(_one_way(task, plan, results) for task in plan.tasks)
-            case "two-way ANOVA":
-                return _two_way(results)
-            case "ICC":
-                if results.components is not None and (value := results.components.by_k[0][2]) is not None:
-                    return f"run: variance-component ICC {number(value)}; every form stands in its table"
-                if any(one.icc for one in results.reliabilities):
-                    return "run: every form stands in its table"
-                return "not run: no ICC is defined"
-        return "not run: the trials are no comparisons"
-
-    return done
+def done_of(results: Results, plan: PlannedTest) -> str:
+    """Return in words what was run of a planned test of identifications."""
+    match plan.test:
+        case "t against chance":
+            return "; ".join(_against_chance(task, results.task(task), plan.alpha) for task in plan.tasks)
+        case "one-way ANOVA":
+            return "; ".join(_one_way(task, plan, results) for task in plan.tasks)
+        case "two-way ANOVA":
+            if not results.two_way:
+                return f"not run: {results.two_way_statement}"
+            return f"run: {_outcome(results.two_way[1], 'tasks, type II, ')}"
+        case "ICC":
+            if results.components is not None and (value := results.components.by_k[0][2]) is not None:
+                return f"run: variance-component ICC {number(value)}; every form stands in its table"
+            if any(one.icc for one in results.reliabilities):
+                return "run: every form stands in its table"
+            return "not run: no ICC is defined"
+    return "not run: the trials are no comparisons"
 
 
 def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
@@ -250,9 +241,9 @@ def _one_way(task: str, plan: PlannedTest, results: Results) -> str:
         return f"{task} not run: {NEVER}"
     asked = next((pair for pair in found if names(plan.question, pair)), None)
     if asked is not None:
-        return f"{task} run: {_outcome(asked)}"
-    tested = " and ".join(found[0].pair)
-    return f"{task} run of {tested}, which were confused most, and which the plan does not name: {_outcome(found[0])}"
+        return f"{task} run: {_outcome(asked.anova)}"
+    tested, outcome = " and ".join(found[0].pair), _outcome(found[0].anova)
+    return f"{task} run of {tested}, which were confused most, and which the plan does not name: {outcome}"
 
 
 NEVER = "no two materials that it presents were taken for one another"
@@ -264,41 +255,27 @@ def names(question: str, pair: PairTest) -> bool:
     return all(material.casefold() in question.casefold() for material in pair.pair)
 
 
-def _outcome(pair: PairTest) -> str:
-    if pair.anova is None or (effect := pair.anova.effects[0]).f is None or effect.p is None:
+def _outcome(anova: Anova | None, of: str = "") -> str:
+    if anova is None or (effect := anova.effects[0]).f is None or effect.p is None:
         return "F is not defined"
-    return f"F({effect.df}, {pair.anova.residual.df}) = {effect.f:.2f}, {p_is(effect.p)}"
+    return f"{of}F({effect.df}, {anova.residual.df}) = {effect.f:.2f}, {p_is(effect.p)}"
 
 
-def _two_way(results: Results) -> str:
-    if not results.two_way:
-        return f"not run: {results.two_way_statement}"
-    anova = results.two_way[1]
-    effect = anova.effects[0]
-    if effect.f is None or effect.p is None:
-        return "run: F is not defined"
-    return f"run: tasks, type II, F({effect.df}, {anova.residual.df}) = {effect.f:.2f}, {p_is(effect.p)}"
-
-
-def done_of_comparisons(results: Compared) -> Callable[[PlannedTest], str]:
-    """Return what says in words what was run of a planned scale."""
-
-    def done(plan: PlannedTest) -> str:
-        said = []
-        for task in plan.tasks:
-            found = next((one for one in results.tasks if one.task.id == task), None)
-            scale = next((one for one in found.scales if one.law == plan.test.lower()), None) if found else None
-            if found is None:
-                said.append(f"{task} not run: no trial")
-            elif scale is None:
-                said.append(f"{task} not run: the answers of the study ask for another scale")
-            elif scale.scale is None:
-                said.append(f"{task} run, and it has no scale: {scale.statement}")
-            else:
-                said.append(f"{task} run: the scale stands in its table")
-        return "; ".join(said)
-
-    return done
+def done_of_comparisons(results: Compared, plan: PlannedTest) -> str:
+    """Return in words what was run of a planned scale."""
+    said = []
+    for task in plan.tasks:
+        found = next((one for one in results.tasks if one.task.id == task), None)
+        scale = next((one for one in found.scales if one.law == plan.test.lower()), None) if found else None
+        if found is None:
+            said.append(f"{task} not run: no trial")
+        elif scale is None:
+            said.append(f"{task} not run: the answers of the study ask for another scale")
+        elif scale.scale is None:
+            said.append(f"{task} run, and it has no scale: {scale.statement}")
+        else:
+            said.append(f"{task} run: the scale stands in its table")
+    return "; ".join(said)
 
 
 def exclusions_section(study: Study) -> Section:

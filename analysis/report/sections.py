@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from string import Template
 
@@ -195,7 +196,7 @@ def overview_section(study: Study, results: Results) -> Section:
          "trials": int(task.confusion.counts.sum()), "without_answer": task.confusion.unanswered, "chance": task.chance}
         for task in results.tasks
     )  # fmt: skip
-    return overview(study, rows, done_of(results))
+    return overview(study, rows, partial(done_of, results))
 
 
 def confusion_section(results: Results) -> Section:

@@ -138,12 +138,9 @@ class Crossed:
         along = self._directions[key] @ (sums / denominator)
         return np.asarray(np.einsum("ds,ds->s", along, along))
 
-    def same(self, effect: str) -> list[list[SumsOfSquares]]:
-        """Return the types, grouped by whether they are one test of this effect in this design."""
-        return self._same[effect]
-
     @cached_property
-    def _same(self) -> dict[str, list[list[SumsOfSquares]]]:
+    def same(self) -> dict[str, list[list[SumsOfSquares]]]:
+        """Effect -> the types, grouped by whether they are one test of it in this design."""
         found = {}
         for place, effect in enumerate("ABX"):
             groups: dict[tuple[Fraction, ...], list[SumsOfSquares]] = {}

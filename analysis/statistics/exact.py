@@ -62,23 +62,6 @@ def integers(values: Sequence[Number]) -> tuple[list[int], int]:
     return [numerator * (common // denominator) for numerator, denominator in ratios], common
 
 
-def mean(values: Sequence[Number]) -> Fraction:
-    """Return the arithmetic mean of finite values, at least one."""
-    if not values:
-        raise NotDefined("there is no value, so there is no mean")
-    whole, common = integers(values)
-    return Fraction(sum(whole), common * len(whole))
-
-
-def sum_of_squares(values: Sequence[Number]) -> Fraction:
-    """Return the sum of the squared differences from the mean, of finite values, at least one."""
-    if not values:
-        raise NotDefined("there is no value, so there is no sum of squares")
-    whole, common = integers(values)
-    total = sum(whole)
-    return Fraction(len(whole) * sum(map(mul, whole, whole)) - total * total, len(whole) * common * common)
-
-
 def over(above: Any, below: Any) -> Values:
     """Return each quotient: a fraction of Python's integers, a float64 of numpy's."""
     if np.asarray(above).dtype == object:

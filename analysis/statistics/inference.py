@@ -262,11 +262,6 @@ def resamples(participants: int, count: int, rng: np.random.Generator) -> Intege
     )
 
 
-def leave_one_out(participants: int) -> Integers:
-    """Return the same for leaving out each participant in turn, shape (participants, participants)."""
-    return np.ones((participants, participants), dtype=np.int64) - np.eye(participants, dtype=np.int64)
-
-
 def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CONFIDENCE) -> ConfidenceInterval:
     """Return the BCa interval from values in the resamples, shape (B,), and with each participant left out, shape (P,).
 

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
+from scipy.linalg import helmert
 from scipy.special import fdtrc, stdtr, stdtrit
 
 from analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
@@ -135,7 +136,7 @@ def repeated(values: Floats, names: Sequence[str]) -> tuple[Repeated, ...]:
     if min(levels) < 2:
         raise NotDefined(f"repeated measures need two levels of {names[levels.index(min(levels))]}, got {min(levels)}")
     means = [np.full((count, 1), 1 / math.sqrt(count)) for count in levels]
-    apart = [contrasts(count) for count in levels]
+    apart = [helmert(count).T for count in levels]
     parts = {names[0]: apart[:1]} if len(levels) == 1 else {
         names[0]: [apart[0], means[1]], names[1]: [means[0], apart[1]], f"{names[0]} x {names[1]}": apart,
     }  # fmt: skip
@@ -148,12 +149,6 @@ def repeated(values: Floats, names: Sequence[str]) -> tuple[Repeated, ...]:
         found = (None, None, None, None) if math.isnan(f) else (f, epsilon, p, plain)
         lines.append(Repeated(name, people, found[0], df1, df1 * (people - 1), *found[1:]))
     return tuple(lines)
-
-
-def contrasts(levels: int) -> Floats:
-    """Return orthonormal contrasts of so many levels, shape (levels, levels - 1) (Helmert's)."""
-    columns = np.array([[1.0] * k + [-float(k)] + [0.0] * (levels - k - 1) for k in range(1, levels)]).T
-    return np.asarray(columns / np.sqrt((columns**2).sum(axis=0)))
 
 
 def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats]:

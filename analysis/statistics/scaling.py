@@ -13,19 +13,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.special import log_softmax
-from scipy.stats import norm
 from statsmodels.genmod.families import Binomial, links
 from statsmodels.genmod.generalized_linear_model import GLM
 
-from analysis.statistics.exact import NotDefined
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
+from analysis.statistics.exact import Floats, Integers, NotDefined
 
 Law = Literal["bradley-terry", "thurstone", "davidson"]
 
@@ -48,14 +43,6 @@ class Comparisons:
     chosen: Integers
     person: Integers
     items: int
-
-    def wins(self) -> Integers:
-        """Return how often the row's item was chosen over the column's, shape (items, items); ties count for none."""
-        found = np.zeros((self.items, self.items), dtype=np.int64)
-        np.add.at(found, (self.first, self.second), self.chosen == FIRST)
-        np.add.at(found, (self.second, self.first), self.chosen == SECOND)
-        np.fill_diagonal(found, 0)
-        return found
 
 
 @dataclass(frozen=True)
@@ -84,14 +71,6 @@ class Scale:
         contrast[other] -= 1
         return float(self.values[one] - self.values[other]), float(np.sqrt(contrast @ self.covariance @ contrast))
 
-    def share(self, first: int, second: int) -> Floats:
-        """Return the fitted shares of first, tie and second for an ordered pair, shape (3,)."""
-        d = self.values[first] - self.values[second] + self.order
-        if self.law == "thurstone":
-            return np.array([norm.cdf(d), 0.0, norm.cdf(-d)])
-        tie = -np.inf if self.tie is None else self.tie
-        return np.asarray(np.exp(log_softmax([d / 2, tie, -d / 2])), dtype=np.float64)
-
 
 def fit(data: Comparisons, law: Law) -> Scale:
     """Return the scale of greatest likelihood.
@@ -101,9 +80,9 @@ def fit(data: Comparisons, law: Law) -> Scale:
     """
     _check(data, law)
     design = _design(data)
+    observed = np.eye(3)[data.chosen]
     if law == "davidson":
         beta, fitted, scores, information = _davidson(design, data.chosen)
-        observed = np.eye(3)[data.chosen]
     else:
         link = links.Logit() if law == "bradley-terry" else links.Probit()
         chosen = (data.chosen == FIRST).astype(np.float64)
@@ -114,7 +93,6 @@ def fit(data: Comparisons, law: Law) -> Scale:
         # Expected information: for the logistic law it is the observed one.
         information = design.T @ (design * (slope**2 / (share * (1 - share)))[:, None])
         fitted = np.column_stack([1 - share, np.zeros_like(share), share])
-        observed = np.eye(3)[data.chosen]
     likelihood = float(np.log(fitted[np.arange(len(fitted)), data.chosen]).sum())
     # The values of all items, which add up to zero, and the rest are `back` times the fitted coefficients.
     last = data.items - 1
@@ -139,11 +117,11 @@ def _check(data: Comparisons, law: Law) -> None:
     if ties != (law == "davidson"):
         said = "some comparisons ended in a tie, which this law has not" if ties else "no comparison ended in a tie"
         raise NotDefined(f"{said}, so the {law} scale is not defined")
-    wins = data.wins()
     # A tie counts as half a choice of each, so it joins both.
-    np.add.at(wins, (data.first, data.second), data.chosen == TIE)
-    np.add.at(wins, (data.second, data.first), data.chosen == TIE)
-    pieces, _ = connected_components(coo_array(wins), directed=True, connection="strong")
+    joined = np.zeros((data.items, data.items), dtype=np.int64)
+    np.add.at(joined, (data.first, data.second), data.chosen != SECOND)
+    np.add.at(joined, (data.second, data.first), data.chosen != FIRST)
+    pieces, _ = connected_components(coo_array(joined), directed=True, connection="strong")
     if pieces > 1:
         raise NotDefined("some items were chosen over all others every time, so that no finite scale fits best")
     if _separated(data, _design(data)):

@@ -21,6 +21,7 @@ from fractions import Fraction
 import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.linalg import helmert
 from scipy.special import expit
 
 from analysis.identification import maps, trial_models
@@ -33,7 +34,7 @@ from analysis.statistics import lapses
 from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests
 from analysis.statistics.exact import NotDefined, of_counts
 from analysis.statistics.inference import clopper_pearson, mean_interval, resamples, t_tests, wilson
-from analysis.statistics.participants import contrasts, equivalence_tests, jackknife, repeated_tests, sign_flip_tests
+from analysis.statistics.participants import equivalence_tests, jackknife, repeated_tests, sign_flip_tests
 
 SIZES = (6, 10, 15, 25)
 MATERIALS, TRIALS, ALPHA = ("a", "b", "c", "d"), 10, 0.05
@@ -127,9 +128,9 @@ def at_once(null: Counts, shown: Counts) -> Iterator[tuple[str, Iterable[float]]
     for name, effect in (("task", "A"), ("material", "B")):
         yield f"two-way ANOVA, {name}", two_way_tests(layout, cells, effect, "II").p
     one_task, gaps = right[0] / TRIALS, right[0] - right[1]
-    yield "repeated measures, material in one task (ours)", repeated_tests(one_task @ contrasts(4))[2]
-    yield "repeated measures, material (ours)", repeated_tests((right[0] + right[1]) @ contrasts(4))[2]
-    yield "repeated measures, task x material (ours)", repeated_tests(gaps @ contrasts(4))[2]
+    yield "repeated measures, material in one task (ours)", repeated_tests(one_task @ helmert(4).T)[2]
+    yield "repeated measures, material (ours)", repeated_tests((right[0] + right[1]) @ helmert(4).T)[2]
+    yield "repeated measures, task x material (ours)", repeated_tests(gaps @ helmert(4).T)[2]
     yield "paired t, task (ours)", repeated_tests(gaps.sum(axis=-1)[..., None].astype(float))[2]
     # A difference of k of 40 is k + 40 of 80 against a half.
     yield "paired sign flips, task (ours)", sign_flip_tests(gaps.sum(axis=-1) + 40, 80, Fraction(1, 2))

@@ -154,7 +154,7 @@ def test_dominated_is_explained_where_it_is_printed(result: Numerics) -> None:
 def test_json_has_every_row(result: Numerics) -> None:
     document = json.loads(json.dumps(report.as_dict(result), allow_nan=False))
     assert (document["failed"], document["label"]) == (result.failed, "SIMULATED spectra")
-    rows = sum(len(document[slug]) for slug in report.SLUGS)
+    rows = sum(len(document[slug]) for slug in report.TITLES)
     assert rows == len(result.measured)
     assert [row["truth"] for row in document["budget"]] == [one.truth for one in result.played]
     assert len(document["conditions"]) == len(result.conditions)

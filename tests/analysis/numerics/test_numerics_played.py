@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from analysis.numerics import numerics, oracle, played
+from analysis.numerics import figures, numerics, oracle, played
 from analysis.numerics.cases import Case, settle
 from analysis.numerics.played import IN_M_S2, IN_VOLTS, PREPARED, RIG, SHAPED, Rig
 from experiment.synthesis.crinkle import CrinkleSpectra
@@ -157,7 +157,7 @@ def stimuli() -> list[played.Played]:
 def test_a_budget_is_the_truth_and_its_shares_add_up(stimuli: list[played.Played]) -> None:
     for one in stimuli:
         assert one.holds
-        shares = [getattr(one.budget, cause) for cause in played.CAUSES]
+        shares = [getattr(one.budget, cause) for cause in figures.CAUSES]
         assert sqrt(sum(share**2 for share in shares)) == pytest.approx(one.budget.total, rel=1e-12)
     in_volts = [one for one in stimuli if one.unit == IN_VOLTS]
     assert all(one.budget.left_out > 0.1 for one in in_volts)

@@ -101,7 +101,7 @@ def test_what_one_of_the_two_tests_shows_is_said_of_it_alone_and_stars_without_s
     assert "; t does not show it. This was not shown for snow (0.33" in said
     assert [row[5:] for row in table.rows[:2]] == [("0.004", "0.062", "(**)"), ("0.122", "0.031", "")]
     (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
-    told = done_of(results)(planned)
+    told = done_of(results, planned)
     assert told == "virtual run: 1 of 3 materials shown above chance, and 1 by sign flips, ours; real not run: no trial"
     brackets = " Sign flips, the exact test over participants, which is ours, do not show stars in brackets."
     assert table.notes[0].endswith(brackets)
@@ -144,7 +144,7 @@ def test_where_sign_flips_are_not_defined_nothing_is_said_of_them(tmp_path: Path
     assert "By t answers were right more often than by chance (0.3333) for " in said
     assert "; sign flips, which are ours, are not defined for it." in said
     (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
-    assert done_of(results)(planned).startswith("virtual run: 3 of 3 materials shown above chance; real")
+    assert done_of(results, planned).startswith("virtual run: 3 of 3 materials shown above chance; real")
 
 
 def test_at_the_ceiling_t_has_no_p_and_sign_flips_have_one(tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_one_participant_is_no_test(tmp_path: Path) -> None:
     assert "; chance is 0.3333. t has no P, because one participant has no spread." in said
     assert "Sign flips" not in said
     (planned, *_) = files.load(shipped("okamoto2012.toml")).analysis
-    told = done_of(compute(study, {}))(planned)
+    told = done_of(compute(study, {}), planned)
     assert told.startswith("virtual run: t is defined for no material, and 0 shown above chance by sign flips, ours; ")
 
 

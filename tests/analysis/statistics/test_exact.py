@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.statistics.exact import NotDefined, integers, mean, sum_of_squares
+from analysis.statistics.exact import integers, of_groups
 
 counts = st.lists(st.integers(0, 40), min_size=2, max_size=12)
 
@@ -19,25 +19,20 @@ counts = st.lists(st.integers(0, 40), min_size=2, max_size=12)
 @given(counts)
 def test_mean_and_sum_of_squares_are_those_of_the_standard_library(values: list[int]) -> None:
     exact = [Fraction(value, 10) for value in values]
-    assert mean(exact) == statistics.mean(exact)
-    assert sum_of_squares(exact) == statistics.pvariance(exact) * len(exact)
+    found = of_groups([exact])
+    assert found.means[0, 0] == statistics.mean(exact)
+    assert found.within[0] == statistics.pvariance(exact) * len(exact)
 
 
 def test_no_digit_is_lost_beside_a_large_constant() -> None:
     values = [Fraction(10**13) + Fraction(k, 10) for k in (4, 3, 5)]
-    assert sum_of_squares(values) == Fraction(2, 100)
+    assert of_groups([values]).within[0] == Fraction(2, 100)
 
 
 def test_integers_stand_for_the_same_values() -> None:
     values: list[int | float | Fraction] = [Fraction(1, 10), 0.75, 3, np.float64(0.5)]
     whole, common = integers(values)
     assert (whole, common) == ([2, 15, 60, 10], 20)
-
-
-def test_nothing_has_no_mean() -> None:
-    for statistic in (mean, sum_of_squares):
-        with pytest.raises(NotDefined, match="no value"):
-            statistic([])
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])

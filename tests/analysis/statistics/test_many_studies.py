@@ -137,13 +137,13 @@ def test_every_icc_form(seed: int, materials: int, people: int) -> None:
 def test_types_are_one_test_where_the_design_makes_them_so() -> None:
     """Numbers in proportion: I and II are one; equal numbers: all three are (Searle 1971, chapter 7)."""
     apart = anova.crossed((15,) * 4 + (10,) * 4, (2, 4))
-    assert [apart.same(effect) for effect in "ABX"] == [
+    assert [apart.same[effect] for effect in "ABX"] == [
         [["I", "II", "III"]],
         [["I", "II"], ["III"]],
         [["I", "II", "III"]],
     ]
     equal = anova.crossed((8,) * 6, (2, 3))
-    assert [len(equal.same(effect)) for effect in "ABX"] == [1, 1, 1]
+    assert [len(equal.same[effect]) for effect in "ABX"] == [1, 1, 1]
 
 
 @pytest.mark.parametrize(("weights", "levels"), [((5,) * 4, (1, 4)), ((5, 5), (2, 1))])
