@@ -296,7 +296,6 @@ class Drive:
 
         Stimuli of any other material are worked out, as are those beyond what is prepared.
         """
-        self.rate_hz = rate_hz
         self.response = response
         self.limit_m_s2 = limit_m_s2
         self._whole = partial(drive, rate_hz=rate_hz, response=response, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2)
