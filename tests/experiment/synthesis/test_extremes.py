@@ -66,8 +66,6 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
         ("dissimilarity: a", lambda x: distance(changed(c, x), c, frequencies_hz=f), EITHER),
         ("dissimilarity: b", lambda x: distance(c, changed(c, x), frequencies_hz=f), EITHER),
         ("dissimilarity: frequencies_hz", lambda x: distance(c, c, frequencies_hz=changed(f, x)), EITHER),
-        ("dissimilarity: band_hz, lowest", lambda x: distance(c, c, frequencies_hz=f, band_hz=(x, 500.0)), NAN),
-        ("dissimilarity: band_hz, highest", lambda x: distance(c, c, frequencies_hz=f, band_hz=(0.0, x)), NAN),
         (
             "dissimilarity_matrix: spectra",
             lambda x: spectra.dissimilarity_matrix(changed(some(), x), frequencies_hz=f),
@@ -77,16 +75,6 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
             "dissimilarity_matrix: frequencies_hz",
             lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=changed(f, x)),
             EITHER,
-        ),
-        (
-            "dissimilarity_matrix: band_hz, lowest",
-            lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=f, band_hz=(x, 500.0)),
-            NAN,
-        ),
-        (
-            "dissimilarity_matrix: band_hz, highest",
-            lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=f, band_hz=(0.0, x)),
-            NAN,
         ),
     ]
 
