@@ -148,7 +148,7 @@ class Footsteps(Kind):
         step = protocol.footsteps.step
         self._protocol = protocol
         self._trials = len(lent.header.order)
-        self._place = scene.plan(protocol=protocol, task_id=lent.header.task).place
+        self._place = protocol.task(lent.header.task).stimulus == "real"
         self._devices = devices
         self._console = lent.console
         self._clock = clock

@@ -53,9 +53,9 @@ def recordings(protocol: Protocol, tmp_path_factory: pytest.TempPathFactory) -> 
 
 def test_a_real_task_needs_no_synthesis_no_actuator_and_no_spectra(protocol: Protocol) -> None:
     real = scene.plan(protocol=protocol, task_id="real")
-    assert (real.synthesis, real.actuator, real.place, real.materials) == (False, False, True, ())
+    assert (real.synthesis, real.actuator, real.materials) == (False, False, ())
     virtual = scene.plan(protocol=protocol, task_id="virtual")
-    assert (virtual.synthesis, virtual.actuator, virtual.place, len(virtual.materials)) == (True, True, False, 4)
+    assert (virtual.synthesis, virtual.actuator, len(virtual.materials)) == (True, True, 4)
 
 
 def presenting(protocol: Protocol, **materials: tuple[str, ...]) -> Protocol:
