@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,11 @@ def _ready() -> None:
     """Do nothing: whoever calls it has imported this module."""
 
 
+def computed(by: Executor, what: Callable[..., Any], recorded: Recorded, **facts: object) -> Any:
+    """Return what is computed of a recording by another process. Raises what that raises, and `TimeoutError`."""
+    return by.submit(what, recorded.microphone, recorded.played, **facts).result(PATIENCE_S)
+
+
 @dataclass
 class _Attempt:
     """What is listened to: from `answerable_ns` on, until `until_ns` once that is known; both session time."""
@@ -118,7 +124,7 @@ class Ear:
         """
         self.enrolment: Enrolment | None = None
         self._microphone = microphone
-        self._computing = computing
+        self._computed = partial(computed, computing, rate_hz=microphone.rate_hz)
         self._console = console
         self._clock = clock
         self._write = write
@@ -223,11 +229,6 @@ class Ear:
                 self._console.heard(words=words)
             if until_ns == over_ns:
                 one.ended.wait()
-
-    def _computed(self, what: Callable[..., Any], recorded: Recorded, **facts: object) -> Any:
-        samples = recorded.microphone, recorded.played
-        asked = self._computing.submit(what, *samples, rate_hz=self._microphone.rate_hz, **facts)
-        return asked.result(PATIENCE_S)
 
     def _record(self, one: _Attempt, heard: Heard, offset_s: float) -> Spoken:
         onset_s = None if heard.onset_s is None else max(offset_s + heard.onset_s, 0.0)
