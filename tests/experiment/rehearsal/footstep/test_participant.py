@@ -63,7 +63,7 @@ def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing() -> None:
     with pytest.raises(TrackerError, match=r"zeroing: got an offset of 9\.00 mm; .* rested 5 times and cannot rest"):
         tracker.settle(one)
     assert foot.rests == 3 * MOST_RESTS
-    assert tracker.due
+    assert tracker.zero is None
 
 
 def test_at_the_keys_an_experimenter_hears_one_answer_however_often_they_are_asked(
