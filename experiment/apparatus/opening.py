@@ -19,9 +19,6 @@ from experiment.clock import Clock
 from experiment.errors import ActuatorError, RigError, TrackerError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from experiment.apparatus.audio.masker import MaskerNoise
     from experiment.apparatus.audio.stream import AudioStream, StreamSettings
     from experiment.apparatus.servo.settings import ServoRig
@@ -60,8 +57,8 @@ def open_audio(
     if device is None and audio.device == REHEARSAL:
         raise RigError(simulated_only(rig, "audio.device"))
     if not rig.rig.simulated:
-        rigs.check_latency(audio, today)
-        rigs.check_headphones(audio, today)
+        rigs.check_age(audio.latency, today)
+        rigs.check_age(audio.headphones, today)
     settings = session_stream(rig, limit_m_s2=limit_m_s2, listens=listens, masker=masker)
     return AudioStream(replace(settings, device=device or audio.device), clock)
 
@@ -118,22 +115,6 @@ def _settings(audio: AudioRig, ceilings: list[float], *, inputs: int, sent: bool
         ceilings=tuple(ceilings),
         sent=audio.channels.headphones[0] - 1 if sent else None,
         stimuli=stimuli,
-    )
-
-
-def masker_noise(rig: Rig, *, samples: NDArray[np.float64], limit_db_a: float) -> MaskerNoise:
-    """Return one round of noise, of rms 1 at the audio device's rate, shape (n,), as the rig's headphones play it.
-
-    `RigError` says that the rig has no audio device; errors are otherwise those of `masker.masker_noise`.
-    """
-    from experiment.apparatus.audio import masker
-
-    audio = audio_of(rig)
-    return masker.masker_noise(
-        samples,
-        rate_hz=audio.rate_hz,
-        pink_full_scale_db_a=audio.headphones.full_scale_db_a,
-        limit_db_a=limit_db_a,
     )
 
 

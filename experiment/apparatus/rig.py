@@ -36,6 +36,15 @@ from experiment.settings.load import ONE_LINE, Address, Broken, Confined, Line, 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
 
+PLACES = {
+    "tracker": "port",
+    "actuator": "address",
+    "accelerometer": "address",
+    "audio": "device",
+    "servo": "address",
+}
+"""Where each device of a rig is found, by its table: the key that a simulated rig leaves to the rehearsal."""
+
 
 def _actuator_rules(table: Any) -> Iterator[Broken]:
     """`pcm-tcp` needs `address`, `audio` has none.
@@ -306,23 +315,16 @@ class AudioRig(Confined):
     delivered: DeliveredRig
 
 
-def check_latency(audio: AudioRig, today: date) -> None:
-    """Refuse, with a `RigError`, a latency that was calibrated too long ago, or after today."""
-    made, days = audio.latency.calibrated_on, audio.latency.calibration_days
-    _check_age("latency", made, days, today, "run `palpate calibrate audio`")
-
-
-def check_headphones(audio: AudioRig, today: date) -> None:
-    """Refuse, with a `RigError`, a level of the headphones that was calibrated too long ago, or after today."""
-    made, days = audio.headphones.calibrated_on, audio.headphones.calibration_days
-    _check_age("headphones", made, days, today, "measure the headphones' level anew")
-
-
 UNCALIBRATED = date(2000, 1, 1)
 """What a rig file that `palpate new --rig` wrote has in place of each date of a calibration."""
 
 
-def _check_age(table: str, made: date, days: int, today: date, remedy: str) -> None:
+def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
+    """Refuse, with a `RigError`, what was calibrated too long ago, or after today."""
+    table, remedy = "headphones", "measure the headphones' level anew"
+    if isinstance(calibrated, LatencyRig):
+        table, remedy = "latency", "run `palpate calibrate audio`"
+    made, days = calibrated.calibrated_on, calibrated.calibration_days
     age = (today - made).days
     if made == UNCALIBRATED:
         raise RigError(
@@ -386,14 +388,7 @@ def _rig_rules(table: Any) -> Iterator[Broken]:
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
-    named = (
-        ("tracker", "port"),
-        ("actuator", "address"),
-        ("accelerometer", "address"),
-        ("audio", "device"),
-        ("servo", "address"),
-    )
-    for device, key in named:
+    for device, key in PLACES.items():
         settings = table.get(device)
         if isinstance(settings, dict) and settings.get(key) == REHEARSAL:
             yield Broken((device, key), f"a real {key}: '{REHEARSAL}' is for rigs with simulated = true")
@@ -619,10 +614,8 @@ def sha256(rig: Rig) -> str:
     read. Ports and addresses are left out: a device that comes back under another name is the same device. Anchors
     and the participant's screen measure nothing; what the screen showed is in the journal.
     """
-    where: dict[str, Any] = {"tracker": {"port"}, "actuator": {"address"}, "accelerometer": {"address"}}
-    where |= {"servo": {"address"}}
-    where |= {"audio": {"device"}, "screen": True, "anchors": True}
-    stated = rig.model_dump(mode="json", exclude_none=True, exclude=where)
+    where = {device: {key} for device, key in PLACES.items()}
+    stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, "screen": True, "anchors": True})
     if (driver := rig.driver_file) is not None:
         try:
             stated["tracker"]["driver_sha256"] = hashlib.sha256(storage.read_bytes(driver)).hexdigest()

@@ -21,6 +21,7 @@ from pathlib import Path
 
 from experiment import __version__, storage
 from experiment.dataset import bids
+from experiment.dataset.trial_files import text_of
 from experiment.errors import DatasetError, ProtocolError
 from experiment.records.events import NO_ANSWER
 from experiment.settings.characters import quoted
@@ -51,7 +52,7 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     but each is spelt in one way throughout the file.
     Raises `DatasetError` if the file is anything else; the error names file and line.
     """
-    lines = csv.reader(io.StringIO(_text(path), newline=""), strict=True)
+    lines = csv.reader(io.StringIO(text_of(path, "counts"), newline=""), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
     spelt: dict[int, str] = {}
     try:
@@ -77,7 +78,7 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
 
 def materials_of(path: Path) -> tuple[str, ...]:
     """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
-    rows = csv.DictReader(io.StringIO(_text(path), newline=""))
+    rows = csv.DictReader(io.StringIO(text_of(path, "counts"), newline=""))
     try:
         found = tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
     except csv.Error as error:
@@ -103,15 +104,6 @@ def check_texts(where: Path, texts: dict[str, object]) -> None:
     for name in presented if isinstance(presented, tuple) else ():
         if name in MISSING:
             raise DatasetError(f"{where}: got a material '{name}', which tables take for a missing value; rename it")
-
-
-def _text(path: Path) -> str:
-    try:
-        return storage.read_text(path)
-    except (OSError, ValueError) as error:
-        raise DatasetError(
-            f"{path}: cannot be read ({storage.why(error)}); give a CSV file of counts in UTF-8"
-        ) from error
 
 
 def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tuple[str, str], int]:

@@ -138,7 +138,7 @@ def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] 
 
 def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str]) -> Iterator[Row | str]:
     """Yield each row below the header as a trial, or its material where it is none; blank lines do not count."""
-    text = _text(path)
+    text = text_of(path, "trials").removeprefix("\ufeff")
     if not text.strip():
         raise DatasetError(f"{path}: got an empty file; allowed: a header, and a row for each trial; name another file")
     # Cells are parted by the first sign under which the header names most of the columns.
@@ -235,12 +235,13 @@ def _listed(values: Sequence[str] | Mapping[str, None]) -> str:
     return ", ".join(named[:TOLD]) + more
 
 
-def _text(path: Path) -> str:
+def text_of(path: Path, rows: str) -> str:
+    """Return the text of a CSV file, which is to hold such rows. Raises `DatasetError` if it cannot be read."""
     try:
-        return storage.read_text(path).removeprefix("\ufeff")
+        return storage.read_text(path)
     except (OSError, ValueError) as error:
         raise DatasetError(
-            f"{path}: cannot be read ({storage.why(error)}); give a CSV file of trials in UTF-8"
+            f"{path}: cannot be read ({storage.why(error)}); give a CSV file of {rows} in UTF-8"
         ) from error
 
 

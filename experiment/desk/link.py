@@ -14,7 +14,7 @@ import stat
 import tempfile
 import threading
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
@@ -293,13 +293,3 @@ class Line:
         with suppress(OSError):
             self._connection.shutdown(socket.SHUT_RDWR)
         self._connection.close()
-
-
-@contextmanager
-def connected(path: Path, hello: messages.Hello) -> Iterator[Line]:
-    """Connect to a session, and leave it again. Raises `LinkError`."""
-    there = Line(path, hello)
-    try:
-        yield there
-    finally:
-        there.close()

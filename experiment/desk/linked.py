@@ -52,10 +52,7 @@ from experiment.desk.port import (
     WITHOUT,
     YES,
     Attended,
-    Corrected,
-    Noted,
     Remark,
-    Repeated,
     laid_out,
     lasting,
 )
@@ -112,7 +109,7 @@ class LinkedConsole:
         self._chosen: str | None = None
         self._chosen_at_ns = 0
         self._picked: tuple[int, str] | None = None
-        self._repeated: Repeated | None = None
+        self._repeated: Repeat | None = None
         self._consoles = 0
         self._theirs = theirs
         self._screen = self._awaits_screen = screen
@@ -240,15 +237,14 @@ class LinkedConsole:
             return False, NO_SESSION
         match deed:
             case TakeNote():
-                text = characters.one_line(deed.text)
+                # Raises for what cannot go on record.
+                characters.one_line(deed.text)
                 about = "" if deed.trial is None else f" on trial {deed.trial}"
-                return self._logged(session.remark(Noted(text, deed.trial)), f"Note{about}: {text}")
-            case Correct():
-                why = characters.one_line(deed.reason)
-                return self._logged(session.remark(Corrected(deed.trial, deed.key, why)), f"Reason: {why}")
-            case Repeat():
-                why = characters.one_line(deed.reason)
-                return self._logged(self._repeat(Repeated(deed.trial, why), session), f"Reason: {why}")
+                return self._logged(session.remark(deed), f"Note{about}: {deed.text}")
+            case Correct() | Repeat():
+                characters.one_line(deed.reason)
+                done = self._repeat(deed, session) if isinstance(deed, Repeat) else session.remark(deed)
+                return self._logged(done, f"Reason: {deed.reason}")
 
     def _logged(self, done: tuple[bool, str], what: str) -> tuple[bool, str]:
         """Show among the lines what was put on record; return what became of it."""
@@ -318,7 +314,7 @@ class LinkedConsole:
             session.pause(BY_EXPERIMENTER)
         return True, "The session pauses as soon as nothing can be felt any more."
 
-    def _repeat(self, wanted: Repeated, session: Attended) -> tuple[bool, str]:
+    def _repeat(self, wanted: Repeat, session: Attended) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
             if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
@@ -524,7 +520,7 @@ class LinkedConsole:
                 self._check(attended=self._changed.wait(self._alone_s) or bool(self._consoles))
             return waited
 
-    def _take_repeated(self) -> Repeated | None:
+    def _take_repeated(self) -> Repeat | None:
         with self._changed:
             wanted, self._repeated = self._repeated, None
             return wanted

@@ -3,40 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 from experiment.apparatus.ports import Rester
 from experiment.clock import Clock, minutes
-from experiment.desk.messages import Gauges, Prompt, Standing
+from experiment.desk.messages import Correct, Gauges, Prompt, Repeat, Standing, TakeNote
 
-
-@dataclass(frozen=True)
-class Noted:
-    """The experimenter notes something of `trial`, or, if that is None, of no trial."""
-
-    text: str
-    trial: int | None = None
-
-
-@dataclass(frozen=True)
-class Corrected:
-    """The experimenter corrects an answer of this session: `key` is what the participant said in truth."""
-
-    trial: int
-    key: str
-    reason: str
-
-
-@dataclass(frozen=True)
-class Repeated:
-    """The experimenter has a trial done again, at the end of its block."""
-
-    trial: int
-    reason: str
-
-
-Remark = Noted | Corrected | Repeated
+Remark = TakeNote | Correct | Repeat
 """What the experimenter may say instead of answering a question."""
 
 

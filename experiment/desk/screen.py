@@ -11,7 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -217,29 +217,23 @@ def alone(path: Path) -> Iterator[None]:
         raise DisplayError("this session's screen is open already; close it first, or use it") from None
 
 
+@dataclass(eq=False)
 class Screen:
-    """Shows what a session says, until somebody closes the window or the session has ended."""
+    """Shows what a session says, until somebody closes the window or the session has ended.
 
-    def __init__(
-        self,
-        feed: Feed,
-        window: Window,
-        settings: ScreenRig,
-        folder: Path,
-        tell: Callable[[str], None],
-        *,
-        stays: bool,
-    ) -> None:
-        """Show the prompts of `feed`; `folder` is that of the rig file, from which a font is named.
+    It shows the prompts of `feed`; `folder` is that of the rig file, from which a font is named. A screen that `stays`
+    looks for a session until somebody closes it; another leaves when none comes.
+    """
 
-        A screen that `stays` looks for a session until somebody closes it; another leaves when none comes.
-        """
-        self._stays = stays
-        self._say = tell
-        self._feed = feed
-        self._window = window
-        self._settings = settings
-        self._font = folder / settings.font if settings.font else None
+    feed: Feed
+    window: Window
+    settings: ScreenRig
+    folder: Path
+    tell: Callable[[str], None]
+    stays: bool = field(kw_only=True)
+
+    def __post_init__(self) -> None:
+        self._font = self.folder / self.settings.font if self.settings.font else None
         self._page: Page | None = None
         self._prompt: Prompt | None = None
         self._since_ns = self._drawn_ns = 0
@@ -249,10 +243,10 @@ class Screen:
 
     def run(self) -> None:
         """Show page after page. Raises `LinkError` for a session of another version, and `DisplayError`."""
-        while not self._window.closed:
-            heard = self._feed.heard()
-            for key in self._window.pressed():
-                choice = pages.chosen(self._prompt, key, self._settings)
+        while not self.window.closed:
+            heard = self.feed.heard()
+            for key in self.window.pressed():
+                choice = pages.chosen(self._prompt, key, self.settings)
                 if heard.line is not None and choice is not None and self._prompt is not None:
                     _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))
             self._show(heard.prompt)
@@ -262,26 +256,26 @@ class Screen:
             time.sleep(POLL_S)
 
     def _show(self, prompt: Prompt | None) -> None:
-        page, hand_mm = pages.page(prompt, self._settings, wall_ns()), prompt.hand_mm if prompt else None
+        page, hand_mm = pages.page(prompt, self.settings, wall_ns()), prompt.hand_mm if prompt else None
         moved = hand_mm != (self._prompt.hand_mm if self._prompt else None)
         if page != self._page:
-            self._window.put(self._picture(page))
-            self._since_ns = self._drawn_ns = self._window.show(hand_mm)
+            self.window.put(self._picture(page))
+            self._since_ns = self._drawn_ns = self.window.show(hand_mm)
             # What was pressed before the page was seen answers nothing on it.
-            self._window.pressed()
+            self.window.pressed()
         elif moved or monotonic_ns() - self._drawn_ns > REDRAW_NS:
-            self._drawn_ns = self._window.show(hand_mm)
+            self._drawn_ns = self.window.show(hand_mm)
         self._page, self._prompt = page, prompt
 
     def _picture(self, page: Page) -> Image:
         font, missing = pages.font_for(page.letters, self._font)
         if missing and missing != self._missing:
             self._missing = missing
-            self._say(
+            self.tell(
                 f"screen.font: {font.name} has no {missing[:20]}; install a font that has (for Japanese on Debian: "
                 "fonts-noto-cjk or fonts-ipafont-gothic), or name its file"
             )
-        return pages.drawn(page, self._window.size_px, font)
+        return pages.drawn(page, self.window.size_px, font)
 
     def _tell(self, heard: Heard) -> None:
         """Tell the session what is shown, once for each prompt that looks otherwise."""
@@ -292,7 +286,7 @@ class Screen:
 
     def _over(self, heard: Heard) -> bool:
         """Return whether the session has been gone for long enough: after its thanks, or for good."""
-        if heard.line is not None or (heard.prompt is None and self._stays):
+        if heard.line is not None or (heard.prompt is None and self.stays):
             self._gone_ns = None
             return False
         if self._gone_ns is None:

@@ -9,16 +9,14 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
 from experiment.clock import minutes
+from experiment.desk.messages import Correct, Repeat, TakeNote
 from experiment.desk.port import (
     NO,
     RESTS,
     WITHOUT,
     YES,
     Attended,
-    Corrected,
-    Noted,
     Remark,
-    Repeated,
     laid_out,
     lasting,
 )
@@ -261,14 +259,14 @@ class TerminalConsole(_Lines):
             self.show(f"The remark {error}, which cannot go on record; type it again without that character")
             return None
         if word == "note" and text:
-            return Noted(text, trial_now)
+            return TakeNote(text=text, trial=trial_now)
         trial, _, rest = text.partition(" ")
         numbered = trial.isdecimal() and len(trial) <= MOST_DIGITS
         if word == "repeat" and numbered and rest.strip():
-            return Repeated(int(trial), rest.strip())
+            return Repeat(trial=int(trial), reason=rest.strip())
         key, _, reason = rest.strip().partition(" ")
         if word == "correct" and numbered and reason.strip():
-            return Corrected(int(trial), key.lower(), reason.strip())
+            return Correct(trial=int(trial), key=key.lower(), reason=reason.strip())
         return None
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:

@@ -116,19 +116,8 @@ def names_draws(protocol: Protocol) -> str:
 
 def unfilled(protocol: Protocol) -> tuple[str, ...]:
     """Return the fields that still begin with `UNFILLED`, as users read their paths."""
-    return tuple(written(path) for path, text in _texts(protocol.model_dump()) if text.startswith(UNFILLED))
-
-
-def _texts(value: object, at: Place = ()) -> Iterator[tuple[Place, str]]:
-    if isinstance(value, str):
-        yield at, value
-    held: Iterable[tuple[str | int, object]] = ()
-    if isinstance(value, dict):
-        held = value.items()
-    elif isinstance(value, tuple):
-        held = enumerate(value)
-    for part, inner in held:
-        yield from _texts(inner, (*at, part))
+    leaves = _leaves(protocol.model_dump(mode="json"))
+    return tuple(written(path) for path, value in leaves if isinstance(value, str) and value.startswith(UNFILLED))
 
 
 class Seal(Confined):

@@ -43,6 +43,14 @@ class Entry(Record):
     """Base of every journal entry; the journal adds number, time and the hash of the line before."""
 
 
+class OfAttempt(Entry):
+    """Base of every entry about one attempt at a trial."""
+
+    kind: str
+    trial: int
+    attempt: int
+
+
 class PlannedTrial(Record):
     """One place in the realised order: the trial's number from 1, and what is presented: one material, or a pair."""
 
@@ -143,16 +151,14 @@ class Phase(Entry):
     detail: str = ""
 
 
-class Armed(Entry):
+class Armed(OfAttempt):
     """An attempt begins: from now on its stimulus may be felt. On disk before any sound of it is possible."""
 
     kind: Literal["armed"] = "armed"
-    trial: int
-    attempt: int
     presented: tuple[str, ...]
 
 
-class Answer(Entry):
+class Answer(OfAttempt):
     """A confirmed answer: one of those that the kind of trial allows, or None where the participant gave none.
 
     `response_time_s` is from the moment from which it could be given to the choice of its key, `confirmed_s` to the
@@ -160,8 +166,6 @@ class Answer(Entry):
     """
 
     kind: Literal["answer"] = "answer"
-    trial: int
-    attempt: int
     presented: tuple[str, ...]
     answered: str | None
     key: str
@@ -169,7 +173,7 @@ class Answer(Entry):
     confirmed_s: float
 
 
-class Spoken(Entry):
+class Spoken(OfAttempt):
     """What the microphone heard until the answer to an attempt was chosen; it decided nothing.
 
     `onset_s` is from the moment from which an answer could be given to where the voice began, None where nobody was
@@ -179,8 +183,6 @@ class Spoken(Entry):
     """
 
     kind: Literal["spoken"] = "spoken"
-    trial: int
-    attempt: int
     onset_s: float | None
     proposed: str | None
     agreement: float
@@ -190,12 +192,10 @@ class Spoken(Entry):
     problem: str = ""
 
 
-class Correction(Entry):
+class Correction(OfAttempt):
     """Another answer takes the place of one that was confirmed in this session; both stay on record."""
 
     kind: Literal["correction"] = "correction"
-    trial: int
-    attempt: int
     answered: str | None
     key: str
     reason: str
@@ -248,12 +248,10 @@ class Ignored(Entry):
     typed: str
 
 
-class Redo(Entry):
+class Redo(OfAttempt):
     """An attempt that does not count, and why; the trial is run again, at the end of its block if `put_off`."""
 
     kind: Literal["redo"] = "redo"
-    trial: int
-    attempt: int
     reason: str
     put_off: bool
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from experiment.records.entries import Entry, Record, Trace
+from experiment.records.entries import Entry, OfAttempt, Record, Trace
 from experiment.records.stimulus import Onset, Stimulus
 
 MOST_US = 2**63 // 1000
@@ -61,7 +61,7 @@ class TrackerClock(Record):
     drift_ppm: Annotated[float, Field(ge=-MOST_PPM, le=MOST_PPM)]
 
 
-class FootStep(Entry):
+class FootStep(OfAttempt):
     """One step of the foot, in device time, with the stimulus it set off.
 
     `contact_us`: when the foot met the panel, as all its readings until then have it; `contact_standard_error_ms`: the
@@ -72,8 +72,6 @@ class FootStep(Entry):
     """
 
     kind: Literal["step"] = "step"
-    trial: int
-    attempt: int
     presented: tuple[str, ...]
     clock: TrackerClock
     dead_time_ms: float | None
@@ -88,7 +86,7 @@ class FootStep(Entry):
     onset: Onset | None
 
 
-class BrokenOff(Entry):
+class BrokenOff(OfAttempt):
     """A step that ended before the foot had landed, or before its landing was on file; its stimulus was withdrawn
     where it still could be.
 
@@ -98,8 +96,6 @@ class BrokenOff(Entry):
     """
 
     kind: Literal["broken-off"] = "broken-off"
-    trial: int
-    attempt: int
     presented: tuple[str, ...]
     reason: str
     felt: bool

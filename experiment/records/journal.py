@@ -91,10 +91,6 @@ class Contents:
         return self.lines[0].entry
 
 
-EMPTY = Contents(())
-"""A journal in which nothing is written yet."""
-
-
 def read(path: Path) -> Contents:
     """Read and verify a journal.
 
@@ -106,7 +102,7 @@ def read(path: Path) -> Contents:
 
 
 def read_if_begun(path: Path) -> Contents:
-    """Return what `read` returns, or `EMPTY` if the session has not begun.
+    """Return what `read` returns, without any lines if the session has not begun.
 
     Raises `JournalError` as `read`, and if the journal is gone although its head is there.
     """
@@ -139,7 +135,7 @@ class Journal:
     """
 
     def __init__(self, path: Path, clock: Clock, contents: Contents) -> None:
-        """Continue `path` after what `read` returned, dropping its torn end, or begin it after `EMPTY`.
+        """Continue `path` after what `read` returned, dropping its torn end, or begin it.
 
         Raises `SessionLocked` if another runner has it open, whatever became of the participant's lock.
         """

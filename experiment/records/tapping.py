@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from experiment.records.entries import Entry
+from experiment.records.entries import OfAttempt
 from experiment.records.footstep import DeviceUs
 from experiment.records.stimulus import Onset, Stimulus
 
@@ -15,7 +15,7 @@ WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 Place = Literal["first", "second"]
 
 
-class PairLaidOut(Entry):
+class PairLaidOut(OfAttempt):
     """Both samples of a pair lay before the participant from the session time `laid_ns` on, ns.
 
     From then on the participant taps and changes between them at will; of real samples nothing of that is measured. Of
@@ -23,23 +23,19 @@ class PairLaidOut(Entry):
     """
 
     kind: Literal["pair"] = "pair"
-    trial: int
-    attempt: int
     presented: tuple[str, ...]
     laid_ns: int
 
 
-class Changed(Entry):
+class Changed(OfAttempt):
     """The participant changed to the other virtual surface of a pair: to that of `material`, at a place of the pair."""
 
     kind: Literal["changed"] = "changed"
-    trial: int
-    attempt: int
     place: Place
     material: str
 
 
-class Tapped(Entry):
+class Tapped(OfAttempt):
     """The hand touched a virtual surface, at `device_us` of the tracker's clock and with `speed_mm_s`.
 
     `fast` says whether it was faster than the protocol wants, so that the lamp was lit. `stimulus` is the vibration
@@ -47,8 +43,6 @@ class Tapped(Entry):
     """
 
     kind: Literal["tapped"] = "tapped"
-    trial: int
-    attempt: int
     place: Place
     material: str
     device_us: DeviceUs

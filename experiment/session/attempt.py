@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 from experiment.apparatus.ports import Masker, Microphone
 from experiment.clock import Clock
 from experiment.desk import interrupts
-from experiment.desk.port import INTERRUPTED, NO_ANSWER, Console, Remark, Repeated
+from experiment.desk.messages import Repeat
+from experiment.desk.port import INTERRUPTED, NO_ANSWER, Console, Remark
 from experiment.errors import JournalError, SessionError, TrackerStopped
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
@@ -221,7 +222,7 @@ class Attempts:
         key, chosen_ns = self._chosen(planned.trial, {key: one.words for key, one in answers.items()}, others)
         if reason := self.kind.rest():
             return self._put_off(planned, attempt, reason)
-        if isinstance(key, Repeated):
+        if isinstance(key, Repeat):
             return self._put_off(planned, attempt, key.reason)
         if key == spoken.redo_key:
             return self._put_off(planned, attempt, "asked for by the experimenter")
@@ -255,7 +256,7 @@ class Attempts:
         _, words = self.remarks.take(remark)
         self._console.show(words)
 
-    def _chosen(self, trial: int, answers: dict[str, str], others: dict[str, str]) -> tuple[str | Repeated, int]:
+    def _chosen(self, trial: int, answers: dict[str, str], others: dict[str, str]) -> tuple[str | Repeat, int]:
         """Return the key that was chosen and confirmed, and the session time of the choice, ns.
 
         Without one, return that the trial is repeated.
@@ -267,7 +268,7 @@ class Attempts:
             if not self._clock.simulated:
                 chosen_ns -= self._console.chosen_ago_ns()
             self.remarks.note_ignored()
-            if isinstance(said, Repeated) and said.trial == trial:
+            if isinstance(said, Repeat) and said.trial == trial:
                 return said, chosen_ns
             if not isinstance(said, str):
                 self._take(said)

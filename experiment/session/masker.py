@@ -13,7 +13,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 from experiment.apparatus import opening
-from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker, MaskerNoise
+from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker, MaskerNoise, masker_noise
 from experiment.apparatus.audio.stream import AudioStream
 from experiment.apparatus.ports import Masker, MaskerExposure
 from experiment.apparatus.rig import Rig
@@ -184,7 +184,12 @@ def open_sound(
     noise: MaskerNoise | None = None
     if planned.masker is not None:
         samples = scene.masker_samples(colour=planned.masker, rate_hz=audio.rate_hz, seconds=ROUND_S)
-        noise = opening.masker_noise(rig, samples=samples, limit_db_a=protocol.exposure.masker_level_db_a)
+        noise = masker_noise(
+            samples,
+            rate_hz=audio.rate_hz,
+            pink_full_scale_db_a=audio.headphones.full_scale_db_a,
+            limit_db_a=protocol.exposure.masker_level_db_a,
+        )
     stream = opening.open_audio(
         rig,
         limit_m_s2=protocol.exposure.vibration_peak_m_s2 if planned.actuator else None,

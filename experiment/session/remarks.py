@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from experiment.clock import Clock
-from experiment.desk.messages import RECENT, Gauges, Lamp, Prompt, Standing, Told
-from experiment.desk.port import Console, Corrected, Noted, Remark, Repeated
+from experiment.desk.messages import RECENT, Correct, Gauges, Lamp, Prompt, Repeat, Standing, TakeNote, Told
+from experiment.desk.port import Console, Remark
 from experiment.protocol.models import Answers
 from experiment.records import journal
 from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Shown, Visited, Withdrawal
@@ -65,16 +65,16 @@ class Remarks:
         with self._lock:
             if not self._open:
                 return False, CLOSED
-            if isinstance(remark, Noted):
+            if isinstance(remark, TakeNote):
                 self._log.write(Note(trial=remark.trial, text=remark.text))
                 return True, "The note is on disk."
             done = self._log.done
-            if isinstance(remark, Repeated) and done.armed is not None and done.armed[0] == remark.trial:
+            if isinstance(remark, Repeat) and done.armed is not None and done.armed[0] == remark.trial:
                 self._limits.skip(remark.reason)
                 return True, f"Trial {remark.trial} is put off to the end of its block."
             if remark.trial not in done.answered:
                 return False, f"Trial {remark.trial} has no answer that counts; nothing was changed."
-            if isinstance(remark, Corrected):
+            if isinstance(remark, Correct):
                 return self._correct(remark)
             attempt = done.attempts[remark.trial]
             self._log.write(Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
@@ -104,7 +104,7 @@ class Remarks:
             if self._open:
                 self._log.write(Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
 
-    def _correct(self, asked: Corrected) -> tuple[bool, str]:
+    def _correct(self, asked: Correct) -> tuple[bool, str]:
         done = self._log.done
         planned = next(one for one in done.header.order if one.trial == asked.trial)
         meanings = {key: meaning.answer for key, meaning in self._kind.answers(planned).items()}
@@ -208,7 +208,7 @@ class Paused:
         return self._standing
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
-        if not isinstance(remark, Noted):
+        if not isinstance(remark, TakeNote):
             return False, "The session is paused; go on with it, then ask again. Nothing was changed."
         if not self._write(Note(trial=remark.trial, text=remark.text)):
             return False, "The session can take no note now. Keep it on paper, and see what palpate status says."

@@ -24,14 +24,13 @@ class Scene:
     """What a task needs.
 
     Stimuli are synthesised (`synthesis`), from the spectra of `materials`, those that the task presents and that of the
-    masker's probe, and drive the panel (`actuator`); or the experimenter lays out a real object before each trial
-    (`place`), and no spectra are opened. The masker plays noise of the colour `masker`, None for no noise, and a
+    masker's probe, and drive the panel (`actuator`); or the experimenter lays out a real object before each trial, and
+    no spectra are opened. The masker plays noise of the colour `masker`, None for no noise, and a
     microphone may listen to answers (`listens`).
     """
 
     synthesis: bool
     actuator: bool
-    place: bool
     materials: tuple[str, ...]
     masker: Colour | None
     listens: bool
@@ -48,7 +47,7 @@ def plan(*, protocol: Protocol, task_id: str) -> Scene:
         whole = replace(whole, masker=None if task.masker == "none" else task.masker)
     if task.stimulus == "virtual":
         return replace(whole, materials=_played(protocol, [task]))
-    return replace(whole, synthesis=False, actuator=False, place=True, materials=())
+    return replace(whole, synthesis=False, actuator=False, materials=())
 
 
 def virtual(protocol: Protocol) -> Scene:
@@ -57,7 +56,6 @@ def virtual(protocol: Protocol) -> Scene:
     return Scene(
         synthesis=protocol.comparison is None,
         actuator=True,
-        place=False,
         materials=_played(protocol, [task for task in protocol.tasks if task.stimulus == "virtual"] or every),
         masker=protocol.masker.noise,
         listens=protocol.answers.microphone,

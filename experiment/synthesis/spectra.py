@@ -194,22 +194,15 @@ def highest(coefficients: ArrayLike) -> float:
     return largest / cos(pi * (c.size - 1) / (2 * points))
 
 
-def dissimilarity(
-    a: ArrayLike, b: ArrayLike, *, frequencies_hz: ArrayLike, band_hz: tuple[float, float] = BAND_HZ
-) -> NDArray[np.float64]:
-    """Return the sum over a band of the differences of two spectra: d = sum_{f} | |S_a(f)| - |S_b(f)| |, m/s^2.
+def dissimilarity(a: ArrayLike, b: ArrayLike, *, frequencies_hz: ArrayLike) -> NDArray[np.float64]:
+    """Return the sum over `BAND_HZ` of the differences of two spectra: d = sum_{f} | |S_a(f)| - |S_b(f)| |, m/s^2.
 
     The spectra, m/s^2, shape (..., N), are broadcast against one another, and their signs do not count; the result has
-    shape (...). `frequencies_hz` has shape (N,). `band_hz` are the lowest and highest frequency that count, both
-    included. Raises `SynthesisError` if a spectrum is not finite or has another length than `frequencies_hz`, or if the
-    band does not rise.
+    shape (...). `frequencies_hz` has shape (N,). Raises `SynthesisError` if a spectrum is not finite or has another
+    length than `frequencies_hz`.
 
     Source: Okamoto et al., equation (6).
     """
-    if not band_hz[0] <= band_hz[1]:
-        raise SynthesisError(
-            f"band_hz: got {band_hz[0]} to {band_hz[1]}; allowed: two rising frequencies; correct the band"
-        )
     first, second = finite(a, what="first spectrum"), finite(b, what="second spectrum")
     f = finite(frequencies_hz, what="frequencies_hz")
     if not first.shape[-1] == second.shape[-1] == f.size:
@@ -217,14 +210,12 @@ def dissimilarity(
             f"spectra: got {first.shape[-1]} and {second.shape[-1]} bins for {f.size} frequencies; "
             "allowed: equal numbers; compare spectra of one length and rate"
         )
-    within = (f >= band_hz[0]) & (f <= band_hz[1])
+    within = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
     differences: NDArray[np.float64] = np.abs(np.abs(first[..., within]) - np.abs(second[..., within]))
     return np.asarray(differences.sum(axis=-1))
 
 
-def dissimilarity_matrix(
-    spectra: ArrayLike, *, frequencies_hz: ArrayLike, band_hz: tuple[float, float] = BAND_HZ
-) -> NDArray[np.float64]:
+def dissimilarity_matrix(spectra: ArrayLike, *, frequencies_hz: ArrayLike) -> NDArray[np.float64]:
     """Return the dissimilarity of each pair of spectra, divided by the highest, as in Table 3.
 
     The spectra are rows, m/s^2, shape (M, N). The matrix, shape (M, M), is symmetric with zeros on the diagonal and 1
@@ -233,6 +224,6 @@ def dissimilarity_matrix(
     Source: Okamoto et al., section 6.1 and Table 3.
     """
     rows = finite(spectra, what="spectra")
-    matrix = dissimilarity(rows[:, None, :], rows[None, :, :], frequencies_hz=frequencies_hz, band_hz=band_hz)
+    matrix = dissimilarity(rows[:, None, :], rows[None, :, :], frequencies_hz=frequencies_hz)
     highest = matrix.max()
     return matrix / highest if highest > 0 else matrix

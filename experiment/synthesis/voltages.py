@@ -127,36 +127,6 @@ def _between(low: Knot, high: Knot, part: float) -> tuple[NDArray[np.float64], f
     return voltages_v, 1 / over
 
 
-def prepare(
-    spectra: CrinkleSpectra,
-    *,
-    rate_hz: int,
-    response: Response,
-    gain_limit_v_per_m_s2: float,
-    limit_m_s2: float = inf,
-    limit_v: float = inf,
-) -> DrivenBasis:
-    """Find the knots of one material and hold their waveforms; arguments and errors as in `drive`."""
-    on = spectra.grid(rate_hz)
-    at = response_at(response, spectra.samples, spectra.rate_hz, on.carried)
-    bends_m_s2 = _bends_m_s2(at, gain_limit_v_per_m_s2)
-    whole = partial(drive, rate_hz=rate_hz, response=response, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2)
-    limited = partial(whole, limit_m_s2=limit_m_s2, limit_v=limit_v)
-    lines = {
-        place: _Line(spectra, place, ends_mm_s, at, bends_m_s2, whole, limited)
-        for place, ends_mm_s in _ends_mm_s(spectra).items()
-    }
-    bending = {place: line.bending() for place, line in lines.items()}
-    basis = DrivenBasis({})
-    if sum(parts.size for parts in bending.values()) * on.count * 8 > MOST_BYTES:
-        return basis
-    for place, line in lines.items():
-        basis.pieces[place] = line.piece(bending[place])
-        if basis.nbytes > MOST_BYTES:
-            return DrivenBasis({})
-    return basis
-
-
 def _ends_mm_s(spectra: CrinkleSpectra) -> dict[tuple[int, int], tuple[float, float]]:
     """Return both ends of each piece."""
     speeds = spectra.speeds_mm_s.tolist()
@@ -296,22 +266,32 @@ class Drive:
 
         Stimuli of any other material are worked out, as are those beyond what is prepared.
         """
-        self.rate_hz = rate_hz
+        self._rate_hz = rate_hz
         self.response = response
+        self._gain_limit_v_per_m_s2 = gain_limit_v_per_m_s2
         self.limit_m_s2 = limit_m_s2
         self._whole = partial(drive, rate_hz=rate_hz, response=response, gain_limit_v_per_m_s2=gain_limit_v_per_m_s2)
         self._limited = partial(self._whole, limit_m_s2=limit_m_s2, limit_v=limit_v)
-        self._held = {
-            material: prepare(
-                basis.spectra,
-                rate_hz=rate_hz,
-                response=response,
-                gain_limit_v_per_m_s2=gain_limit_v_per_m_s2,
-                limit_m_s2=limit_m_s2,
-                limit_v=limit_v,
-            )
-            for material, basis in materials.items()
+        self._held = {material: self.prepared(basis.spectra) for material, basis in materials.items()}
+
+    def prepared(self, spectra: CrinkleSpectra) -> DrivenBasis:
+        """Find the knots of one material and hold their waveforms. Errors are those of `shaping.drive`."""
+        on = spectra.grid(self._rate_hz)
+        at = response_at(self.response, spectra.samples, spectra.rate_hz, on.carried)
+        bends_m_s2 = _bends_m_s2(at, self._gain_limit_v_per_m_s2)
+        lines = {
+            place: _Line(spectra, place, ends_mm_s, at, bends_m_s2, self._whole, self._limited)
+            for place, ends_mm_s in _ends_mm_s(spectra).items()
         }
+        bending = {place: line.bending() for place, line in lines.items()}
+        basis = DrivenBasis({})
+        if sum(parts.size for parts in bending.values()) * on.count * 8 > MOST_BYTES:
+            return basis
+        for place, line in lines.items():
+            basis.pieces[place] = line.piece(bending[place])
+            if basis.nbytes > MOST_BYTES:
+                return DrivenBasis({})
+        return basis
 
     @property
     def nbytes(self) -> int:

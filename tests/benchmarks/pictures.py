@@ -136,7 +136,7 @@ def written_rig(folder: Path, protocol: Path, *, screen: bool) -> Path:
 @asynccontextmanager
 async def attending(path: Path, size: tuple[int, int]) -> AsyncIterator[tuple[Console, Pilot[Left]]]:
     """Attend a session with a console of this size."""
-    with link.connected(path, Hello(role="console", by="lab")) as line:
+    with closing(link.Line(path, Hello(role="console", by="lab"))) as line:
         app = Console(line)
         async with app.run_test(size=size) as pilot:
             yield app, pilot

@@ -342,7 +342,7 @@ def _journal(folder: Path, size: Size) -> Count:
     for place in range(size.of(2, 20)):
         for character in _drawn(place, size, 12):
             path = folder / f"{place}-{ord(character)}.jsonl"
-            opened = journal.Journal(path, ManualClock(10), journal.EMPTY)
+            opened = journal.Journal(path, ManualClock(10), journal.Contents(()))
             forged = f"a{character}\n     0.000 s  the session ended: complete"
             for entry in (HEADER, Phase(state="paused", detail=forged), Footer(reason="complete", answered=0)):
                 opened.append(entry)

@@ -32,13 +32,12 @@ class Alignment:
     """Where and how the intended waveform was heard, its first sample at sample `onset` of what was heard.
 
     The gain, heard by intended, is negative where the polarity is reversed; the residual is the power of what delay and
-    gain do not explain, relative to the intended waveform, dB, at least `LEAST_DB`; the correlation is -1 to 1.
+    gain do not explain, relative to the intended waveform, dB, at least `LEAST_DB`.
     """
 
     onset: int
     gain: float
     residual_db: float
-    correlation: float
 
 
 def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]], *, gain: float) -> Alignment | None:
@@ -66,7 +65,6 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
         onset=onset,
         gain=product / energy,
         residual_db=10 * float(np.log10(max(unexplained, 10 ** (LEAST_DB / 10)))),
-        correlation=product / float(np.sqrt(energy * present)),
     )
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,6 +35,7 @@ callback waits until it is given back: so blocks are made in pieces."""
 Block = NDArray[np.float32]
 
 
+@dataclass(slots=True, eq=False)
 class Cue:
     """A stimulus of so many `samples`, handed to the mixer for an output channel, from 0.
 
@@ -44,19 +45,17 @@ class Cue:
     holds it no longer, is written by whoever took it out: the callback, or the thread that withdrew it as it waited.
     """
 
-    __slots__ = ("channel", "cut", "done", "frame", "late", "samples", "slot", "started", "unsettled", "withdrawn")
-
-    def __init__(self, slot: int, channel: int, samples: int, frame: int) -> None:
-        self.slot = slot
-        self.channel = channel
-        self.samples = samples
-        self.frame = frame
-        self.started: int | None = None
-        self.late = self.cut = False
-        self.withdrawn = False
-        self.done = False
-        self.unsettled: deque[None] = deque([None], maxlen=1)
-        """One entry for as long as nobody has started or withdrawn it."""
+    slot: int
+    channel: int
+    samples: int
+    frame: int
+    started: int | None = None
+    late: bool = False
+    cut: bool = False
+    withdrawn: bool = False
+    done: bool = False
+    unsettled: deque[None] = field(default_factory=lambda: deque([None], maxlen=1))
+    """One entry for as long as nobody has started or withdrawn it."""
 
     def settle(self) -> bool:
         """Decide whether it sounds, and return True; return False if the other side decided before."""
@@ -67,19 +66,18 @@ class Cue:
         return True
 
 
+@dataclass(slots=True, eq=False)
 class Slot:
     """A place for one stimulus."""
 
-    __slots__ = ("buffer", "cue", "playing", "position", "waiting")
-
-    def __init__(self, samples: int) -> None:
-        self.buffer = np.zeros(samples, np.float32)
-        self.waiting: deque[Cue] = deque(maxlen=1)
-        self.cue: Cue | None = None
-        self.playing: Cue | None = None
-        self.position = 0
+    buffer: Block
+    waiting: deque[Cue] = field(default_factory=lambda: deque(maxlen=1))
+    cue: Cue | None = None
+    playing: Cue | None = None
+    position: int = 0
 
 
+@dataclass(slots=True, eq=False)
 class Loop:
     """Samples without end on some output channels, from 0: frame f of the stream plays sample f modulo n.
 
@@ -87,14 +85,11 @@ class Loop:
     frame. `samples` are one round, float32, shape (n,).
     """
 
-    __slots__ = ("channels", "gain", "samples", "step", "wanted")
-
-    def __init__(self, samples: Block, channels: tuple[int, ...], step: float) -> None:
-        self.samples = samples
-        self.channels = channels
-        self.step = step
-        self.wanted = 0.0
-        self.gain = 0.0
+    samples: Block
+    channels: tuple[int, ...]
+    step: float
+    wanted: float = 0.0
+    gain: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -134,7 +129,7 @@ class Mixer:
         pieces = -(-layout.block // max(UNSHARED // max(layout.outputs, layout.inputs, 1), 1))
         self._piece = -(-layout.block // pieces)
         """Frames that are made at a time."""
-        self._slots = [Slot(layout.stimulus_frames) for _ in range(SLOTS)]
+        self._slots = [Slot(np.zeros(layout.stimulus_frames, np.float32)) for _ in range(SLOTS)]
         self._kept = np.zeros((layout.kept_frames, layout.inputs), np.float32)
         self._sent = np.zeros(layout.kept_frames if layout.sent is not None else 0, np.float32)
         self._ceilings = np.array(layout.ceilings, np.float32)

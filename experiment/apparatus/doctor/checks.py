@@ -123,9 +123,9 @@ def ages(rig: Rig, today: date) -> tuple[Check, ...]:
 
     found = [age("tracker calibration", lambda: calibration.check_age(rig, today), tracker)]
     if audio is not None:
-        found.append(age("audio calibration", lambda: rigs.check_latency(audio, today), audio.latency))
+        found.append(age("audio calibration", lambda: rigs.check_age(audio.latency, today), audio.latency))
         level = "; its level was not checked, because the machine cannot hear it"
-        found.append(age("headphones", lambda: rigs.check_headphones(audio, today), audio.headphones, level))
+        found.append(age("headphones", lambda: rigs.check_age(audio.headphones, today), audio.headphones, level))
     return tuple(found)
 
 

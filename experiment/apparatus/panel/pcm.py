@@ -30,7 +30,7 @@ from experiment.apparatus.panel.conditioning import Conditioner, Played
 from experiment.apparatus.ports import Heard, Window
 from experiment.apparatus.rig import AccelerometerRig
 from experiment.clock import Clock, MonotonicClock
-from experiment.errors import ActuatorError, RecordingError
+from experiment.errors import ActuatorError, PalpateError, RecordingError
 from experiment.records.stimulus import Delivered
 from experiment.synthesis.tap import Ring
 from experiment.synthesis.waveforms import Stimulus
@@ -57,6 +57,18 @@ _SAMPLE = np.dtype("<f4")
 _PIECE_BYTES = 65536
 
 
+def _connected(device: str, address: str, refused: type[PalpateError]) -> socket.socket:
+    """Return a connection to a device's server at `host:port`. Raises `refused` if nothing answers there."""
+    host, _, port = address.rpartition(":")
+    try:
+        return socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S)
+    except OSError as error:
+        raise refused(
+            f"{device} at {address}: nothing answers there ({error.strerror or error}); start its server, or correct "
+            f"{device}.address in the rig file"
+        ) from error
+
+
 class PcmActuator:
     """Implements `Actuator`."""
 
@@ -69,7 +81,6 @@ class PcmActuator:
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
             raise ActuatorError(f"actuator address '{address}': allowed is host:port, such as 127.0.0.1:4711")
         self._address = address
-        self._peer = (host.strip("[]"), int(port))
         self.rate_hz = rate_hz
         self._condition = condition
         self._prepared: NDArray[np.float32] | None = None
@@ -106,19 +117,10 @@ class PcmActuator:
 
     def reach(self) -> None:
         """Connect and hang up, which plays nothing; `ActuatorError` if nothing answers at the address."""
-        self._connected().close()
-
-    def _connected(self) -> socket.socket:
-        try:
-            return socket.create_connection(self._peer, timeout=CONNECT_S)
-        except OSError as error:
-            raise ActuatorError(
-                f"actuator at {self._address}: nothing answers there ({error.strerror or error}); "
-                "start its server, or correct actuator.address in the rig file"
-            ) from error
+        _connected("actuator", self._address, ActuatorError).close()
 
     def _send(self, data: bytes, timeout_s: float) -> None:
-        connection = self._connected()
+        connection = _connected("actuator", self._address, ActuatorError)
         try:
             with connection:
                 connection.settimeout(timeout_s)
@@ -146,9 +148,7 @@ class PcmAccelerometer:
 
         The host's clock stamps samples: None is the machine's monotonic one.
         """
-        host, _, port = settings.address.rpartition(":")
         self._settings = settings
-        self._peer = (host.strip("[]"), int(port))
         self._clock = clock or MonotonicClock()
         self._listening: _Listening | None = None
 
@@ -159,13 +159,7 @@ class PcmAccelerometer:
     def arm(self, samples: int) -> None:
         """Listen from now on for the next take, of so many samples; `RecordingError` if nothing comes."""
         self.close()
-        try:
-            connection = socket.create_connection(self._peer, timeout=CONNECT_S)
-        except OSError as error:
-            raise RecordingError(
-                f"accelerometer at {self._settings.address}: nothing answers there ({error.strerror or error}); "
-                "start its server, or correct accelerometer.address in the rig file"
-            ) from error
+        connection = _connected("accelerometer", self._settings.address, RecordingError)
         connection.settimeout(None)
         self._listening = _Listening(connection, samples, rate_hz=self.rate_hz, clock=self._clock)
         if problem := self._listening.alive(ALIVE_S):

@@ -339,12 +339,8 @@ class ZeroedTracker:
         self._farthest_mm = farthest_mm
         self._samples = samples
         self.zero: Zero | None = None
-        """Where the foot rested when heights began to count from there; None while they are as calibrated."""
-
-    @property
-    def due(self) -> bool:
-        """Whether it must still be zeroed, for the first time or since it came back."""
-        return self.zero is None
+        """Where the foot rested when heights began to count from there; None while they are as calibrated, as they are
+        at first and since it came back."""
 
     def settle(self, rester: Rester) -> Zero:
         """Return the zero of a resting foot; a foot that moved, or did not rest on the panel, is read again.

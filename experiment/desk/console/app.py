@@ -6,6 +6,7 @@ import asyncio
 import signal
 import threading
 import time
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -21,7 +22,7 @@ from experiment.desk.console import forms, picture
 from experiment.desk.console.panes import Board
 from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from experiment.desk.console.presses import MOUSE, Presses
-from experiment.desk.link import Line, connected
+from experiment.desk.link import Line
 from experiment.desk.messages import (
     CLOSED,
     ENTER,
@@ -87,7 +88,7 @@ def attend(path: Path, hello: Hello) -> Left:
     console that is at fault itself; the session goes on in any case.
     """
     host.favour()
-    with connected(path, hello) as line:
+    with closing(Line(path, hello)) as line:
         console = Console(line)
         # A terminal that is closed ends the console at once: there is nothing to restore, and nothing to save.
         before = signal.signal(signal.SIGHUP, signal.SIG_DFL)

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,6 +87,11 @@ def _ready() -> None:
     """Do nothing: whoever calls it has imported this module."""
 
 
+def computed(by: Executor, what: Callable[..., Any], recorded: Recorded, **facts: object) -> Any:
+    """Return what is computed of a recording by another process. Raises what that raises, and `TimeoutError`."""
+    return by.submit(what, recorded.microphone, recorded.played, **facts).result(PATIENCE_S)
+
+
 @dataclass
 class _Attempt:
     """What is listened to: from `answerable_ns` on, until `until_ns` once that is known; both session time."""
@@ -98,32 +104,24 @@ class _Attempt:
     ended: threading.Event = field(default_factory=threading.Event)
 
 
+@dataclass(kw_only=True, eq=False)
 class Ear:
-    """Listens to the answers of one session, once there is an `enrolment`."""
+    """Listens to the answers of one session, once there is an `enrolment`; nothing is listened to yet.
 
-    def __init__(
-        self,
-        *,
-        microphone: Microphone,
-        computing: Executor,
-        console: Console,
-        clock: Clock,
-        write: Callable[[Spoken], None],
-        task: str,
-        voices: Path | None,
-    ) -> None:
-        """Listen to nothing yet. `write` puts an entry into the journal; sounds of the `task` are kept in `voices`.
+    `write` puts an entry into the journal; sounds of the `task` are kept in `voices`, which is None where none is.
+    """
 
-        None keeps no sound.
-        """
+    microphone: Microphone
+    computing: Executor
+    console: Console
+    clock: Clock
+    write: Callable[[Spoken], None]
+    task: str
+    voices: Path | None
+
+    def __post_init__(self) -> None:
         self.enrolment: Enrolment | None = None
-        self._microphone = microphone
-        self._computing = computing
-        self._console = console
-        self._clock = clock
-        self._write = write
-        self._task = task
-        self._voices = voices
+        self._computed = partial(computed, self.computing, rate_hz=self.microphone.rate_hz)
         self._lock = threading.Lock()
         self._open = True
         self._now: _Attempt | None = None
@@ -144,7 +142,7 @@ class Ear:
     def answered(self, chosen_ns: int) -> None:
         """Have what was heard until the key was chosen, at a session time, put on record as soon as it is computed."""
         if (one := self._now) is not None:
-            one.until_ns = min(self._clock.now_ns(), chosen_ns + int(AFTER_S * 1e9))
+            one.until_ns = min(self.clock.now_ns(), chosen_ns + int(AFTER_S * 1e9))
             one.ended.set()
             self._now = None
 
@@ -166,10 +164,10 @@ class Ear:
     def lamp(self) -> Lamp:
         """Return how well the microphone is."""
         try:
-            loud = self._microphone.loudness()
+            loud = self.microphone.loudness()
         except PalpateError as error:
             return Lamp(name="mic", good=False, words=str(error))
-        now_ns = self._clock.now_ns()
+        now_ns = self.clock.now_ns()
         if loud.clipped:
             self._clipped_ns = now_ns
         recent = self._clipped_ns is not None and now_ns - self._clipped_ns < CLIPPED_S * 1e9
@@ -191,11 +189,11 @@ class Ear:
         with suppress(PalpateError), self._lock:
             # The session meets a journal that takes nothing more by itself.
             if self._open and not one.dropped:
-                self._write(spoken)
+                self.write(spoken)
 
     def _heard(self, one: _Attempt) -> Spoken:
         """Return what was heard until the answer was chosen; meanwhile the console is told what to propose."""
-        microphone, told = self._microphone, ""
+        microphone, told = self.microphone, ""
         begins_ns = one.answerable_ns - int(LISTENED_S * 1e9)
         before = microphone.heard(from_ns=begins_ns, until_ns=one.answerable_ns)
         background: Background = self._computed(hearing.listen, before)
@@ -204,7 +202,7 @@ class Ear:
             if one.dropped:
                 return self._record(one, SILENCE, 0.0)
             over_ns = one.answerable_ns + int(LONGEST_S * 1e9)
-            until_ns = min(one.until_ns or self._clock.now_ns(), over_ns)
+            until_ns = min(one.until_ns or self.clock.now_ns(), over_ns)
             from_ns = one.answerable_ns - int((BEFORE_S + BEYOND_S) * 1e9)
             recorded = microphone.heard(from_ns=from_ns, until_ns=max(until_ns, one.answerable_ns))
             heard: Heard = self._computed(
@@ -220,14 +218,9 @@ class Ear:
             settled = len(recorded.microphone) / microphone.rate_hz - (heard.until_s or np.inf) > SETTLED_S
             if settled and (words := in_words(heard)) != told:
                 told = words
-                self._console.heard(words=words)
+                self.console.heard(words=words)
             if until_ns == over_ns:
                 one.ended.wait()
-
-    def _computed(self, what: Callable[..., Any], recorded: Recorded, **facts: object) -> Any:
-        samples = recorded.microphone, recorded.played
-        asked = self._computing.submit(what, *samples, rate_hz=self._microphone.rate_hz, **facts)
-        return asked.result(PATIENCE_S)
 
     def _record(self, one: _Attempt, heard: Heard, offset_s: float) -> Spoken:
         onset_s = None if heard.onset_s is None else max(offset_s + heard.onset_s, 0.0)
@@ -242,15 +235,15 @@ class Ear:
 
     def _keep(self, one: _Attempt, recorded: Recorded, background: Background, heard: Heard) -> dict[str, str]:
         """Keep the sound of what was said, or of all if nobody was heard, without the masker."""
-        if self._voices is None:
+        if self.voices is None:
             return {}
         samples = self._computed(hearing.without_masker, recorded, background=background)
         if heard.onset_s is not None and heard.until_s is not None:
             first, end = round((heard.onset_s - AROUND_S) * RATE_HZ), round((heard.until_s + AROUND_S) * RATE_HZ)
             samples = samples[max(first, 0) : end]
-        name = f"task-{self._task}_trial-{one.trial:03d}_attempt-{one.attempt}.wav"
+        name = f"task-{self.task}_trial-{one.trial:03d}_attempt-{one.attempt}.wav"
         content = wav(samples)
-        keep(self._voices / name, content)
+        keep(self.voices / name, content)
         return {"sound": name, "sound_sha256": hashlib.sha256(content).hexdigest()}
 
 

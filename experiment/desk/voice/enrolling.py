@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import BrokenExecutor, Executor
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -97,25 +98,19 @@ class Enroller:
         microphone, begun_ns = self.microphone, self.clock.now_ns()
         rate_hz = microphone.rate_hz
         before = microphone.heard(from_ns=begun_ns - int(LISTENED_S * 1e9), until_ns=begun_ns)
-        samples = before.microphone, before.played
-        background = self.computing.submit(hearing.listen, *samples, rate_hz=rate_hz).result(ear.PATIENCE_S)
+        computed = partial(ear.computed, self.computing, rate_hz=rate_hz)
+        background = computed(hearing.listen, before)
         from_ns = begun_ns - int((BEFORE_S + ear.BEYOND_S) * 1e9)
         while True:
             self.clock.sleep_ns(int(ear.LOOK_S * 1e9))
             now_ns = self.clock.now_ns()
             recorded = microphone.heard(from_ns=from_ns, until_ns=now_ns)
-            samples, lasts_s = (recorded.microphone, recorded.played), len(recorded.microphone) / rate_hz
-            answerable_s = (begun_ns - recorded.begins_ns) / 1e9
-            ended = self.computing.submit(
-                hearing.ended_s, *samples, rate_hz=rate_hz, answerable_s=answerable_s, background=background
-            )
-            ended_s = ended.result(ear.PATIENCE_S)
+            lasts_s, answerable_s = len(recorded.microphone) / rate_hz, (begun_ns - recorded.begins_ns) / 1e9
+            ended_s = computed(hearing.ended_s, recorded, answerable_s=answerable_s, background=background)
             over = now_ns - begun_ns > WAITS_S * 1e9
             if over or (ended_s is not None and lasts_s - ended_s > ear.SETTLED_S):
-                taken = self.computing.submit(
-                    hearing.take, *samples, rate_hz=rate_hz, answerable_s=answerable_s, background=background
-                )
-                return taken.result(ear.PATIENCE_S)
+                taken: Take = computed(hearing.take, recorded, answerable_s=answerable_s, background=background)
+                return taken
 
 
 def place(dataset: Path, participant: str) -> Path | None:

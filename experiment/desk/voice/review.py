@@ -23,7 +23,7 @@ from experiment.clock import utc, wall_ns
 from experiment.dataset import build
 from experiment.errors import AudioError, DatasetError
 from experiment.protocol.models import Protocol
-from experiment.records import journal
+from experiment.records import chain, journal
 from experiment.records.entries import Answer, Correction, Record, Redo, Spoken, Utc
 
 LOG = "second-rater.log"
@@ -151,10 +151,8 @@ def put_on_record(one: Utterance, *, by: str, answered: str | None, clear: bool)
     second = Second(by=by, rated_utc=utc(wall_ns()), sound_sha256=one.sha256, answered=answered, clear=clear)
     log = one.file.with_name(LOG)
     try:
-        with os.fdopen(os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab") as file:
-            file.write(second.model_dump_json().encode() + b"\n")
-            file.flush()
-            os.fsync(file.fileno())
+        with os.fdopen(os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab", buffering=0) as file:
+            chain.write_through(file, second.model_dump_json().encode() + b"\n")
     except OSError as error:
         raise DatasetError(f"{log}: cannot be written ({error.strerror}); make room, then do it again") from error
     return second

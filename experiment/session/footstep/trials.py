@@ -148,7 +148,7 @@ class Footsteps(Kind):
         step = protocol.footsteps.step
         self._protocol = protocol
         self._trials = len(lent.header.order)
-        self._place = scene.plan(protocol=protocol, task_id=lent.header.task).place
+        self._place = protocol.task(lent.header.task).stimulus == "real"
         self._devices = devices
         self._console = lent.console
         self._clock = clock
@@ -186,7 +186,7 @@ class Footsteps(Kind):
     def _arm(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         console, clock, tracker = self._console, self._clock, self._devices.tracker
         broken, self._broken = self._broken, None
-        if isinstance(tracker, ZeroedTracker) and tracker.due:
+        if isinstance(tracker, ZeroedTracker) and tracker.zero is None:
             zero = tracker.settle(console)
             self._log.write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
             console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")

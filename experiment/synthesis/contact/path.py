@@ -53,14 +53,11 @@ class Stepped(NamedTuple):
 class Trajectory:
     """A whole path of the hand through n samples.
 
-    `force_n` is the force on the hand at each sample, (x, y), N, shape (n, 2). `deep_m` is the penetration of each
-    block, m, zero or less where it is not touched, and `touching` says where its force acts, both of shape (n, blocks).
-    `switches` hold the time from the first sample, s, the block's place, and what happened there.
+    `force_n` is the force on the hand at each sample, (x, y), N, shape (n, 2). `switches` hold the time from the first
+    sample, s, the block's place, and what happened there.
     """
 
     force_n: NDArray[np.float64]
-    deep_m: NDArray[np.float64]
-    touching: NDArray[np.bool_]
     switches: tuple[tuple[float, int, Switch], ...]
 
 
@@ -141,28 +138,17 @@ def trajectory(blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike
             "being one or more; give a place for each time"
         )
     forces = np.zeros((times.size, 2))
-    deep, touching = np.zeros((times.size, len(blocks))), np.zeros((times.size, len(blocks)), dtype=np.bool_)
     at, path = times.tolist(), [(x, y) for x, y in places.tolist()]
     state = init(blocks, hand_m=path[0])
-    deep[0] = [penetration_m(block, one, state) for block, one in zip(blocks, state.blocks, strict=True)]
     switches: list[tuple[float, int, Switch]] = []
     for n in range(1, times.size):
         state, forces[n], seen = step(blocks, state, hand_m=path[n], dt_s=at[n] - at[n - 1])
-        deep[n] = [penetration_m(block, one, state) for block, one in zip(blocks, state.blocks, strict=True)]
-        touching[n] = [isinstance(one, Motion) and one.phase != FREE for one in state.blocks]
         switches += [(at[n - 1] - at[0] + one.after_s, i, one) for i, one in seen]
-    return Trajectory(forces, deep, touching, tuple(switches))
+    return Trajectory(forces, tuple(switches))
 
 
-def penetration_m(block: Block, at: Motion | Left, state: State) -> float:
-    """Return how deep the hand is in a block, m, along its normal; negative outside."""
-    return at.deep_m if isinstance(at, Motion) else _joined(block, at, state).deep_m
-
-
-def _joined(block: Block, at: Motion | Left, state: State) -> Motion:
+def _joined(block: Block, at: Left, state: State) -> Motion:
     """Return a block that was left, as seen from the hand."""
-    if isinstance(at, Motion):
-        return at
     deep, along = _beside(block, state.hand_m)
     deep_m_s, along_m_s = _beside(block, state.hand_m_s)
     flown = state.time_s - at.at_s

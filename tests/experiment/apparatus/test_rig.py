@@ -273,6 +273,6 @@ def test_simulated_ports_exist_only_in_a_rehearsal(rehearsal: Rig) -> None:
 def test_the_date_of_a_rig_file_that_nobody_calibrated_is_told_as_that() -> None:
     audio = rigs.load(shipped("rigs/laboratory.toml")).audio
     assert audio is not None
-    for check in (rigs.check_latency, rigs.check_headphones):
+    for calibrated in (audio.latency, audio.headphones):
         with pytest.raises(RigError, match=r"got 2000-01-01, the date of a rig file that nobody has calibrated yet"):
-            check(audio, date(2026, 5, 4))
+            rigs.check_age(calibrated, date(2026, 5, 4))

@@ -9,7 +9,7 @@ import pytest
 
 from experiment.dataset import build, comparison
 from experiment.dataset.verify import verify
-from experiment.desk.port import Corrected
+from experiment.desk.messages import Correct
 from experiment.errors import DatasetError, RigError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
@@ -19,7 +19,7 @@ from tests.experiment.session.tapping.bench import console, contents, run
 
 
 def test_a_row_for_each_pair_that_was_laid_out(tmp_path: Path) -> None:
-    run(protocol(tie_key="3"), console(["/", "1", "3", Corrected(2, "2", "misheard"), "0"]), tmp_path)
+    run(protocol(tie_key="3"), console(["/", "1", "3", Correct(trial=2, key="2", reason="misheard"), "0"]), tmp_path)
     rows = comparison.rows(contents(tmp_path), "PILOT")
     asked = "asked for by the experimenter"
     # 2 s of laying out after 100 s of familiarisation, 1 s until each key and each remark.

@@ -67,7 +67,7 @@ def test_a_console_catches_up_with_the_first_line_and_learns_what_changes(
     session: Session, listening: Link, tmp_path: Path
 ) -> None:
     session.view = View(study="small", trial=3)
-    with link.connected(tmp_path / "s", ME) as there:
+    with closing(Line(tmp_path / "s", ME)) as there:
         seen = views(there)
         assert next(seen).trial == 3
         session.view = View(study="small", trial=4)
@@ -76,7 +76,7 @@ def test_a_console_catches_up_with_the_first_line_and_learns_what_changes(
 
 
 def test_every_command_is_answered_under_its_number(session: Session, listening: Link, tmp_path: Path) -> None:
-    with link.connected(tmp_path / "s", ME) as there:
+    with closing(Line(tmp_path / "s", ME)) as there:
         sent = [there.send(TakeNote(text="Coughs.")), there.send(Pause())]
         said = (message for message in there.messages() if isinstance(message, Reply))
         assert [next(said), next(said)] == [
@@ -119,7 +119,7 @@ def test_one_session_listens_at_a_place_and_what_a_killed_one_left_is_replaced(
 
 
 def test_a_console_that_does_not_read_holds_nobody_up(session: Session, listening: Link, tmp_path: Path) -> None:
-    with closing(Line(tmp_path / "s", ME)), link.connected(tmp_path / "s", ME) as there:
+    with closing(Line(tmp_path / "s", ME)), closing(Line(tmp_path / "s", ME)) as there:
         seen = views(there)
         for trial in range(200):
             session.view = View(study="x" * 10_000, trial=trial)
@@ -143,7 +143,7 @@ def test_a_console_that_does_not_read_holds_nobody_up(session: Session, listenin
 def test_who_talks_nonsense_is_cut_off_and_nobody_else(
     session: Session, listening: Link, tmp_path: Path, said: bytes
 ) -> None:
-    with socket.socket(socket.AF_UNIX) as other, link.connected(tmp_path / "s", ME) as there:
+    with socket.socket(socket.AF_UNIX) as other, closing(Line(tmp_path / "s", ME)) as there:
         other.connect(str(tmp_path / "s"))
         other.settimeout(10)
         with suppress(OSError):
@@ -157,7 +157,7 @@ def test_who_talks_nonsense_is_cut_off_and_nobody_else(
 
 def test_the_last_state_is_told_before_the_session_is_gone(session: Session, tmp_path: Path) -> None:
     listening = Link(tmp_path / "s", session)
-    with link.connected(tmp_path / "s", ME) as there:
+    with closing(Line(tmp_path / "s", ME)) as there:
         assert session.consoles.acquire(timeout=10)
         session.view = View(study="small", state="ended")
         listening.close()
@@ -172,7 +172,7 @@ def test_a_fault_of_the_sessions_end_is_seen_by_consoles_and_told_to_the_session
     session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_fault: str
 ) -> None:
     listening = Link(tmp_path / "s", session)
-    with link.connected(tmp_path / "s", ME) as there:
+    with closing(Line(tmp_path / "s", ME)) as there:
         assert session.consoles.acquire(timeout=10)
 
         def fail(*_: object) -> Message:
@@ -202,7 +202,7 @@ def test_who_has_a_reply_to_get_is_told_the_last_state_after_it(tmp_path: Path) 
 
     slow = Slow()
     listening = Link(tmp_path / "s", slow)
-    with link.connected(tmp_path / "s", ME) as there:
+    with closing(Line(tmp_path / "s", ME)) as there:
         assert slow.consoles.acquire(timeout=10)
         there.send(Pause())
         assert slow.consoles.acquire(timeout=10)

@@ -32,7 +32,7 @@ from experiment.desk.messages import (
     View,
     Write,
 )
-from experiment.desk.port import Corrected, Noted, Remark, Repeated
+from experiment.desk.port import Remark
 from experiment.errors import LinkError, PauseAsked
 
 ME = Hello(role="console", by="test")
@@ -206,9 +206,9 @@ def test_notes_and_corrections_are_taken_at_any_moment_and_their_words_stand_in_
     assert bench.do(Correct(trial=2, key="p", reason="misheard"))[0]
     assert bench.do(Repeat(trial=1, reason="a door slammed"))[0]
     assert bench.attending.remarks == [
-        Noted("Coughs.", 3),
-        Corrected(2, "p", "misheard"),
-        Repeated(1, "a door slammed"),
+        TakeNote(text="Coughs.", trial=3),
+        Correct(trial=2, key="p", reason="misheard"),
+        Repeat(trial=1, reason="a door slammed"),
     ]
     assert [command for _, command, _, _ in bench.attending.record] == ["note 3", "correct 2 p", "repeat 1"]
     assert bench.do(TakeNote(text="a\x1bb"))[0] is False
@@ -403,7 +403,7 @@ def test_what_is_repeated_after_a_key_is_refused_and_nothing_of_it_is_left(bench
             "A key was pressed for this question before; the trial is not done again. Ask again.",
         )
     assert said.result(10) == "c"
-    bench.linked._repeated = Repeated(3, "of a session before")
+    bench.linked._repeated = Repeat(trial=3, reason="of a session before")
     bench.linked.attend(bench.attending)
     again = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
     bench.press("answer", "p")
@@ -424,7 +424,7 @@ def test_a_trial_that_is_repeated_at_its_question_needs_no_key(bench: Bench, at:
     else:
         bench.question("answer")
         assert bench.do(Repeat(trial=3, reason="coughs"))[0]
-    assert said.result(10) == Repeated(3, "coughs")
+    assert said.result(10) == Repeat(trial=3, reason="coughs")
     assert bench.attending.remarks == []
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import pytest
 
-from experiment.desk.port import Corrected, Noted
+from experiment.desk.messages import Correct, TakeNote
 from experiment.desk.terminal import TerminalConsole, typed_ahead
 from experiment.errors import ScreenGone
 
@@ -61,8 +61,10 @@ def test_a_note_and_a_correction_take_the_place_of_a_key() -> None:
         f"correct {'1' * 4301} c why",
         "c",
     )
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Noted("Coughs.", 3)
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Corrected(12, "n", "misheard, a door slammed")
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == TakeNote(text="Coughs.", trial=3)
+    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Correct(
+        trial=12, key="n", reason="misheard, a door slammed"
+    )
     assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
     assert screen.getvalue().count("is no key") == 3
 
@@ -83,7 +85,7 @@ def test_a_remark_that_could_deceive_does_not_go_on_record() -> None:
 
 def test_a_session_ends_with_enter_and_takes_remarks_until_then() -> None:
     one, screen, prompts = console("bye", "note Felt all of them.", "")
-    assert one.debrief() == Noted("Felt all of them.")
+    assert one.debrief() == TakeNote(text="Felt all of them.")
     assert one.debrief() is None
     assert screen.getvalue() == (
         "'bye' is no remark; type note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON, or press Enter\n"

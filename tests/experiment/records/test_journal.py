@@ -40,7 +40,7 @@ ENTRIES: tuple[AnyEntry, ...] = (
 
 def write(path: Path, entries: tuple[AnyEntry, ...] = ENTRIES) -> bytes:
     clock = ManualClock(10)
-    opened = journal.Journal(path, clock, journal.EMPTY)
+    opened = journal.Journal(path, clock, journal.Contents(()))
     for entry in entries:
         opened.append(entry)
         clock.sleep_ns(5)
@@ -76,7 +76,7 @@ def test_an_entry_is_waited_for_unless_it_can_be_rehearsed_again(
         synced.append(Path(f"/proc/self/fd/{descriptor}").readlink().name)
 
     header = HEADER.model_copy(update={"purpose": purpose})
-    opened = journal.Journal(tmp_path / "j.jsonl", ManualClock(0), journal.EMPTY)
+    opened = journal.Journal(tmp_path / "j.jsonl", ManualClock(0), journal.Contents(()))
     monkeypatch.setattr(os, "fsync", told)
     for entry in (header, *ENTRIES[1:]):
         synced.clear()
@@ -240,7 +240,7 @@ def test_an_interrupt_in_the_middle_of_a_write_never_breaks_the_journal(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, operation: str, after: bool
 ) -> None:
     path, header = tmp_path / "j", HEADER.model_copy(update={"purpose": "STUDY"})
-    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened = journal.Journal(path, ManualClock(0), journal.Contents(()))
     opened.append(header)
     writer = opened._writer
     owner = {"fsync": os, "_write_head": writer}.get(operation, writer._file)
@@ -329,7 +329,7 @@ def test_a_line_that_says_what_no_text_or_number_is_is_refused(tmp_path: Path, m
 @pytest.mark.parametrize("what", ["journal", "head", "folder"])
 def test_a_journal_that_goes_is_noticed_at_the_next_entry(tmp_path: Path, what: str, moved: bool) -> None:
     path = tmp_path / "sub-01" / "j"
-    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened = journal.Journal(path, ManualClock(0), journal.Contents(()))
     opened.append(HEADER)
     gone = {"journal": path, "head": chain.head_path(path), "folder": path.parent}[what]
     if moved:
@@ -350,7 +350,7 @@ def test_a_disk_that_is_full_leaves_whole_lines_and_takes_the_next_when_it_has_r
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "j"
-    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened = journal.Journal(path, ManualClock(0), journal.Contents(()))
     opened.append(HEADER)
 
     def full(content: memoryview) -> int:
@@ -375,7 +375,7 @@ def test_a_head_that_cannot_be_written_leaves_a_journal_that_can_be_continued(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / "j"
-    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened = journal.Journal(path, ManualClock(0), journal.Contents(()))
     opened.append(HEADER)
 
     def failing() -> None:
@@ -423,11 +423,11 @@ def test_no_second_runner_is_let_in_by_removing_the_lock(tmp_path: Path) -> None
 @pytest.mark.skipif(sys.platform == "win32", reason="the system has no such locks")
 def test_a_journal_that_is_written_is_held(tmp_path: Path) -> None:
     path = tmp_path / "j"
-    opened = journal.Journal(path, ManualClock(0), journal.EMPTY)
+    opened = journal.Journal(path, ManualClock(0), journal.Contents(()))
     opened.append(HEADER)
     before = path.read_bytes()
     with pytest.raises(SessionLocked, match="j: the file is being written by another runner"):
-        journal.Journal(path, ManualClock(0), journal.EMPTY)
+        journal.Journal(path, ManualClock(0), journal.Contents(()))
     assert path.read_bytes() == before
     opened.close()
     journal.Journal(path, ManualClock(0), journal.read(path)).close()

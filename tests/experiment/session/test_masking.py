@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 from experiment import storage
 from experiment.apparatus.ports import MaskerExposure
 from experiment.clock import ManualClock
-from experiment.desk.port import Remark, Repeated
+from experiment.desk.messages import Repeat
+from experiment.desk.port import Remark
 from experiment.errors import DoseUsedUp
 from experiment.protocol.models import Probe, Protocol
 from experiment.records import journal
@@ -115,7 +116,7 @@ def test_the_masker_is_silent_in_the_debriefing_and_chosen_anew_for_what_is_done
     one = masked(bench("cptc"), "+.+.")
     assert one.masker is not None
     playing: list[float | None] = []
-    said = iter([Repeated(trial=1, reason="it coughed"), None, None])
+    said = iter([Repeat(trial=1, reason="it coughed"), None, None])
 
     def debriefed() -> Remark | None:
         assert one.masker is not None

@@ -12,8 +12,8 @@ import pytest
 from experiment import storage
 from experiment.clock import ManualClock
 from experiment.dataset import build
-from experiment.desk.messages import Gauges, Standing
-from experiment.desk.port import Attended, Corrected, Noted, Remark, Repeated
+from experiment.desk.messages import Correct, Gauges, Repeat, Standing, TakeNote
+from experiment.desk.port import Attended, Remark
 from experiment.errors import ScreenGone
 from experiment.protocol.models import Protocol
 from experiment.records import journal, transcript
@@ -37,7 +37,15 @@ def run(protocol: Protocol, folder: Path, *keys: str | Remark, remarks: tuple[Re
 
 
 def test_a_note_belongs_to_the_trial_at_which_it_was_made(protocol: Protocol, tmp_path: Path) -> None:
-    run(protocol, tmp_path, "c", Noted("A door slammed.", 2), "p", "t", remarks=(Noted("Felt every one."),))
+    run(
+        protocol,
+        tmp_path,
+        "c",
+        TakeNote(text="A door slammed.", trial=2),
+        "p",
+        "t",
+        remarks=(TakeNote(text="Felt every one."),),
+    )
     found = [e for e in entries(tmp_path, "real") if isinstance(e, Note)]
     assert found == [Note(trial=2, text="A door slammed."), Note(trial=None, text="Felt every one.")]
 
@@ -47,7 +55,7 @@ def test_a_note_belongs_to_the_trial_at_which_it_was_made(protocol: Protocol, tm
 def test_the_table_takes_the_correction_and_the_journal_holds_both(
     protocol: Protocol, tmp_path: Path, late: bool, key: str, material: str | None
 ) -> None:
-    correction = Corrected(2, key, "misheard")
+    correction = Correct(trial=2, key=key, reason="misheard")
     keys = ["c", "p", "t"] if late else ["c", "p", correction, "t"]
     console = run(protocol, tmp_path, *keys, remarks=(correction,) if late else ())
     found = entries(tmp_path, "real")
@@ -64,7 +72,7 @@ def test_the_table_takes_the_correction_and_the_journal_holds_both(
 
 
 def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Path) -> None:
-    slips = Corrected(1, "t", "misheard"), Corrected(1, "p", "a slip of the hand")
+    slips = Correct(trial=1, key="t", reason="misheard"), Correct(trial=1, key="p", reason="a slip of the hand")
     run(protocol, tmp_path, "c", "p", "t", remarks=slips)
     path = storage.journal_path(tmp_path, "01", "real")
     (row, *_) = build._rows(build._session(path, journal.read(path)), "PARTICIPANT")
@@ -74,17 +82,26 @@ def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Pa
 @pytest.mark.parametrize(
     ("wrong", "told"),
     [
-        (Corrected(3, "c", "not answered yet"), "Trial 3 has no answer that counts; nothing was changed."),
-        (Corrected(1, "c", "misheard"), "The answer of trial 1 is copy paper already. Nothing was corrected."),
-        (Corrected(99, "c", "no such trial"), "Trial 99 has no answer that counts; nothing was changed."),
         (
-            Corrected(1, "q", "no answer"),
+            Correct(trial=3, key="c", reason="not answered yet"),
+            "Trial 3 has no answer that counts; nothing was changed.",
+        ),
+        (
+            Correct(trial=1, key="c", reason="misheard"),
+            "The answer of trial 1 is copy paper already. Nothing was corrected.",
+        ),
+        (
+            Correct(trial=99, key="c", reason="no such trial"),
+            "Trial 99 has no answer that counts; nothing was changed.",
+        ),
+        (
+            Correct(trial=1, key="q", reason="no answer"),
             "'q' does not stand for an answer; type one of c a p t n. Nothing was corrected.",
         ),
     ],
 )
 def test_what_cannot_be_corrected_is_refused_in_words(
-    protocol: Protocol, tmp_path: Path, wrong: Corrected, told: str
+    protocol: Protocol, tmp_path: Path, wrong: Correct, told: str
 ) -> None:
     console = run(protocol, tmp_path, "c", wrong, "p", "t")
     assert told in console.shown
@@ -93,7 +110,7 @@ def test_what_cannot_be_corrected_is_refused_in_words(
 
 def test_an_answer_that_was_corrected_and_then_done_again_is_the_new_one(protocol: Protocol, tmp_path: Path) -> None:
     """A correction is of the attempt that was answered: it does not reach a later one."""
-    run(protocol, tmp_path, "c", "p", "t", remarks=(Corrected(1, "t", "misheard"),))
+    run(protocol, tmp_path, "c", "p", "t", remarks=(Correct(trial=1, key="t", reason="misheard"),))
     path = storage.journal_path(tmp_path, "01", "real")
     contents = journal.read(path)
     first = [e for e in contents.entries if isinstance(e, FootStep | Answer) and e.trial == 1]
@@ -112,10 +129,10 @@ def test_what_was_corrected_before_a_pause_stays_and_what_was_not_answered_is_no
     protocol: Protocol, tmp_path: Path
 ) -> None:
     one = bench("cpt")
-    one.console = ScriptedConsole(one.clock, ["c", Corrected(1, "t", "misheard"), "q"])
+    one.console = ScriptedConsole(one.clock, ["c", Correct(trial=1, key="t", reason="misheard"), "q"])
     assert one.run(protocol, header("real"), tmp_path).reason == "paused"
     second = bench("cpt")
-    second.console = ScriptedConsole(second.clock, ["p", Corrected(2, "c", "not yet"), "t"])
+    second.console = ScriptedConsole(second.clock, ["p", Correct(trial=2, key="c", reason="not yet"), "t"])
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
     found = entries(tmp_path, "real")
     assert [(e.trial, e.attempt, e.answered) for e in found if isinstance(e, Correction)] == [(1, 1, "typing paper")]
@@ -168,7 +185,7 @@ def test_what_was_typed_before_the_question_that_ended_the_session_is_on_record(
 
 def test_an_answered_trial_is_done_again_and_its_answer_no_longer_counts(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("ccccc")
-    one.console = ScriptedConsole(one.clock, ["c", Repeated(1, "a door slammed"), "p", "a", "t"])
+    one.console = ScriptedConsole(one.clock, ["c", Repeat(trial=1, reason="a door slammed"), "p", "a", "t"])
     assert one.run(protocol, header("real"), tmp_path).reason == "complete"
     found = entries(tmp_path, "real")
     redone = Redo(trial=1, attempt=1, reason="a door slammed", put_off=True)
@@ -181,7 +198,7 @@ def test_an_answered_trial_is_done_again_and_its_answer_no_longer_counts(protoco
 
 def test_the_trial_at_its_question_is_repeated_without_an_answer(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("cccc")
-    one.console = ScriptedConsole(one.clock, [Repeated(1, "coughed"), "p", "t", "c"])
+    one.console = ScriptedConsole(one.clock, [Repeat(trial=1, reason="coughed"), "p", "t", "c"])
     assert one.run(protocol, header("real"), tmp_path).reason == "complete"
     found = entries(tmp_path, "real")
     assert [(e.trial, e.attempt, e.reason) for e in found if isinstance(e, Redo)] == [(1, 1, "coughed")]
@@ -191,7 +208,7 @@ def test_the_trial_at_its_question_is_repeated_without_an_answer(protocol: Proto
 def test_a_trial_that_is_repeated_at_the_end_reopens_the_session(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("cccc")
     one.console = ScriptedConsole(one.clock, ["c", "p", "t", "a"])
-    one.console.remarks.append(Repeated(2, "was distracted"))
+    one.console.remarks.append(Repeat(trial=2, reason="was distracted"))
     assert one.run(protocol, header("real"), tmp_path).answered == 3
     assert [e.trial for e in entries(tmp_path, "real") if isinstance(e, Answer)] == [1, 2, 3, 2]
 
@@ -251,7 +268,7 @@ def at_its_contact(one: Bench, session: Attended, trial: int) -> None:
 
     def repeat(contact_ns: int) -> None:
         one.actuator.landed = landed  # type: ignore[method-assign]
-        assert session.remark(Repeated(trial, "a door slammed"))[0]
+        assert session.remark(Repeat(trial=trial, reason="a door slammed"))[0]
         landed(contact_ns)
 
     one.actuator.landed = repeat  # type: ignore[method-assign]
@@ -281,7 +298,7 @@ def remarks_of(one: Bench) -> Remarks:
 def test_the_desk_is_told_which_answers_were_corrected(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("cpt")
     told: list[Standing] = []
-    keys: list[str | Remark] = ["c", Corrected(1, "t", "misheard"), "p", "t"]
+    keys: list[str | Remark] = ["c", Correct(trial=1, key="t", reason="misheard"), "p", "t"]
     one.console = Attentive(one.clock, keys, lambda session, *_: told.append(session.standing()))
     one.run(protocol, header("virtual"), tmp_path)
     recent = [(answer.trial, answer.words, answer.corrected) for answer in told[-1].recent]
@@ -307,7 +324,7 @@ def test_what_is_asked_for_after_a_sessions_end_is_refused(protocol: Protocol, t
     one.run(protocol, header("real"), tmp_path)
     session = next(session for session in one.console.attended if session is not None)
     before = entries(tmp_path, "real")
-    assert session.remark(Noted("too late")) == (False, "The session has ended; nothing was changed.")
+    assert session.remark(TakeNote(text="too late")) == (False, "The session has ended; nothing was changed.")
     session.commanded(by="test", command="note", taken=False, words="")
     assert entries(tmp_path, "real") == before
 
@@ -336,9 +353,9 @@ def test_a_note_in_a_pause_goes_on_record_and_changes_nothing_else(
     one.clock.sleep_ns(60 * 10**9)
     session = remarks.paused(tmp_path, "01", ("virtual", "real"), "virtual", one.clock)
     assert session is not None
-    assert session.remark(Noted("They look tired.")) == (True, "The note is on disk.")
+    assert session.remark(TakeNote(text="They look tired.")) == (True, "The note is on disk.")
     session.commanded(by="lab", command="note", taken=True, words="The note is on disk.")
-    assert not session.remark(Corrected(1, "t", "misheard"))[0]
+    assert not session.remark(Correct(trial=1, key="t", reason="misheard"))[0]
     after = journal.read(path)
     assert after.entries[len(before.entries) :] == (
         Note(trial=None, text="They look tired."),
@@ -362,7 +379,7 @@ def test_a_session_whose_participant_withdrew_in_the_pause_takes_no_note(protoco
     with closing(journal.Journal(path, one.clock, journal.read(path))) as opened:
         opened.append(Withdrawal(reason="asked to stop", torn=""))
     before = path.read_bytes()
-    taken, words = session.remark(Noted("They look tired."))
+    taken, words = session.remark(TakeNote(text="They look tired."))
     assert not taken
     assert words.startswith("The session can take no note now.")
     session.commanded(by="lab", command="note", taken=False, words=words)
@@ -374,5 +391,5 @@ def test_a_session_goes_on_after_a_note_in_its_pause(protocol: Protocol, tmp_pat
     one.run(protocol, header("real"), tmp_path)
     session = remarks.paused(tmp_path, "01", (), "real", one.clock)
     assert session is not None
-    session.remark(Noted("They look tired."))
+    session.remark(TakeNote(text="They look tired."))
     assert bench("pt").run(protocol, header("real"), tmp_path).reason == "complete"

@@ -401,7 +401,7 @@ def test_an_attempt_is_on_disk_before_a_sound_of_it_is_possible(
 
 def test_an_attempt_of_whose_end_nothing_is_known_is_put_off(protocol: Protocol, tmp_path: Path) -> None:
     asked = header("real")
-    killed = journal.Journal(storage.journal_path(tmp_path, "01", "real"), ManualClock(START_NS), journal.EMPTY)
+    killed = journal.Journal(storage.journal_path(tmp_path, "01", "real"), ManualClock(START_NS), journal.Contents(()))
     killed.append(asked)
     killed.append(Armed(trial=1, attempt=1, presented=asked.order[0].presented))
     killed.close()

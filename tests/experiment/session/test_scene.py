@@ -15,6 +15,7 @@ import pytest
 
 from experiment.apparatus import opening
 from experiment.apparatus import rig as rigs
+from experiment.apparatus.audio.masker import masker_noise
 from experiment.apparatus.audio.stream import StreamSettings
 from experiment.apparatus.rig import Rig
 from experiment.clock import ManualClock
@@ -52,9 +53,9 @@ def recordings(protocol: Protocol, tmp_path_factory: pytest.TempPathFactory) -> 
 
 def test_a_real_task_needs_no_synthesis_no_actuator_and_no_spectra(protocol: Protocol) -> None:
     real = scene.plan(protocol=protocol, task_id="real")
-    assert (real.synthesis, real.actuator, real.place, real.materials) == (False, False, True, ())
+    assert (real.synthesis, real.actuator, real.materials) == (False, False, ())
     virtual = scene.plan(protocol=protocol, task_id="virtual")
-    assert (virtual.synthesis, virtual.actuator, virtual.place, len(virtual.materials)) == (True, True, False, 4)
+    assert (virtual.synthesis, virtual.actuator, len(virtual.materials)) == (True, True, 4)
 
 
 def presenting(protocol: Protocol, **materials: tuple[str, ...]) -> Protocol:
@@ -144,7 +145,8 @@ def opens(monkeypatch: pytest.MonkeyPatch, protocol: Protocol, rig: Rig, task_id
     noise = None
     if planned.masker is not None:
         samples = scene.masker_samples(colour=planned.masker, rate_hz=48_000, seconds=1.0)
-        noise = opening.masker_noise(rig, samples=samples, limit_db_a=70.0)
+        full_scale_db_a = opening.audio_of(rig).headphones.full_scale_db_a
+        noise = masker_noise(samples, rate_hz=48_000, pink_full_scale_db_a=full_scale_db_a, limit_db_a=70.0)
     opening.open_audio(
         rig,
         limit_m_s2=actuator if planned.actuator else None,

@@ -66,8 +66,6 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
         ("dissimilarity: a", lambda x: distance(changed(c, x), c, frequencies_hz=f), EITHER),
         ("dissimilarity: b", lambda x: distance(c, changed(c, x), frequencies_hz=f), EITHER),
         ("dissimilarity: frequencies_hz", lambda x: distance(c, c, frequencies_hz=changed(f, x)), EITHER),
-        ("dissimilarity: band_hz, lowest", lambda x: distance(c, c, frequencies_hz=f, band_hz=(x, 500.0)), NAN),
-        ("dissimilarity: band_hz, highest", lambda x: distance(c, c, frequencies_hz=f, band_hz=(0.0, x)), NAN),
         (
             "dissimilarity_matrix: spectra",
             lambda x: spectra.dissimilarity_matrix(changed(some(), x), frequencies_hz=f),
@@ -77,16 +75,6 @@ def _of_spectra() -> list[tuple[str, Call, dict[str, float]]]:
             "dissimilarity_matrix: frequencies_hz",
             lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=changed(f, x)),
             EITHER,
-        ),
-        (
-            "dissimilarity_matrix: band_hz, lowest",
-            lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=f, band_hz=(x, 500.0)),
-            NAN,
-        ),
-        (
-            "dissimilarity_matrix: band_hz, highest",
-            lambda x: spectra.dissimilarity_matrix(some(), frequencies_hz=f, band_hz=(0.0, x)),
-            NAN,
         ),
     ]
 
@@ -143,8 +131,11 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
     asked = spectra.Bins(spectra.spectrum(c), samples=c.size, rate_hz=RATE_HZ)
     drive = partial(shaping.drive, rate_hz=RATE_HZ, response=of)
     within: Callable[..., object] = partial(drive, asked, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
-    prepare = partial(voltages.prepare, material(some()), rate_hz=RATE_HZ, response=of)
-    prepared = partial(prepare, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
+
+    def prepared(gain_limit_v_per_m_s2: float = GAIN_LIMIT_V_PER_M_S2, **limits: float) -> object:
+        given: dict[str, Any] = {"gain_limit_v_per_m_s2": gain_limit_v_per_m_s2, **limits}
+        return voltages.Drive({}, rate_hz=RATE_HZ, response=of, **given).prepared(material(some()))
+
     unbounded = partial(shaping.shape, c, frequencies_hz=f, response=of)
     at = shaping.at_bins(of, f)
     shape_at = partial(shaping.shape_at, at=at, gain_limit_v_per_m_s2=GAIN_LIMIT_V_PER_M_S2)
@@ -182,9 +173,9 @@ def _of_shaping() -> list[tuple[str, Call, dict[str, float]]]:
         ("drive: limit_m_s2", lambda x: within(limit_m_s2=x), NO_LIMIT),
         ("drive: limit_v", lambda x: within(limit_v=x), NO_LIMIT),
         ("drive: scale", lambda x: within(scale=x), EITHER),
-        ("prepare: gain_limit_v_per_m_s2", lambda x: prepare(gain_limit_v_per_m_s2=x), EITHER),
-        ("prepare: limit_m_s2", lambda x: prepared(limit_m_s2=x), NO_LIMIT),
-        ("prepare: limit_v", lambda x: prepared(limit_v=x), NO_LIMIT),
+        ("Drive.prepared: gain_limit_v_per_m_s2", lambda x: prepared(gain_limit_v_per_m_s2=x), EITHER),
+        ("Drive.prepared: limit_m_s2", lambda x: prepared(limit_m_s2=x), NO_LIMIT),
+        ("Drive.prepared: limit_v", lambda x: prepared(limit_v=x), NO_LIMIT),
     ]
 
 
@@ -339,7 +330,7 @@ def test_voltages_prepared_for_a_speed_are_those_worked_out_at_it(
     asked = waveforms.prepare(of, material="any", output_rate_hz=RATE_HZ)
     by = shaping.Response(FREQUENCIES_HZ, LEVELS_V, answers)
     given: dict[str, Any] = {"rate_hz": RATE_HZ, "response": by, "gain_limit_v_per_m_s2": GAIN_LIMIT_V_PER_M_S2}
-    basis, held = voltages.prepare(of, **given), 0
+    basis, held = voltages.Drive({}, **given).prepared(of), 0
     feet_mm_s = np.linspace(SPEEDS_MM_S[0], voltages.FASTEST * SPEEDS_MM_S[-1], 37).tolist()
     for v in feet_mm_s:
         found = basis.at(asked.at(v))

@@ -35,14 +35,15 @@ class Driven:
 
     @property
     def basis(self) -> DrivenBasis:
-        return voltages.prepare(
-            self.spectra,
+        drive = voltages.Drive(
+            {},
             rate_hz=self.rate_hz,
             response=self.response,
             gain_limit_v_per_m_s2=self.gain_limit,
             limit_m_s2=self.limit_m_s2,
             limit_v=self.limit_v,
         )
+        return drive.prepared(self.spectra)
 
     def asked(self, speed_mm_s: float) -> Stimulus:
         """The stimulus at a speed."""

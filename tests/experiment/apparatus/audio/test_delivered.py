@@ -38,7 +38,6 @@ def test_a_shifted_and_scaled_copy_is_found_to_the_sample(n: int, at: int, gain:
     assert found is not None
     assert found.onset == at
     assert found.gain == pytest.approx(sign * gain, rel=1e-9)
-    assert found.correlation == pytest.approx(sign, rel=1e-9)
     assert found.residual_db < -180
 
 
@@ -118,7 +117,7 @@ def test_a_silence_counts_where_little_was_heard(loudest: float, said: str) -> N
 
 
 def test_objections_stand_in_order_of_what_explains_most() -> None:
-    whole = Alignment(onset=0, gain=1.0, residual_db=-60.0, correlation=1.0)
+    whole = Alignment(onset=0, gain=1.0, residual_db=-60.0)
     assert objection(whole, onset_error_ms=0.5, contact_error_ms=-5.0, gain=1.0, tolerance=TOLERANCE) == ""
     assert "+5.01 ms from contact; allowed: 5 ms" in objection(
         whole, onset_error_ms=0.5, contact_error_ms=5.01, gain=1.0, tolerance=TOLERANCE

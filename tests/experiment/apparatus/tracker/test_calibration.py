@@ -278,12 +278,12 @@ def test_a_foot_that_moves_or_hangs_in_the_air_is_read_again() -> None:
     tracker = zeroed(moving, rest_samples(0, 40.0), rest_samples(0, 1.25), rest_samples(0, 21.25))
     rester = Obedient()
     told = rester.told
-    assert tracker.due
+    assert tracker.zero is None
     assert tracker.settle(rester).offset_mm == 1.25
     assert told[0] == ""
     assert told[1].startswith("zeroing: got heights that spread by 1.45 mm; allowed: at most 0.5 mm; rest the foot")
     assert told[2].startswith("zeroing: got an offset of 40.00 mm")
-    assert not tracker.due
+    assert tracker.zero is not None
     assert tracker.read().height_mm[0] == 20.0
 
 
@@ -291,7 +291,7 @@ def test_a_tracker_that_came_back_is_zeroed_anew() -> None:
     tracker = zeroed(rest_samples(0, 1.25), rest_samples(0, 30.0), rest_samples(0, -0.5), rest_samples(0, 20.0))
     tracker.settle(Obedient())
     tracker.reconnect(1.0)
-    assert tracker.due
+    assert tracker.zero is None
     assert tracker.read().height_mm[0] == 30.0
     assert tracker.settle(Obedient()).offset_mm == -0.5
     assert tracker.read().height_mm[0] == 20.5
@@ -301,4 +301,4 @@ def test_a_tracker_that_stops_ends_a_zeroing() -> None:
     tracker = zeroed(TrackerStopped("tracker at scripted: no frame for 200 ms"))
     with pytest.raises(TrackerStopped, match="no frame"):
         tracker.settle(Obedient())
-    assert tracker.due
+    assert tracker.zero is None

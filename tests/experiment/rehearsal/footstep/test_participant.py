@@ -9,7 +9,7 @@ import pytest
 
 from experiment.apparatus.tracker.calibration import ZeroedTracker
 from experiment.clock import ManualClock
-from experiment.desk.port import Noted
+from experiment.desk.messages import TakeNote
 from experiment.desk.terminal import TerminalConsole
 from experiment.errors import TrackerError
 from experiment.protocol import files
@@ -63,7 +63,7 @@ def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing() -> None:
     with pytest.raises(TrackerError, match=r"zeroing: got an offset of 9\.00 mm; .* rested 5 times and cannot rest"):
         tracker.settle(one)
     assert foot.rests == 3 * MOST_RESTS
-    assert tracker.due
+    assert tracker.zero is None
 
 
 def test_at_the_keys_an_experimenter_hears_one_answer_however_often_they_are_asked(
@@ -76,7 +76,7 @@ def test_at_the_keys_an_experimenter_hears_one_answer_however_often_they_are_ask
     desk = TerminalConsole(write=screen, ask=lambda _: typed.popleft(), heading="PRACTICE")
     one, answers = Practised(desk=desk, participant=participant(Resting())), {"c": "copy paper", "p": "polypropylene"}
     one.arm(trial=1, attempt=1, trials=2)
-    assert one.ask(trial=1, answers=answers, others={}) == Noted("Coughs.", 1)
+    assert one.ask(trial=1, answers=answers, others={}) == TakeNote(text="Coughs.", trial=1)
     # The key decides, whatever was said.
     assert one.ask(trial=1, answers=answers, others={}) == "p"
     assert not one.confirm(key="p", meaning="polypropylene")

@@ -8,8 +8,7 @@ from typing import cast
 import pytest
 
 from experiment.clock import ManualClock
-from experiment.desk.messages import Measured
-from experiment.desk.port import Corrected, Repeated
+from experiment.desk.messages import Correct, Measured, Repeat
 from experiment.protocol.models import Protocol
 from experiment.records import transcript
 from experiment.records.entries import Answer, Armed, Correction, Redo
@@ -71,8 +70,8 @@ def test_a_pair_is_not_watched_before_it_lies_there() -> None:
         kind(protocol()).watch(lambda: pytest.fail("nothing is waited for"))
 
 
-@pytest.mark.parametrize("again", ["/", Repeated(1, "a sample fell down")])
-def test_a_trial_that_is_put_off_is_laid_out_again_at_the_end(tmp_path: Path, again: str | Repeated) -> None:
+@pytest.mark.parametrize("again", ["/", Repeat(trial=1, reason="a sample fell down")])
+def test_a_trial_that_is_put_off_is_laid_out_again_at_the_end(tmp_path: Path, again: str | Repeat) -> None:
     desk = console([again, "2", "1", "1"])
     run(protocol(), desk, tmp_path)
     assert [trial for trial, _ in desk.placed] == [1, 2, 3, 1]
@@ -86,7 +85,7 @@ def test_no_answer_is_an_answer_and_a_tie_is_one_where_it_is_allowed(tmp_path: P
 
 
 def test_an_answer_is_corrected_by_its_key(tmp_path: Path) -> None:
-    desk = console(["1", Corrected(1, "2", "misheard"), "2", "1"])
+    desk = console(["1", Correct(trial=1, key="2", reason="misheard"), "2", "1"])
     run(protocol(), desk, tmp_path)
     (correction,) = (one for one in contents(tmp_path).entries if isinstance(one, Correction))
     assert (correction.trial, correction.answered) == (1, "second")
