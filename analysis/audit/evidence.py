@@ -10,12 +10,14 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
+from itertools import product
 from statistics import mean, variance
 from typing import Literal
 
 from analysis.audit.granularity import ANY, Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
 from analysis.audit.mistakes import Verdict
 from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
+from analysis.identification.confusion import shared
 from analysis.identification.results import Results
 from analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale
 from analysis.published.printed import Interval, Printed, point
@@ -136,12 +138,12 @@ class FromResults:
         return Variances(by_type(*(point(Fraction(one)) for one in (first, second, third))), df, everything)
 
     def _between(self, effect: str) -> Interval:
-        """Return the sum of squares of the effect when it enters first."""
+        """Return the sum of squares of the effect when it enters first, of the materials that every task presents."""
         values: dict[str, list[Fraction]] = {}
-        for task in self._results.tasks:
-            for material in task.confusion.materials:
-                level = task.task.id if effect == "task" else material
-                values.setdefault(level, []).extend(self._ratios(task.task.id, material, material))
+        tasks = self._results.tasks
+        for task, place in product(tasks, shared(task.confusion for task in tasks)):
+            level = task.task.id if effect == "task" else task.confusion.materials[place]
+            values.setdefault(level, []).extend(task.confusion.ratios(place, place).values())
         return between([Margin(len(level), point(mean(level))) for level in values.values()])
 
     def _ratios(self, task: str, presented: str, answered: str) -> list[Fraction]:

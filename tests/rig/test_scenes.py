@@ -68,11 +68,11 @@ def test_a_task_with_real_objects_opens_no_port_of_the_actuator(held: dict[str, 
     assert "sounddevice" not in held["quiet"].held.modules
 
 
-def test_a_task_with_real_objects_holds_70_mb_less_and_begins_half_a_second_sooner(held: dict[str, Seen]) -> None:
+def test_a_task_with_real_objects_holds_70_mb_less_and_begins_with_much_less_work(held: dict[str, Seen]) -> None:
     virtual, real = held["virtual"].held, held["real"].held
     assert virtual.mb - real.mb > 70
-    # A busy machine has its way with the clock on the wall.
-    assert virtual.cpu_s - real.cpu_s > 0.5
+    # How many seconds that is belongs to the machine: `palpate plan` prints them.
+    assert virtual.cpu_s > 1.5 * real.cpu_s
     assert real.threads <= virtual.threads
 
 
