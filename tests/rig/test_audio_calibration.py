@@ -22,7 +22,7 @@ from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.conftest import Palpate
 from tests.rig import sound
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 
 @pytest.fixture

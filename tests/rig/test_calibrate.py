@@ -22,7 +22,7 @@ from experiment.protocol.files import shipped
 from experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 NOISE_MM = 0.05
 

@@ -31,7 +31,7 @@ from tests.rig.faults import Faults
 from tests.rig.laboratory import write_rig
 from tests.rig.verdicts import LOAD, red, verdicts
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 HEARD_S = 1.0
 

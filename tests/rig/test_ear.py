@@ -34,7 +34,7 @@ from experiment.rehearsal.wires.sound_card import DEVICE
 from tests.experiment.session.scripted import ScriptedConsole
 from tests.rig import sound, speech
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 RATE_HZ, BLOCK = 48_000, 1024
 AUDIO = rigs.load(shipped("rigs/headless.toml")).audio

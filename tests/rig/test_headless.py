@@ -22,7 +22,7 @@ from experiment.rehearsal.wires.sound_card import WiredCard
 from tests.rig import sound
 from tests.rig.laboratory import HURRIED
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 
 @pytest.fixture

@@ -23,7 +23,7 @@ from experiment.protocol.models import Step
 from experiment.rehearsal.footstep import foot
 from experiment.rehearsal.wires.serial_line import SerialLine
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 SPEED_MM_S = 180.0
 

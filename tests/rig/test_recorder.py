@@ -18,7 +18,7 @@ from experiment.recordings.store import Condition, plan
 from experiment.recordings.workflow import SPEED_TOLERANCE, Step
 from experiment.rehearsal.footstep import recorded_takes, recorder
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 
 def record(out: Path, root: Path, **options: object) -> Path:

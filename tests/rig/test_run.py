@@ -29,7 +29,7 @@ from tests.conftest import Palpate
 from tests.rig.faults import Faults
 from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory, write_rig
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 
 @pytest.fixture

@@ -27,7 +27,7 @@ from experiment.protocol.files import shipped
 from experiment.records import entries, journal, transcript
 from tests.experiment.protocol.small import SMALL
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 SIZE_PX = (1280, 800)
 WORDS = ScreenWords(right="gutes Tempo", thanks="ありがとうございました。", slow="zu langsam", fast="zu schnell")

@@ -15,7 +15,7 @@ from tests.benchmarks import voice as benchmark
 from tests.rig import speech
 from tests.rig.speech import ANSWERABLE_S, RATE_HZ
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 VOICES = tuple(voice for voice in speech.TESTED if voice.name in ("en-us+f2", "ja+m2", "slt"))
 
