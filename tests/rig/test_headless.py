@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import re
 import shutil
 from itertools import pairwise
 from pathlib import Path
@@ -13,13 +11,14 @@ import pytest
 from experiment.errors import DatasetError
 from experiment.protocol.files import shipped
 from experiment.records import journal
-from experiment.records.entries import MaskerSet, Phase, Redo, Spoken
+from experiment.records.entries import MaskerSet, Redo
 from experiment.records.footstep import FootStep, Probed, Zeroed
 from experiment.rehearsal import session, study
 from experiment.rehearsal.footstep import participant
 from experiment.rehearsal.footstep.panel import CardPanel
 from experiment.rehearsal.wires.sound_card import WiredCard
 from tests.rig import sound
+from tests.rig.headless import answers, short, tried
 from tests.rig.laboratory import HURRIED
 
 pytestmark = pytest.mark.clocked
@@ -30,28 +29,6 @@ def hurried(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody waits for a participant who only thinks."""
     for name, value in HURRIED.items():
         monkeypatch.setattr(participant, name, value)
-
-
-def short(tmp_path: Path) -> Path:
-    """The footstep study with four trials a task and hardly a break."""
-    text = shipped("okamoto2012.toml").read_text("utf-8")
-    for pattern, value in (("repetitions", "1"), ("min_s", "0"), ("max_s", "0.01"), ("break_min_s", "0")):
-        text = re.sub(rf"(?m)^{pattern} = \S+", f"{pattern} = {value}", text)
-    text = text.replace("limit = 36", "limit = 4")
-    text = text.replace("[masker]\n", '[masker]\nprobe = { material = "aluminum foil", speed_mm_s = 200 }\n')
-    path = tmp_path / "short.toml"
-    path.write_text(text, "utf-8")
-    return path
-
-
-def tried(root: Path, task: str) -> list[dict[str, str]]:
-    [path] = root.glob(f"sub-01/beh/*_task-{task}_events.tsv")
-    with path.open() as file:
-        return list(csv.DictReader(file, delimiter="\t"))
-
-
-def answers(root: Path, task: str) -> list[dict[str, str]]:
-    return [row for row in tried(root, task) if row["counted"] == "1"]
 
 
 def rehearsed(tmp_path: Path) -> Path:
@@ -176,42 +153,3 @@ def test_a_zeroed_tracker_is_rehearsed_in_real_time(tmp_path: Path) -> None:
     for path in root.glob("sourcedata/sub-01/*_journal.jsonl"):
         [zero] = [entry for entry in journal.read(path).entries if isinstance(entry, Zeroed)]
         assert zero.offset_mm == pytest.approx(0.0, abs=0.06)
-
-
-def test_a_simulated_participant_says_the_answers_into_the_microphone(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with sound.sound_card():
-        pass
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    protocol, rig = short(tmp_path), tmp_path / "rig.toml"
-    text = protocol.read_text("utf-8").replace('pause_key = "q"', 'pause_key = "q"\nmicrophone = true')
-    # Objects are laid out in both tasks, so that blocks may be long, and a busy machine keeps up with them.
-    text = text.replace("voice_recordings = false", "voice_recordings = true")
-    text = text.replace('stimulus = "virtual"', 'stimulus = "real"')
-    protocol.write_text(text, "utf-8")
-    changed = shipped("rigs/headless.toml").read_text("utf-8").replace("block = 128", "block = 1024")
-    rig.write_text(changed.replace("put_ms = 2.667", "put_ms = 21.333"), "utf-8")
-    shutil.copy(shipped("rigs/rehearsal-response.csv"), tmp_path)
-    out = tmp_path / "made"
-    root = study.rehearse(protocol_file=protocol, rig_file=rig, out=out, participants=1, seed=1, real_time=True)
-    phases = []
-    for task in ("virtual", "real"):
-        rows = answers(root, task)
-        assert len(rows) == 4
-        assert [row["voice_proposed"] for row in rows] == [row["answered"] for row in rows]
-        assert {row["response_end"] for row in rows} == {"voice"}
-        assert all(0 < float(row["voice_onset"]) < float(row["choice_time"]) for row in rows)
-        assert all(float(row["voice_agreement"]) > 0.9 for row in rows)
-        path = next(root.glob(f"sourcedata/sub-01/*_task-{task}_journal.jsonl"))
-        phases += [entry.detail for entry in journal.read(path).entries if isinstance(entry, Phase)]
-        for entry in journal.read(path).entries:
-            if isinstance(entry, Spoken):
-                assert (path.parent / "voices" / str(entry.sound)).stat().st_size > 10_000
-    told = [detail.partition(": ")[2] for detail in phases if detail.startswith("the microphone proposes answers")]
-    assert sorted(told) == [
-        "the participant said each of 4 answers 2 times",
-        "what the participant said earlier in this visit is compared with",
-    ]
-    # The visit is over, and what was computed of it is gone.
-    assert not list(tmp_path.glob("palpate-*/*.voice"))
