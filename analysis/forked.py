@@ -24,12 +24,13 @@ def forked(call: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
     It is called here where no process can be forked, from a thread that is not the main one, and if the fork ended
     before it was done; so that what it raises is raised here.
     """
-    if sys.platform != "linux" or threading.current_thread() is not threading.main_thread():
+    forks = sys.platform == "linux" and not multiprocessing.current_process().daemon
+    if not forks or threading.current_thread() is not threading.main_thread():
         yield call
         return
     forking = multiprocessing.get_context("fork")
     receiving, sending = forking.Pipe(duplex=False)
-    other = forking.Process(target=_send, args=(call, sending))
+    other = forking.Process(target=_send, args=(call, receiving, sending))
     # The fork keeps the mask: the keyboard interrupts whoever waits for it, and that process ends it.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
@@ -57,7 +58,12 @@ def forked(call: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
         other.join()
 
 
-def _send(call: Callable[[], object], sending: Connection) -> None:
+def _send(call: Callable[[], object], receiving: Connection, sending: Connection) -> None:
     """Send what `call` returns, or nothing: whoever waits for it then calls, and tells what is wrong."""
+    # Once nobody receives, sending ends.
+    receiving.close()
+    if sys.__stderr__ is not None:
+        # That other thread may hold the lock of a stream in its place.
+        sys.stderr = sys.__stderr__
     with suppress(Exception):
         sending.send(call())

@@ -381,7 +381,7 @@ CAUSES = {
     "table": "steps of the response table",
     "rounding": "rounding",
 }
-"""What each share of a budget (`synthesis.budget`) is called that a rig without a scene may have."""
+"""The shares of a budget (`synthesis.budget`) that a rig without a scene may have, and what each is called."""
 
 
 def budget(played: Sequence[Played]) -> Figure:

@@ -7,7 +7,7 @@ errors near 1e-16 are as much the oracle's as the method's; `extended_epsilon` t
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil
 
@@ -102,7 +102,7 @@ def voltages(
     W(f, a) is a sum over the segments between the levels measured, each as far as it is passed. Bins count as measured
     by their frequencies in float64, as `shaping.at_bins` defines it.
     """
-    wanted, _, _ = spectrum_at(spectra, speed_mm_s)
+    wanted, floored, nearest = spectrum_at(spectra, speed_mm_s)
     places = Fraction(spectra.samples * output_rate_hz, spectra.rate_hz)
     carried = min(wanted.size, ceil(places))
     k, table_hz = np.arange(carried), response.frequencies_hz
@@ -121,9 +121,14 @@ def voltages(
         bottom, bottom_v = top, top_v
     signed = np.zeros(carried, dtype=np.longdouble)
     signed[measured] = np.minimum(volts, a * np.longdouble(gain_limit_v_per_m_s2)) * np.sign(wanted[measured])
-    accelerations = stimulus(spectra, speed_mm_s=speed_mm_s, output_rate_hz=output_rate_hz)
-    scale_v = _length(signed) / np.sqrt(np.longdouble(2))
-    return replace(accelerations, samples=_inverse(signed, places), scale=scale_v)
+    return Exact(
+        samples=_inverse(signed, places),
+        scale=_length(signed) / np.sqrt(np.longdouble(2)),
+        floored=floored,
+        extrapolated=nearest is not None,
+        dropped=max(0, spectra.samples - ceil(places)),
+        bins=spectra.samples,
+    )
 
 
 def error(made: NDArray[np.float64], exact: Exact) -> np.longdouble:

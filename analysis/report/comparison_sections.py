@@ -19,7 +19,7 @@ LAWS = {
     "thurstone": "Thurstone's case V, in standard deviations of a difference",
     "davidson": "Davidson, with ties, in logits",
 }
-"""What is said of each law, whose name in a protocol is its own with capitals."""
+"""What is said of each law. A protocol writes the same name with capitals, as `str.title` gives it."""
 
 FIT = (
     "The P of a deviance takes all answers as independent and every participant as having the same scale, and needs "

@@ -21,6 +21,9 @@ MEANWHILE = (
     "statsmodels.genmod.generalized_estimating_equations",
 )
 
+ENDS_S = 2.0
+"""How long an interrupted analysis may take to leave nothing half written, s."""
+
 
 @contextmanager
 def analyst(*, elsewhere: bool, as_json: bool) -> Iterator[Callable[[Path], object]]:
@@ -29,53 +32,58 @@ def analyst(*, elsewhere: bool, as_json: bool) -> Iterator[Callable[[Path], obje
     On Linux, with `elsewhere`, a fork of this process does so, which is begun here, before this process holds much or
     has a thread. Where the fork fails it is done here, so that what it raises is raised here.
     """
-    here_too = partial(_analyse, as_json=as_json)
+    analysed = partial(_analyse, as_json=as_json)
     if not elsewhere or sys.platform != "linux":
-        yield here_too
+        yield analysed
         return
     forking = multiprocessing.get_context("fork")
-    here, there = forking.Pipe()
-    other = forking.Process(target=_asked, args=(here, there, here_too))
-    # Ctrl-C reaches every process of a terminal, and this one alone answers it until the other is asked.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        other.start()
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-    there.close()
+    ours, theirs = forking.Pipe()
+    fork = forking.Process(target=_wait, args=(ours, theirs, analysed))
     asked = False
 
     def analyse(dataset: Path) -> object:
         nonlocal asked
         asked = True
         try:
-            here.send(dataset)
-            return here.recv()
+            ours.send(dataset)
+            return ours.recv()
         except (EOFError, OSError):
-            return here_too(dataset)
+            return analysed(dataset)
 
+    # Ctrl-C reaches every process of a terminal: in the fork it waits until that one is asked.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
+        fork.start()
+    except OSError:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        yield analysed
+        return
+    try:
+        theirs.close()
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
         yield analyse
     finally:
-        here.close()
-        if not asked:
-            other.kill()
-        other.join()
+        ours.close()
+        if asked:
+            fork.join(ENDS_S)
+        fork.kill()
+        fork.join()
 
 
-def _asked(asker: Connection, asked: Connection, analyse: Callable[[Path], object]) -> None:
+def _wait(ours: Connection, theirs: Connection, analysed: Callable[[Path], object]) -> None:
     """Analyse the dataset that is asked for, and send what was found; send nothing of what fails."""
-    asker.close()
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    ours.close()
     with suppress(Exception, KeyboardInterrupt):
+        from experiment.apparatus import host
+
+        host.end_with_parent()
         for module in MEANWHILE:
             import_module(module)
         # Little of what modules hold ever becomes garbage.
         gc.freeze()
-        dataset = asked.recv()
-        signal.signal(signal.SIGINT, before)
-        asked.send(analyse(dataset))
+        dataset = theirs.recv()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+        theirs.send(analysed(dataset))
 
 
 def _analyse(dataset: Path, *, as_json: bool) -> object:

@@ -282,6 +282,9 @@ def rehearse(
         from experiment.desk.terminal import TerminalConsole
         from experiment.rehearsal import study
 
+        if at_once:
+            # No process has to search what all of them share.
+            gc.freeze()
         generic = study.generic(protocol)
         if generic and not as_json:
             typer.echo(generic, err=True)

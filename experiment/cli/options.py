@@ -17,7 +17,7 @@ from experiment.errors import PalpateError
 from experiment.settings.characters import hidden, quoted
 
 if TYPE_CHECKING:
-    from rich.progress import Progress, TaskID
+    from rich.progress import Progress
 
     from experiment.protocol.models import Protocol
 
@@ -164,23 +164,24 @@ def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None]
 
     It moves about on the terminal with control characters, so it writes to the stream of the process itself.
     """
-    bars: list[tuple[Progress, TaskID]] = []
+    bar: Progress | None = None
 
     def begin(total: int) -> None:
+        nonlocal bar
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         bar = Progress(*columns, console=Console(file=sys.__stderr__), disable=quiet)
-        bars.append((bar, bar.add_task(label, total=total)))
+        bar.add_task(label, total=total)
         bar.start()
 
     def advance() -> None:
-        for bar, task in bars:
-            bar.advance(task)
+        if bar is not None:
+            bar.advance(bar.task_ids[0])
 
     try:
         yield begin, advance
     finally:
-        for bar, _ in bars:
+        if bar is not None:
             bar.stop()

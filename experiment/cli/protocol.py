@@ -284,7 +284,7 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     from experiment.apparatus import opening
     from experiment.apparatus import rig as rigs
     from experiment.apparatus.servo import settings
-    from experiment.session.footstep.fidelity import judged
+    from experiment.session.footstep.fidelity import judged, refuse_simulated_table
     from experiment.study.enrolment import default_root
 
     rig = rigs.load(rig_file)
@@ -295,6 +295,10 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
         refusal = RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
         planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
         return f"{told} The tracker {planar} pushes along the face.", None if bears else refusal
+    try:
+        refuse_simulated_table(rig_file, rig)
+    except PalpateError as refused:
+        return "", refused
     folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
     most = protocol.footstep.synthesis.left_out_max
     allowed = "sets no limit" if most is None else f"allows {most:.4g}"

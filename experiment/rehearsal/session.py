@@ -5,7 +5,6 @@ The session is the real one; the simulated world stands at the far ends of its p
 
 from __future__ import annotations
 
-import gc
 import multiprocessing
 import signal
 import sys
@@ -305,15 +304,14 @@ def rehearse_at_once(
 ) -> None:
     """Rehearse every participant of `todo`, `jobs` at a time; `tick` is called here after each confirmed answer.
 
-    `begun` is called once there are as many processes, forks of this one on Linux: it may begin threads. At the end
-    `finish` is called, with what calls a function in these processes.
+    `begun` is called once all processes have begun, which are forks of this one on Linux: it may begin threads. At the
+    end `finish` is called, with what calls a function in these processes.
 
     Raises `Interrupted` at the keyboard, with what is confirmed on disk, and `PalpateError` if a part failed.
     """
-    # No process has to search what all of them share.
-    gc.freeze()
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
+    others = set(multiprocessing.active_children())
     with _noted() as interrupts:
         with ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool:
             try:
@@ -330,7 +328,7 @@ def rehearse_at_once(
                         future.result()
                 finish(pool.map)
             except BaseException:
-                for worker in multiprocessing.active_children():
+                for worker in set(multiprocessing.active_children()) - others:
                     worker.terminate()
                 raise
         _end_at(interrupts)

@@ -110,8 +110,8 @@ def rehearse(
     with ExitStack() as refused:
         if not is_begun(out, plan):
             refused.enter_context(_prepared(out, plan, protocol_file, rig_file))
-        remaining = sum(_remaining(out, protocol, job, task) for job in todo for task in job.tasks)
-        jobs = jobs or os.cpu_count() or 1
+        left = {job: sum(_remaining(out, protocol, job, task) for task in job.tasks) for job in todo}
+        remaining, jobs = sum(left.values()), min(jobs or os.cpu_count() or 1, sum(len(job.tasks) for job in todo))
         if jobs == 1 or screen is not None:
             total(remaining)
             for job in todo:
@@ -119,7 +119,7 @@ def rehearse(
             build.build(out)
         else:
             # The shortest come last, so that nobody waits long for the last of them.
-            todo.sort(key=lambda job: len(job.tasks), reverse=True)
+            todo.sort(key=left.__getitem__, reverse=True)
             rehearse_at_once(todo, jobs, tick, partial(build.build, out), partial(total, remaining))
     return out
 

@@ -103,7 +103,7 @@ def run(
         from experiment.apparatus.panel.conditioning import open_drive
 
         recordings = _real_recordings(root, recordings, protocol)
-        _refuse_simulated_table(rig_file, rig)
+        fidelity.refuse_simulated_table(rig_file, rig)
         open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
         fidelity.refuse_what_leaves_out_too_much(
             protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings
@@ -388,18 +388,6 @@ def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path
     elif manifest.sha256(folder) != manifest.sha256(kept):
         raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
     return folder
-
-
-def _refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
-    """Raise `RigError` if voltages would be made, and limited, by the response of a panel that nobody measured."""
-    from experiment.apparatus.panel import response_table
-
-    shaping = rig.actuator.shaping
-    if shaping is not None and response_table.is_simulated(rigs.response_table(rig_file.parent, shaping)):
-        raise RigError(
-            f"{rig_file}: {shaping.response} says that it is SIMULATED; allowed: a table that was measured; measure "
-            "the loaded panel, and name that table"
-        )
 
 
 def _keep_recordings(root: Path, folder: Path) -> Path:

@@ -68,7 +68,9 @@ def test_a_task_with_real_objects_opens_no_port_of_the_actuator(held: dict[str, 
     assert "sounddevice" not in held["quiet"].held.modules
 
 
-def test_a_task_with_real_objects_holds_70_mb_less_and_begins_with_much_less_work(held: dict[str, Seen]) -> None:
+def test_a_task_with_real_objects_holds_70_mb_less_and_begins_with_less_work(
+    held: dict[str, Seen],
+) -> None:
     virtual, real = held["virtual"].held, held["real"].held
     assert virtual.mb - real.mb > 70
     # How many seconds that is belongs to the machine: `palpate plan` prints them.

@@ -16,7 +16,7 @@ from experiment.apparatus.rig import TrackerRig
 from experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples, encode
 from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from experiment.apparatus.tracker.serial_port import LINE_BYTES, SerialPort
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
+from experiment.apparatus.tracker.serial_tracker import REFILL_S, SerialTracker
 from experiment.clock import ManualClock
 from experiment.errors import TrackerError, TrackerStopped
 from experiment.protocol.models import Step
@@ -255,7 +255,7 @@ def test_a_backlog_behind_a_full_line_is_taken_at_once() -> None:
         at_once = False
         for _ in range(100):
             sent = BACKLOG[: line.offer(BACKLOG)]
-            taken = port.take()
+            taken = port.take(REFILL_S)
             at_once |= taken == sent and len(sent) > LINE_BYTES
             while len(taken) < len(sent) and port.wait(1.0):
                 taken += port.take()

@@ -129,8 +129,6 @@ LARGEST_READ = 65536
 LINE_BYTES = 4095
 """What a full line of Linux gives to one read: more may wait behind it."""
 
-REFILL_S = 0.001
-"""How long what waits behind a full line is given to take its place, s."""
 
 VANISHED: tuple[type[Exception], ...] = (OSError,)
 """What a port that has gone raises."""
@@ -167,15 +165,22 @@ class SerialPort:
             return False
         return self._ready(timeout_s)
 
-    def take(self) -> bytes:
-        """Return what has come, without waiting; raise one of `VANISHED` if the port has gone."""
+    def take(self, refill_s: float = 0.0) -> bytes:
+        """Return what has come, without waiting; raise one of `VANISHED` if the port has gone.
+
+        Of what stands behind a full line the rest is taken too, if it takes its place within `refill_s`, s, each time.
+        """
         if self._selectable and os.name == "posix":
             # Another look may have taken what `wait` saw. A port that has gone seems ready all the time, and is empty.
             data = part = self._read()
             if not data and self._ready(0.0) and not (data := self._read()):
                 raise OSError(errno.EIO, "it seems ready but returns no data, as a device that was unplugged")
-            while len(part) >= LINE_BYTES and len(data) < LARGEST_READ and self._ready(REFILL_S):
-                data += (part := self._read())
+            while len(part) >= LINE_BYTES and len(data) < LARGEST_READ and self._ready(refill_s):
+                try:
+                    data += (part := self._read())
+                except VANISHED:
+                    # What was read before is given; whoever takes next learns of it.
+                    break
             return data
         # A URL handler says that something waits, not how much.
         size = (self._port.in_waiting or 1) if self._is_device else LARGEST_READ

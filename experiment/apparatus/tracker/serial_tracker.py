@@ -64,6 +64,9 @@ for a silent device."""
 USABLE = 0.9
 """Part of the silence allowed that is spent waiting; the rest is left to the operating system."""
 
+REFILL_S = 0.001
+"""What waits behind a full line is given so long to take its place, s: a backlog is then decoded at once."""
+
 KEPT_S = 10.0
 """This much is kept of what nobody reads, s at the rig's rate. Then the line fills, and what it cannot take is lost."""
 
@@ -259,7 +262,7 @@ class SerialTracker:
 
     def _take(self) -> int:
         with self._lock:
-            data = self._port.take()
+            data = self._port.take(REFILL_S)
             if data:
                 self._arrive(data, self._clock.now_ns())
         return len(data)

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from experiment.apparatus import rig as rigs
 from experiment.apparatus.rig import Rig
 from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from experiment.errors import RigError
@@ -157,6 +158,20 @@ def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder:
     """
     if protocol.footsteps.synthesis.left_out_max is not None:
         judged(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+
+
+def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
+    """Raise `RigError` if a real rig would make and limit voltages by the response of a panel that nobody measured."""
+    from experiment.apparatus.panel import response_table
+
+    shaping = rig.actuator.shaping
+    if rig.rig.simulated or shaping is None:
+        return
+    if response_table.is_simulated(rigs.response_table(rig_file.parent, shaping)):
+        raise RigError(
+            f"{rig_file}: {shaping.response} says that it is SIMULATED; allowed: a table that was measured; measure "
+            "the loaded panel, and name that table"
+        )
 
 
 UNKNOWN = "nobody measured which frequencies its actuator carries"

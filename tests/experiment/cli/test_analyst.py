@@ -5,8 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import subprocess
 import sys
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -90,3 +92,67 @@ def test_ctrl_c_of_a_terminal_ends_an_analysis(tmp_path: Path, doing: Doing) -> 
         analyse(tmp_path)
     assert done() == []
     assert not multiprocessing.active_children()
+
+
+def test_ctrl_c_while_the_fork_still_imports_ends_it_before_it_analyses(
+    tmp_path: Path, doing: Doing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = os.getpid()
+    # It is imported where it is asked for, and presses the key of a terminal: both processes hear of it.
+    (tmp_path / "presses.py").write_text(
+        f"import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nos.kill({here}, signal.SIGINT)\n", "utf-8"
+    )
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(analysts, "MEANWHILE", ("presses",))
+    done = doing(lambda: None)
+    (tmp_path / "noted").touch()
+    with pytest.raises(KeyboardInterrupt), analysts.analyst(elsewhere=True, as_json=True) as analyse:
+        analyse(tmp_path)
+        threading.Event().wait(60)
+    assert done() == []
+    assert not multiprocessing.active_children()
+
+
+def test_a_system_that_lets_no_process_begin_has_it_analysed_here(
+    tmp_path: Path, doing: Doing, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = doing(lambda: None)
+
+    def refused() -> int:
+        raise BlockingIOError
+
+    monkeypatch.setattr("os.fork", refused)
+    with analysts.analyst(elsewhere=True, as_json=True) as analyse:
+        assert analyse(tmp_path) == "found"
+    assert done() == [True]
+
+
+ORPHAN = """
+import os, signal, time
+from pathlib import Path
+from experiment.cli import analyst
+
+def analyse(dataset, *, as_json):
+    Path(dataset, "fork").write_text(str(os.getpid()))
+    time.sleep(600)
+
+analyst._analyse = analyse
+with analyst.analyst(elsewhere=True, as_json=True) as ask:
+    ask(Path({folder!r}))
+"""
+
+
+def test_no_fork_outlives_its_parent(tmp_path: Path, repository_root: Path) -> None:
+    script, noted = ORPHAN.format(folder=str(tmp_path)), tmp_path / "fork"
+    with subprocess.Popen([sys.executable, "-c", script], cwd=repository_root) as begun:
+        until(lambda: noted.exists() and noted.read_text() != "")
+        begun.kill()
+    fork = Path("/proc") / noted.read_text()
+    until(lambda: not fork.exists() or fork.joinpath("stat").read_text().rpartition(")")[2].split()[0] == "Z")
+
+
+def until(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < deadline
+        time.sleep(0.01)

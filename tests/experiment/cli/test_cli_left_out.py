@@ -81,6 +81,16 @@ def test_check_shows_what_the_screen_of_a_rig_says_in_other_words_than_palpates(
     assert json.loads(call(*asked, RIG).stdout)["rig"]["words"] == {}
 
 
+def test_check_refuses_a_real_rig_whose_response_nobody_measured(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.toml"
+    text = RIG.read_text("utf-8").replace("simulated = true", "simulated = false")
+    rig.write_text(text.replace(' = "rehearsal"', ' = "127.0.0.1:9"'), "utf-8")
+    (tmp_path / "rehearsal-response.csv").write_bytes(RIG.with_name("rehearsal-response.csv").read_bytes())
+    result = call("check", shipped("okamoto2012.toml"), "--rig", rig)
+    assert isinstance(result.exception, RigError)
+    assert "rehearsal-response.csv says that it is SIMULATED; allowed: a table that was" in str(result.exception)
+
+
 def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> None:
     result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", recordings)
     assert result.exit_code == 0

@@ -48,7 +48,7 @@ class ScriptedPort:
         with self._changed:
             return self._changed.wait_for(lambda: bool(self._script) or self._woken, timeout_s) and not self._woken
 
-    def take(self) -> bytes:
+    def take(self, refill_s: float = 0.0) -> bytes:
         with self._changed:
             arrival = self._script.popleft() if self._script else b""
             self._changed.notify_all()
