@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
@@ -156,7 +155,7 @@ def starred(planned: Design, found: Mapping[Question, Answer]) -> dict[Question,
 def _t(
     number: int, test: PlannedTest, planned: Design, every: Mapping[str, Ratios], drawn: Mapping[str, Integers]
 ) -> Iterator[tuple[Question, Answer]]:
-    chance = Fraction(1, len(planned.materials)) if test.chance is None else Fraction(repr(test.chance))
+    chance = test.exact_chance(len(planned.materials))
     trials = {task.id: task.repetitions for task in planned.tasks}
     places = {task: planned.places(task) for task in test.tasks}
     tested = {task: t_tests(every[task][places[task], places[task]], chance).p for task in test.tasks}

@@ -255,7 +255,7 @@ def sentences(study: Study) -> tuple[str, ...]:
 def _chance(part: Part, task: str, materials: int) -> Fraction:
     for plan in part.protocol.analysis if part.protocol else ():
         if plan.test == "t against chance" and task in plan.tasks and plan.chance is not None:
-            return Fraction(repr(plan.chance))
+            return plan.exact_chance(materials)
     return Fraction(1, materials)
 
 

@@ -1,5 +1,6 @@
 """The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
+import textwrap
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
@@ -26,8 +27,6 @@ calibrate = typer.Typer(
 commands.add_typer(calibrate, name="calibrate")
 
 RigFile = Annotated[Path, typer.Option("--rig", help="Rig file of this laboratory.")]
-
-COLOURS = {"green": typer.colors.GREEN, "red": typer.colors.RED, "not checked": typer.colors.YELLOW}
 
 
 @commands.command(epilog="Example: palpate devices --json")
@@ -106,7 +105,7 @@ def doctor(
     for check in chain(examined, left_out(rig, protocol, dataset, recordings)):
         found.append(check)
         if not as_json:
-            for line in _lines(check):
+            for line in lines(check):
                 typer.echo(line)
     red = sum(check.verdict == "red" for check in found)
     document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
@@ -182,13 +181,13 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
     return SimulatedPorts(port=line.url, address=address, device=DEVICE, force=force, wire=wire)
 
 
-def _lines(check: "Check") -> Iterator[str]:
-    """Yield a check for the terminal: one line, and the remedy under it."""
-    word = typer.style(f"{check.verdict:11}", fg=COLOURS[check.verdict])
+def lines(check: "Check") -> Iterator[str]:
+    """Yield a check for the terminal: what was measured, and the remedy under it."""
     allowed = f" (allowed: {check.allowed})" if check.allowed else ""
-    yield f"{word}  {check.name:19}  {check.measured}{allowed}"
-    if check.remedy:
-        yield f"{'':34}{check.remedy}"
+    heads = f"{check.verdict:11}  {check.name:19}  ", " " * 34
+    for head, text in zip(heads, (check.measured + allowed, check.remedy), strict=True):
+        if text:
+            yield textwrap.fill(text, options.columns(10_000), initial_indent=head, subsequent_indent=heads[1])
 
 
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")

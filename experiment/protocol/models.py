@@ -8,6 +8,7 @@ What must hold between fields stands in `rules`; each model names its own. The w
 from __future__ import annotations
 
 from datetime import date
+from fractions import Fraction
 from itertools import combinations_with_replacement
 from typing import Annotated, ClassVar, Literal
 
@@ -446,6 +447,15 @@ class PlannedTest(Confined):
     margin: Annotated[float, Field(gt=0, lt=1)] | None = None
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     correction: Literal["materials", "materials and tasks"] | None = None
+
+    def exact_chance(self, materials: int) -> Fraction:
+        """Return `chance`, or else that of a guess among so many materials; of a guess also where not all of its digits
+        are written.
+
+        Sign flips are counted in its denominator, and in that of 0.333333333 none can be.
+        """
+        guess = Fraction(1, materials)
+        return guess if self.chance is None or abs(self.chance - guess) < 1e-6 else Fraction(repr(self.chance))
 
 
 class Protocol(Confined):

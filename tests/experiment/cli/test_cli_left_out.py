@@ -15,7 +15,7 @@ from typer.testing import CliRunner, Result
 
 from experiment.apparatus.doctor.checks import Check
 from experiment.cli.app import app
-from experiment.cli.rig import left_out
+from experiment.cli.rig import left_out, lines
 from experiment.errors import RecordingError, RigError
 from experiment.protocol import files
 from experiment.protocol.files import shipped
@@ -137,3 +137,15 @@ def test_the_doctor_tells_the_share_or_why_it_is_not_known(tmp_path: Path, recor
     for most in (None, 0.3):
         (unknown,) = looked(allowing(tmp_path, most), None, tmp_path)
         assert (unknown.verdict, unknown.remedy) == ("not checked", "give their folder, with --recordings")
+
+
+def test_the_doctor_writes_in_the_width_of_a_terminal_and_without_control_characters(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    long = Check("response table", "red", "words " * 30, "other words " * 20, "measure the loaded panel " * 10)
+    shown = [line for one in lines(long) for line in one.split("\n")]
+    assert max(map(len, shown)) <= 80
+    assert all(line.isprintable() for line in shown)
+    assert shown[0].startswith("red          response table       words words")
+    assert all(line.startswith(" " * 34) for line in shown[1:])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from fractions import Fraction
 from itertools import permutations
 
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from experiment.protocol.advice import advice
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import PlannedTest, Protocol
 from experiment.protocol.page import page
 from experiment.study.allocation import allocate
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
@@ -113,3 +114,21 @@ def test_it_stands_on_the_page() -> None:
 def test_a_study_without_consent_is_told() -> None:
     allowed = "as a rule true: without it a session begins although nobody has agreed on record"
     assert told(("consent", "required"), False) == [("consent.required", "false", allowed)]
+
+
+@pytest.mark.parametrize(
+    ("stated", "count", "exact"),
+    [
+        (1 / 3, 3, Fraction(1, 3)),
+        (0.33333333, 3, Fraction(1, 3)),
+        (1 / 7, 7, Fraction(1, 7)),
+        (0.25, 4, Fraction(1, 4)),
+        (0.333, 3, Fraction(333, 1000)),
+        (0.5, 4, Fraction(1, 2)),
+    ],
+)
+def test_a_chance_of_which_not_all_digits_are_written_is_that_of_a_guess(
+    stated: float, count: int, exact: Fraction
+) -> None:
+    planned = PlannedTest(test="t against chance", tasks=("virtual",), question="Better than chance?", chance=stated)
+    assert planned.exact_chance(count) == exact
