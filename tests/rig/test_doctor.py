@@ -33,6 +33,13 @@ from tests.rig.verdicts import LOAD, red, verdicts
 
 pytestmark = pytest.mark.clocked
 
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each check stands on one line."""
+    monkeypatch.setenv("COLUMNS", "1000")
+
+
 HEARD_S = 1.0
 
 
