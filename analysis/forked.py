@@ -35,7 +35,7 @@ def forked(call: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         with warnings.catch_warnings():
-            # Another thread turns the sign that something is computed, and holds no lock that is needed there.
+            # Another thread may turn the sign that something is being computed; see `_send` for the lock that it holds.
             warnings.simplefilter("ignore", DeprecationWarning)
             other.start()
     except OSError:
@@ -60,10 +60,10 @@ def forked(call: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
 
 def _send(call: Callable[[], object], receiving: Connection, sending: Connection) -> None:
     """Send what `call` returns, or nothing: whoever waits for it then calls, and tells what is wrong."""
-    # Once nobody receives, sending ends.
+    # While this end is open here, sending to nobody would never end.
     receiving.close()
     if sys.__stderr__ is not None:
-        # That other thread may hold the lock of a stream in its place.
+        # The stream that stands in for it may be locked by a thread that this process does not have.
         sys.stderr = sys.__stderr__
     with suppress(Exception):
         sending.send(call())

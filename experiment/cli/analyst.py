@@ -30,7 +30,7 @@ def analyst(*, elsewhere: bool, as_json: bool) -> Iterator[Callable[[Path], obje
     """Give what analyses a dataset, with figures for the report, and returns what is to be printed.
 
     On Linux, with `elsewhere`, a fork of this process does so, which is begun here, before this process holds much or
-    has a thread. Where the fork fails it is done here, so that what it raises is raised here.
+    has a thread. Where the fork fails, this process does so, and whatever is raised is raised here.
     """
     analysed = partial(_analyse, as_json=as_json)
     if not elsewhere or sys.platform != "linux":

@@ -129,7 +129,6 @@ LARGEST_READ = 65536
 LINE_BYTES = 4095
 """What a full line of Linux gives to one read: more may wait behind it."""
 
-
 VANISHED: tuple[type[Exception], ...] = (OSError,)
 """What a port that has gone raises."""
 if find_spec("termios"):
