@@ -7,13 +7,16 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
+import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+from filelock import FileLock
 
 from experiment.apparatus.audio.mixer import AT_ONCE
 from experiment.errors import AudioError
@@ -44,6 +47,18 @@ def killed() -> Iterator[tuple[str, int]]:
         finally:
             serves.kill()
             shutil.rmtree(folder)
+
+
+@contextmanager
+def turn_of_another() -> Iterator[None]:
+    """What takes turns waits inside for a second, until another process has had its own."""
+    turn = FileLock(Path(tempfile.gettempdir()) / f"palpate-sound-{os.getuid()}.lock", thread_local=False)
+    turn.acquire()
+    ends = threading.Timer(1.0, turn.release)
+    ends.start()
+    yield
+    assert not turn.is_locked
+    ends.join()
 
 
 def asked_until(seconds: float, tap: Tap) -> None:
@@ -83,6 +98,18 @@ def test_it_hears_every_sample_of_its_output_and_of_no_other(card: SoundCard) ->
     assert np.count_nonzero(heard) == np.count_nonzero(wave)
     assert other.size
     assert not other.any()
+
+
+def test_what_begins_or_ends_at_a_server_waits_for_its_turn() -> None:
+    with turn_of_another():
+        card = SoundCard(rate_hz=sound.RATE_HZ, block=sound.BLOCK, inputs=2, outputs=4)
+    with closing(card):
+        with sound.stream():
+            with turn_of_another():
+                tap = card.tap(1, seconds=1.0)
+            tap.close()
+        with turn_of_another():
+            card.close()
 
 
 def test_one_that_has_ended_is_told_of_and_can_be_closed(card: SoundCard) -> None:

@@ -17,14 +17,18 @@ Devices are known by host API and name; what PortAudio says against one becomes 
 from __future__ import annotations
 
 import atexit
+import os
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+from filelock import FileLock
 from numpy.typing import NDArray
 
 from experiment.apparatus import host
@@ -126,6 +130,9 @@ class Timeline:
 CLOSE_S = 5.0
 """How long a device may take to close, s."""
 
+TURN_S = 20.0
+"""How long one waits for a turn, s; whoever takes longer stands still, and is waited for no more."""
+
 _left_alone = False
 """Whether PortAudio still waits for a stream that was to be closed."""
 
@@ -148,10 +155,28 @@ class Device:
     rate_hz: float
 
 
+@contextmanager
+def taking_turns() -> Iterator[None]:
+    """Let no other process of palpate's begin or end a sound server, or a client of one, meanwhile.
+
+    All servers and clients of JACK that a user has, and even a client that finds no server, open one database and find
+    each other by their names alone. Two at the same moment may miss each other, or leave the database torn, and then
+    whatever opens it ends with a bus error, until someone deletes it.
+    """
+    with ExitStack() as held:
+        if sys.platform == "linux":
+            with suppress(OSError):  # A session begins out of turn rather than not at all.
+                lock = Path(tempfile.gettempdir()) / f"palpate-sound-{os.getuid()}.lock"
+                held.enter_context(FileLock(lock, timeout=TURN_S, is_singleton=True, thread_local=False))
+        yield
+
+
 def library() -> Any:
     """Return the module `sounddevice`; `AudioError` if it, or the PortAudio that it needs, is not installed."""
+    begins = "sounddevice" not in sys.modules
     try:
-        import sounddevice
+        with taking_turns() if begins else nullcontext():
+            import sounddevice
     except (ImportError, OSError) as error:
         raise AudioError(
             f"audio: sounddevice cannot be used ({error}); install palpate[lab], and PortAudio "
@@ -199,15 +224,16 @@ def looking_anew() -> Iterator[None]:
 
     An audio server is started or stopped inside: PortAudio must have left a server that goes.
     """
-    if _left_alone:
-        yield
-        return
-    sounddevice = library()
-    sounddevice._terminate()
-    try:
-        yield
-    finally:
-        sounddevice._initialize()
+    with taking_turns():
+        if _left_alone:
+            yield
+            return
+        sounddevice = library()
+        sounddevice._terminate()
+        try:
+            yield
+        finally:
+            sounddevice._initialize()
 
 
 def devices() -> tuple[Device, ...]:
