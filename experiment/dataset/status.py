@@ -40,6 +40,9 @@ SOON = timedelta(days=30)
 LEAST_FREE = 10**9
 """Less room than this on the dataset's disk is told, bytes: some seven of the longest sessions."""
 
+GOES_ON: Mapping[Purpose, str] = {"REHEARSAL": "palpate rehearse", "PRACTICE": "palpate run --practice"}
+"""The command that goes on with a session; where none stands here, `palpate run`."""
+
 State = Literal["to begin", "under way", "done", "withdrawn", "doubted"]
 
 
@@ -329,9 +332,10 @@ def _reminders(root: Path, dataset: Believed, people: list[Person]) -> Iterator[
         if one.state == "to begin" and asked.get(one.participant, date.min) is None:
             yield f"Record the consent of participant {one.participant} before their session (palpate consent)."
         if one.task is not None and one.task.footer is None and one.state == "under way":
+            again = GOES_ON.get(dataset.purpose, "palpate run")
             yield (
                 f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
-                "Unless it is running now, it was cut off; palpate run goes on with it."
+                f"Unless it is running now, it was cut off; {again} goes on with it."
             )
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:
         yield f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."

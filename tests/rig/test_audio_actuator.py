@@ -104,6 +104,25 @@ def test_a_stimulus_is_heard_and_felt_as_it_was_intended(actuator: Actuator, pan
         assert panel.felt(0) is None
 
 
+@pytest.mark.parametrize("loopback", [2, None], ids=["heard", "without a loopback"])
+def test_what_the_stream_limits_is_not_delivered(stream: AudioStream, loopback: int | None) -> None:
+    assert RIG.audio is not None
+    rig = headless(channels=RIG.audio.channels.model_copy(update={"loopback": loopback}))
+    # The stream was opened for a study that allows 20 m/s^2.
+    actuator = opening.open_actuator(rig, limit_m_s2=60.0, stream=stream)
+    wanted = stimulus()
+    wanted[100:107] = (21, -21, 30, -30, 60, -60, 20)
+    heard = []
+    for wave in (wanted, np.clip(wanted, -20, 20)):
+        actuator.prepare(given(wave))
+        onset_ns = CLOCK.now_ns() + 80 * MS
+        assert actuator.aim(onset_ns)
+        heard.append(actuator.delivered(onset_ns))
+    assert heard[0] is not None
+    assert (heard[0].delivered, heard[0].reason) == (False, "the stream's limiter changed 6 samples of it")
+    assert heard[1] is None if loopback is None else heard[1] is not None and heard[1].gain == 1.0
+
+
 def test_what_lies_within_the_lead_is_refused_and_nothing_changes(actuator: Actuator, stream: AudioStream) -> None:
     actuator.prepare(given(stimulus()))
     within = stream.next_frame + stream.lead_frames - 2

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import pytest
 from experiment import storage
 from experiment.apparatus import opening
 from experiment.dataset import beliefs, build
+from experiment.dataset.status import status
 from experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
 from experiment.protocol.files import shipped
 from experiment.records import journal
@@ -151,6 +154,18 @@ def test_a_rehearsal_that_fails_after_its_first_session_began_is_kept(
     with pytest.raises(Interrupted):
         rehearse(tmp_path / "rehearsal")
     assert journal.read(storage.journal_path(tmp_path / "rehearsal", "01", "virtual")).lines
+
+
+def test_the_status_of_one_that_was_killed_names_the_command_that_goes_on(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    path = storage.journal_path(root, "01", "virtual")
+    lines = path.read_bytes().splitlines(keepends=True)[:20]
+    path.write_bytes(b"".join(lines))
+    path.with_suffix(".head").write_text(f"{len(lines):012d} {hashlib.sha256(lines[-1].rstrip()).hexdigest()}\n")
+    [told] = status(root, date(2026, 11, 26)).reminders
+    assert "task virtual has no end on record" in told
+    assert told.endswith("palpate rehearse goes on with it.")
 
 
 def interrupted(*_: object) -> None:

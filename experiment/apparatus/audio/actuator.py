@@ -127,7 +127,8 @@ class AudioActuator:
         self._samples: NDArray[np.float32] = np.zeros(0, np.float32)
         self._cue: Cue | None = None
         self._requested_ns: int | None = None
-        self._xruns = 0
+        self._channel = audio.channels.actuator - 1
+        self._xruns = self._limited = 0
 
     @property
     def rate_hz(self) -> int:
@@ -148,8 +149,8 @@ class AudioActuator:
         self._requested_ns = None
         played = self._condition(stimulus)
         self._samples = played.samples
-        self._cue = self._stream.schedule(self._samples, channel=self._audio.channels.actuator - 1, frame=SOMETIME)
-        self._xruns = self._stream.xruns
+        self._cue = self._stream.schedule(self._samples, channel=self._channel, frame=SOMETIME)
+        self._xruns, self._limited = self._stream.xruns, self._stream.limited(self._channel)
         return played
 
     def aim(self, onset_ns: int) -> bool:
@@ -175,7 +176,7 @@ class AudioActuator:
     def delivered(self, contact_ns: int) -> Delivered | None:
         """Wait until the stimulus has ended, and compare what the loopback heard with it; see `Actuator.delivered`.
 
-        Return None where the rig has no loopback, unless the stimulus is known to have been missed. `ActuatorError`
+        Return None where the rig has no loopback, unless the stream itself knows of a fault. `ActuatorError`
         says that nothing was aimed and nothing has landed, `AudioError` that the stream has stopped.
         """
         cue, requested_ns = self._cue, self._requested_ns
@@ -190,6 +191,9 @@ class AudioActuator:
             return self._said(requested_ns, "the stream came too late for it")
         if cue.cut:
             return self._said(requested_ns, "it was cut off, for the servo had fallen silent")
+        self._stream.wait(cue.started + cue.samples)
+        if changed := self._stream.limited(self._channel) - self._limited:
+            return self._said(requested_ns, f"the stream's limiter changed {changed} samples of it")
         if self._audio.channels.loopback is None:
             return None
         latency, rate_hz = self._audio.latency, self._stream.rate_hz

@@ -121,7 +121,7 @@ class Mixer:
         self.layout = layout
         self.frame = 0
         """First frame of the next block: whatever lies before it has been handed to the device."""
-        self.limited = 0
+        self.limited = np.zeros(layout.outputs, np.int64)
         """Samples that the limiter changed."""
         self.loop: Loop | None = None
         self.allowed: Callable[[], bool] = lambda: True
@@ -302,7 +302,7 @@ class Mixer:
         np.copyto(outputs, 0, where=changed)
         np.clip(outputs, self._floors, self._ceilings, out=outputs)
         np.not_equal(before, outputs, out=changed)
-        self.limited += int(np.count_nonzero(changed))
+        self.limited += np.count_nonzero(changed, axis=0)
 
 
 def _keep(ring: Block, block: Block, first: int) -> None:

@@ -341,7 +341,7 @@ class StreamSettings:
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """What went on in a stream since it was opened: frames made, and samples that the limiter changed.
+    """What went on in a stream since it was opened, in so many frames.
 
     `xruns` are callbacks that the device marked as coming after an under-run or an overflow; `gaps` are times at which
     it stood still or lost frames, as the clock tells.
@@ -350,7 +350,6 @@ class StreamHealth:
     frames: int
     xruns: int
     gaps: int
-    limited: int
     fit: Fit
 
 
@@ -432,9 +431,11 @@ class AudioStream:
     @property
     def health(self) -> StreamHealth:
         """What went on since it was opened."""
-        return StreamHealth(
-            self._mixer.frame, self.xruns, self._timeline.gaps, self._mixer.limited, self._timeline.fit()
-        )
+        return StreamHealth(self._mixer.frame, self.xruns, self._timeline.gaps, self._timeline.fit())
+
+    def limited(self, channel: int) -> int:
+        """Return how many samples of an output the limiter has changed since it was opened; channels count from 0."""
+        return int(self._mixer.limited[channel])
 
     def ns_of(self, frame: float) -> int:
         """Return the session time at which the stream takes a frame, ns; the output's latency comes on top."""

@@ -137,8 +137,8 @@ def test_a_resonators_drift_is_green_with_a_word(drift_ppm: float, more: str, sa
 def test_a_stream_with_gaps_or_xruns_is_red(gaps: int, xruns: int, exact: bool, verdict: str) -> None:
     assert RIG.audio is not None
     # What was before the watching, 2 xruns and 3 gaps, does not count.
-    since = StreamHealth(48_000, 2, 3, 0, Fit(0.0, 0.0, 0.0))
-    until = StreamHealth(96_000, 2 + xruns, 3 + gaps, 0, Fit(0.0, 0.0, 0.0))
+    since = StreamHealth(48_000, 2, 3, Fit(0.0, 0.0, 0.0))
+    until = StreamHealth(96_000, 2 + xruns, 3 + gaps, Fit(0.0, 0.0, 0.0))
     found = devices.health(since, until, RIG.audio, exact=exact)[0]
     assert (found.verdict, found.measured) == (verdict, f"1.0 s: {gaps} gaps, {xruns} xruns")
 
@@ -147,6 +147,6 @@ def test_a_stream_with_gaps_or_xruns_is_red(gaps: int, xruns: int, exact: bool, 
 def test_callbacks_later_than_a_quarter_of_a_block_are_red(median_ms: float, verdict: str) -> None:
     assert RIG.audio is not None
     # 128 frames at 48 kHz are 2.667 ms, a quarter 0.6667 ms.
-    since = StreamHealth(0, 0, 0, 0, Fit(0.0, 0.0, 0.0))
-    until = StreamHealth(48_000, 0, 0, 0, Fit(median_ms, 5.0, 9.0))
+    since = StreamHealth(0, 0, 0, Fit(0.0, 0.0, 0.0))
+    until = StreamHealth(48_000, 0, 0, Fit(median_ms, 5.0, 9.0))
     assert devices.health(since, until, RIG.audio, exact=False)[1].verdict == verdict
