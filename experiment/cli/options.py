@@ -159,21 +159,21 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
 
 
 @contextmanager
-def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
-    """Show a progress bar on standard error; yield what sets its total and draws it, and what advances it.
+def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[..., None], Callable[[], None]]]:
+    """Show a progress bar on standard error; yield what sets its total and what is `done`, and what advances it.
 
     It moves about on the terminal with control characters, so it writes to the stream of the process itself.
     """
     bar: Progress | None = None
 
-    def begin(total: int) -> None:
+    def begin(total: int, done: int = 0) -> None:
         nonlocal bar
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         bar = Progress(*columns, console=Console(file=sys.__stderr__), disable=quiet)
-        bar.add_task(label, total=total)
+        bar.add_task(label, total=total, completed=done)
         bar.start()
 
     def advance() -> None:

@@ -58,7 +58,7 @@ def rehearse(
     control: Literal["none", "silence"] = "none",
     real_time: bool = False,
     jobs: int = 1,
-    total: Callable[[int], None] = lambda _: None,
+    total: Callable[[int, int], None] = lambda _, __: None,
     tick: Tick = lambda: None,
     screen: Console | None = None,
 ) -> Path:
@@ -67,9 +67,9 @@ def rehearse(
     `rig_file` is of a simulated rig. `out` is made, or continued where it holds the same rehearsal; None stands for a
     folder under `participants/` that is named after the study and the seed. `participants` are rehearsed from the
     first, None for all of the study's, `jobs` at a time, each in a process of its own; 0 is one a core. `seed` names
-    every random draw, and `real_time` paces by the wall clock. `total` is called with the number of answers that
-    remain, and `tick` after each confirmed answer; `screen` shows what an experimenter would see, one participant after
-    another.
+    every random draw, and `real_time` paces by the wall clock. `total` is called with the number of answers, and of
+    those on disk already, and `tick` after each confirmed answer; `screen` shows what an experimenter would see, one
+    participant after another.
 
     Raises `DatasetError` if `out` holds anything but this rehearsal, and `PalpateError` if a part failed; the same call
     continues where it stopped. If no session has begun by then, nothing is left in `out`.
@@ -111,16 +111,18 @@ def rehearse(
         if not is_begun(out, plan):
             refused.enter_context(_prepared(out, plan, protocol_file, rig_file))
         left = {job: sum(_remaining(out, protocol, job, task) for task in job.tasks) for job in todo}
-        remaining, jobs = sum(left.values()), min(jobs or os.cpu_count() or 1, sum(len(job.tasks) for job in todo))
+        answers = sum(protocol.trials(protocol.task(task)) for job in todo for task in job.tasks)
+        begin = partial(total, answers, answers - sum(left.values()))
+        jobs = min(jobs or os.cpu_count() or 1, sum(len(job.tasks) for job in todo))
         if jobs == 1 or screen is not None:
-            total(remaining)
+            begin()
             for job in todo:
                 rehearse_participant(job, tick, screen)
             build.build(out)
         else:
             # The shortest come last, so that nobody waits long for the last of them.
             todo.sort(key=left.__getitem__, reverse=True)
-            rehearse_at_once(todo, jobs, tick, partial(build.build, out), partial(total, remaining))
+            rehearse_at_once(todo, jobs, tick, partial(build.build, out), begin)
     return out
 
 

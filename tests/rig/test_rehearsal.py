@@ -186,7 +186,9 @@ def test_a_finished_rehearsal_is_not_run_again(tmp_path: Path, one: Path) -> Non
     report = verify(root)
     assert (report.title, report.refused) == (f"REHEARSAL of okamoto2012: {root}", 0)
     before = {path: path.read_bytes() for path in root.rglob("*") if path.is_file()}
-    rehearse(root)
+    told: list[tuple[int, int]] = []
+    rehearse(root, total=lambda answers, done: told.append((answers, done)))
+    assert told == [(80, 80)]
     assert {path: path.read_bytes() for path in root.rglob("*") if path.is_file()} == before
 
 

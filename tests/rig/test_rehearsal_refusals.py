@@ -51,7 +51,9 @@ def test_it_goes_on_after_the_port_vanished_and_loses_nothing(
     monkeypatch.setattr(session.SimulatedEnds, "reconnect_s", 0.2)
     with pytest.raises(Interrupted, match=r"not back within 0\.2 s .*plug the device in again"):
         rehearse(tmp_path / "rehearsal")
-    root = rehearse(tmp_path / "rehearsal")
+    told: list[tuple[int, int]] = []
+    root = rehearse(tmp_path / "rehearsal", total=lambda answers, done: told.append((answers, done)))
+    assert told == [(80, 29)]
     for task in ("virtual", "real"):
         answers = [(row["trial"], row["presented"]) for row in counted(root, task)]
         assert answers == [(row["trial"], row["presented"]) for row in counted(one, task)]

@@ -43,7 +43,9 @@ def test_it_begins_in_its_turn_and_waits_for_that_no_longer_than_it_may(
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     monkeypatch.setattr(stream, "TURN_S", 0.01)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.delitem(sys.modules, "sounddevice", raising=False)
+    # First as None, so that what is imported here is gone afterwards even where nothing was there before.
+    monkeypatch.setitem(sys.modules, "sounddevice", None)
+    monkeypatch.delitem(sys.modules, "sounddevice")
     other = FileLock(turn)
     if held:
         other.acquire()
