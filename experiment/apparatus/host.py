@@ -22,6 +22,8 @@ ordinary, and a session that waits for them does so at full speed, for as long a
 The product of two vectors of 48,000 samples took up to 0.2 s. From the first session on the process keeps the memory
 that arrays give back: otherwise each stimulus would have a page fault for every 4 kB of every array that it passes
 through. Nothing is collected while a foot falls.
+
+**Sound servers.** What begins at one takes turns with palpate's other processes (`taking_turns`).
 """
 
 from __future__ import annotations
@@ -35,11 +37,12 @@ import socket
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from contextvars import ContextVar
 from multiprocessing import connection
 from pathlib import Path
 
+from filelock import FileLock
 from threadpoolctl import threadpool_limits
 
 FREQUENCY = "/sys/devices/system/cpu/cpu{}/cpufreq/cpuinfo_max_freq"
@@ -47,8 +50,38 @@ HELD = "\0palpate-core-{}"
 """Name of a socket without a file, which the session holds that keeps to a core; the kernel frees it however that
 ends."""
 
+IN_MEMORY = "/dev/shm" if os.path.isdir("/dev/shm") else None  # noqa: PTH112, S108
+"""Where files never wait for a disk, and JACK keeps what its servers and clients share; None where there is no such
+place.
+"""
+
+TURN_S = 20.0
+"""Others may have their turn for so long, s. A server starts or stops in less: whoever takes longer stands still, and
+this process waits for nobody any more."""
+
 _left: ContextVar[frozenset[int]] = ContextVar("_left", default=frozenset())
 """The cores that the session leaves to others; none where it keeps to no core."""
+
+
+_waits_for_others = True
+
+
+@contextmanager
+def taking_turns() -> Iterator[None]:
+    """Let no other process of palpate's begin at a sound server, or start or stop one, meanwhile.
+
+    All servers and clients of JACK that a user has, and even a client that finds no server, open one database, and find
+    each other by their names alone. Two that begin at the same moment may miss each other, or leave the database torn,
+    and then whatever opens it ends with a bus error, until its folder (`/dev/shm/jack_db-UID`) is deleted.
+    """
+    global _waits_for_others
+    with ExitStack() as held:
+        if sys.platform == "linux" and IN_MEMORY and _waits_for_others:
+            try:
+                held.enter_context(FileLock(f"{IN_MEMORY}/palpate-sound-{os.getuid()}.lock", TURN_S, is_singleton=True))
+            except OSError:  # It began out of turn rather than not at all.
+                _waits_for_others = False
+        yield
 
 
 @contextmanager

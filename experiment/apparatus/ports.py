@@ -108,7 +108,8 @@ class Actuator(Protocol):
         ...
 
     def delivered(self, contact_ns: int) -> Delivered | None:
-        """Return what was heard of the stimulus, once it has ended; None where nothing measures it.
+        """Return what was heard of the stimulus, once it has ended; None where nothing measures it and no
+        fault is known.
 
         `contact_ns` is when the foot touched the panel, session time, as it is known by then. Raises `ActuatorError` if
         the device cannot say.

@@ -160,7 +160,7 @@ def working(what: str) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def progress(label: str, *, quiet: bool) -> Iterator[tuple[Callable[..., None], Callable[[], None]]]:
-    """Show a progress bar on standard error; yield what sets its total and what is `done`, and what advances it.
+    """Show a progress bar on standard error; yield what draws it, with a total and what is done, and what advances it.
 
     It moves about on the terminal with control characters, so it writes to the stream of the process itself.
     """

@@ -40,8 +40,11 @@ SOON = timedelta(days=30)
 LEAST_FREE = 10**9
 """Less room than this on the dataset's disk is told, bytes: some seven of the longest sessions."""
 
-GOES_ON: Mapping[Purpose, str] = {"REHEARSAL": "palpate rehearse", "PRACTICE": "palpate run --practice"}
-"""The command that goes on with a session; where none stands here, `palpate run`."""
+GOES_ON: Mapping[Purpose, str] = {
+    "REHEARSAL": "the same palpate rehearse",
+    "PRACTICE": "the same palpate run --practice",
+}
+"""What goes on with a session of a simulation; with any other `palpate run` does."""
 
 State = Literal["to begin", "under way", "done", "withdrawn", "doubted"]
 

@@ -396,8 +396,8 @@ class ExclusionRule(Confined):
     Attributes:
         id: names the rule in reports.
         when: frames lost or damaged between arming and contact; the foot's speed; a stimulus that the loopback heard
-            early, late, changed or not at all, by the rig's thresholds; answered trials in a task; or a participant who
-            withdrew.
+            early, late, changed or not at all, by the rig's thresholds, or that the audio stream missed or limited;
+            answered trials in a task; or a participant who withdrew.
         limit: frames, mm/s or answers, by `when`; the rule holds for `frames-lost` and `speed-above` where there are
             more, for the others where there are fewer.
         action: what the rule does.

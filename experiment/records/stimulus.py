@@ -76,7 +76,7 @@ class Stimulus(Record):
 
 
 class Delivered(Record):
-    """What the loopback heard of one stimulus, set beside what was intended.
+    """What the loopback heard of one stimulus, set beside what was intended; or a fault that its stream knows of.
 
     `requested_ns`: session time for which its first sample was asked, as reaching the panel. `onset_ns`: when it was
     measured to reach the panel; None where nothing of it was found, as are `onset_error_ms` (measured minus asked),
@@ -103,7 +103,7 @@ class Onset(Record):
     was asked; None where the actuator cannot schedule, or was not aimed in time, so that it sounded after contact.
     `gate_to_scheduled_ms`: from the arrival of the frame that gave the gate until the onset was first scheduled; None
     where it never was, and in simulated time.
-    `delivered`: what a loopback measured; None where there is none.
+    `delivered`: what a loopback measured; None where there is none, unless the stream itself knows of a fault.
     """
 
     predicted_us: float | None

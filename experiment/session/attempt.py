@@ -183,8 +183,8 @@ class Attempts:
             if reason := self._limits.skipped():
                 return self._put_off(planned, attempt, reason)
             return Event.LOST if seen.lost else Event.BROKEN_OFF
-        if seen.delivered is not None:
-            self.undelivered = 0 if seen.delivered else self.undelivered + 1
+        # None is told of a stimulus that nothing measured and no fault is known of, too.
+        self.undelivered = self.undelivered + 1 if seen.delivered is False else 0
         if seen.repeat:
             reason = "; ".join(filter(None, (seen.repeat, self._limits.skipped())))
             self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {reason}.")

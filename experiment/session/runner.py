@@ -53,7 +53,7 @@ FAMILIARISED = "familiarised"
 """The state that goes on record when the participant is familiar with the materials."""
 
 MOST_UNDELIVERED = 8
-"""After so many attempts in a row whose stimulus the loopback did not hear as intended, the rig must be at fault."""
+"""After so many attempts in a row whose stimulus did not count as delivered, the rig must be at fault."""
 
 
 def run(

@@ -58,7 +58,7 @@ def begun_s(command: list[str]) -> float:
                 raise RuntimeError(said.decode("utf-8", "replace"))
             said += more
         taken_s = time.monotonic() - began_s
-        session.communicate(b"n\n")
+        session.communicate(b"n\n", timeout=30)
     return taken_s
 
 
@@ -83,6 +83,13 @@ def prepared(folder: Path, rig: Path, task: str, text: str) -> list[str]:
     return [*palpate, "run", str(study), "-p", "01", "--task", task, *where, *devices]
 
 
+def changed(text: str, before: str, after: str) -> str:
+    """Return a text with what stands there once in another's place; all of it where nothing is to be changed."""
+    if before and text.count(before) != 1:
+        raise ValueError(f"{before!r} does not stand once in the protocol")
+    return text.replace(before, after) if before else text
+
+
 def main(turns: int) -> None:
     """Print the figures."""
     settings = rigs.load(shipped("rigs/headless.toml"))
@@ -99,7 +106,7 @@ def main(turns: int) -> None:
         folder = Path(temporary)
         rig = write_rig(folder, "headless", port=f'"{line.url}"', device=f'"{DEVICE}"')
         commands = {
-            name: prepared(folder / str(number), rig, task, shipped_text.replace(before, after, 1))
+            name: prepared(folder / str(number), rig, task, changed(shipped_text, before, after))
             for number, (name, (task, before, after)) in enumerate(STUDIES.items())
         }
         taken_s: dict[str, list[float]] = {name: [] for name in commands}

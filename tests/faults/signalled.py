@@ -38,7 +38,7 @@ def halting(job: Job, tick: Callable[[], None], screen: Console | None) -> None:
 
 def counting(answers: int) -> Callable[..., object]:
     @contextmanager
-    def watched(label: str, *, quiet: bool) -> Iterator[tuple[Callable[[int], None], Callable[[], None]]]:
+    def watched(label: str, *, quiet: bool) -> Iterator[tuple[Callable[..., None], Callable[[], None]]]:
         seen = count(1)
 
         with progress(label, quiet=quiet) as (total, tick):

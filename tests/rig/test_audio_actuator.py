@@ -119,7 +119,10 @@ def test_what_the_stream_limits_is_not_delivered(stream: AudioStream, loopback: 
         assert actuator.aim(onset_ns)
         heard.append(actuator.delivered(onset_ns))
     assert heard[0] is not None
-    assert (heard[0].delivered, heard[0].reason) == (False, "the stream's limiter changed 6 samples of it")
+    assert (heard[0].delivered, heard[0].reason) == (
+        False,
+        "the stream's limiter changed its output (6 samples while it sounded)",
+    )
     assert heard[1] is None if loopback is None else heard[1] is not None and heard[1].gain == 1.0
 
 

@@ -167,7 +167,7 @@ def test_the_status_of_one_that_was_killed_names_the_command_that_goes_on(tmp_pa
     path.with_suffix(".head").write_text(f"{len(lines):012d} {hashlib.sha256(lines[-1].rstrip()).hexdigest()}\n")
     [told] = status(root, date(2026, 11, 26)).reminders
     assert "task virtual has no end on record" in told
-    assert told.endswith("palpate rehearse goes on with it.")
+    assert told.endswith("the same palpate rehearse goes on with it.")
 
 
 def interrupted(*_: object) -> None:

@@ -7,12 +7,11 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
-import threading
 import time
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -20,6 +19,7 @@ from filelock import FileLock
 
 from experiment.apparatus.audio.mixer import AT_ONCE
 from experiment.errors import AudioError
+from experiment.rehearsal.wires import sound_card
 from experiment.rehearsal.wires.listener import Tap
 from experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
@@ -47,18 +47,6 @@ def killed() -> Iterator[tuple[str, int]]:
         finally:
             serves.kill()
             shutil.rmtree(folder)
-
-
-@contextmanager
-def turn_of_another() -> Iterator[None]:
-    """What takes turns waits inside for a second, until another process has had its own."""
-    turn = FileLock(Path(tempfile.gettempdir()) / f"palpate-sound-{os.getuid()}.lock", thread_local=False)
-    turn.acquire()
-    ends = threading.Timer(1.0, turn.release)
-    ends.start()
-    yield
-    assert not turn.is_locked
-    ends.join()
 
 
 def asked_until(seconds: float, tap: Tap) -> None:
@@ -100,16 +88,30 @@ def test_it_hears_every_sample_of_its_output_and_of_no_other(card: SoundCard) ->
     assert not other.any()
 
 
-def test_what_begins_or_ends_at_a_server_waits_for_its_turn() -> None:
-    with turn_of_another():
-        card = SoundCard(rate_hz=sound.RATE_HZ, block=sound.BLOCK, inputs=2, outputs=4)
-    with closing(card):
+def test_what_begins_at_a_server_and_starts_and_stops_one_has_its_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    lock = FileLock(f"/dev/shm/palpate-sound-{os.getuid()}.lock", blocking=False)
+    seen = []
+
+    def noting(name: str, then: Callable[..., Any] = lambda *_, **__: None) -> Callable[..., Any]:
+        def noted(*given: Any, **named: Any) -> Any:
+            with pytest.raises(TimeoutError):
+                lock.acquire()
+            seen.append(name)
+            return then(*given, **named)
+
+        return noted
+
+    for name in ("_started", "_stop"):
+        monkeypatch.setattr(SoundCard, name, noting(name, getattr(SoundCard, name)))
+    for name in ("Tap", "Mouth"):
+        monkeypatch.setattr(sound_card, name, noting(name))
+    with sound.sound_card() as card:
         with sound.stream():
-            with turn_of_another():
-                tap = card.tap(1, seconds=1.0)
-            tap.close()
-        with turn_of_another():
-            card.close()
+            card.tap(1, seconds=1.0)
+            card.mouth(1, 1, np.ones(1, np.float32))
+        card.close()
+        monkeypatch.undo()
+    assert seen == ["_started", "Tap", "Mouth", "_stop"]
 
 
 def test_one_that_has_ended_is_told_of_and_can_be_closed(card: SoundCard) -> None:

@@ -192,10 +192,10 @@ class AudioActuator:
         if cue.cut:
             return self._said(requested_ns, "it was cut off, for the servo had fallen silent")
         self._stream.wait(cue.started + cue.samples)
-        if changed := self._stream.limited(self._channel) - self._limited:
-            return self._said(requested_ns, f"the stream's limiter changed {changed} samples of it")
+        changed = self._stream.limited(self._channel) - self._limited
+        fault = f"the stream's limiter changed its output ({changed} samples while it sounded)" if changed else ""
         if self._audio.channels.loopback is None:
-            return None
+            return self._said(requested_ns, fault) if fault else None
         latency, rate_hz = self._audio.latency, self._stream.rate_hz
         behind = round((latency.output_ms + latency.input_ms) / 1e3 * rate_hz)
         reach = round(REACH_S * rate_hz)
@@ -204,12 +204,12 @@ class AudioActuator:
         heard = self._stream.kept(first, end - first)[:, self._audio.channels.loopback - 1]
         gain = latency.loopback_gain
         if not self._samples.any():
-            return self._said(requested_ns, silence_objection(heard, gain=gain, tolerance=self._tolerance))
+            return self._said(requested_ns, fault or silence_objection(heard, gain=gain, tolerance=self._tolerance))
         found = align(heard, self._samples, gain=gain)
         if found is None:
-            return self._said(requested_ns, "the loopback did not hear it")
+            return self._said(requested_ns, fault or "the loopback did not hear it")
         onset_ns = self._stream.ns_of(first + found.onset) - round(latency.input_ms * 1e6)
-        reason = objection(
+        reason = fault or objection(
             found,
             onset_error_ms=(onset_ns - requested_ns) / 1e6,
             contact_error_ms=(onset_ns - contact_ns) / 1e6,

@@ -121,8 +121,8 @@ class Mixer:
         self.layout = layout
         self.frame = 0
         """First frame of the next block: whatever lies before it has been handed to the device."""
-        self.limited = np.zeros(layout.outputs, np.int64)
-        """Samples that the limiter changed."""
+        self.limited = [0] * layout.outputs
+        """Samples that the limiter changed, of each output: stimuli come limited, and a sum of two may not be."""
         self.loop: Loop | None = None
         self.allowed: Callable[[], bool] = lambda: True
         """Asked before each block: a stimulus that sounds where it is not allowed ends there."""
@@ -302,7 +302,8 @@ class Mixer:
         np.copyto(outputs, 0, where=changed)
         np.clip(outputs, self._floors, self._ceilings, out=outputs)
         np.not_equal(before, outputs, out=changed)
-        self.limited += np.count_nonzero(changed, axis=0)
+        for channel in range(len(self.limited)):
+            self.limited[channel] += int(np.count_nonzero(changed[:, channel]))
 
 
 def _keep(ring: Block, block: Block, first: int) -> None:

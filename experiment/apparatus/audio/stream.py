@@ -17,18 +17,14 @@ Devices are known by host API and name; what PortAudio says against one becomes 
 from __future__ import annotations
 
 import atexit
-import os
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from filelock import FileLock
 from numpy.typing import NDArray
 
 from experiment.apparatus import host
@@ -130,9 +126,6 @@ class Timeline:
 CLOSE_S = 5.0
 """How long a device may take to close, s."""
 
-TURN_S = 20.0
-"""How long one waits for a turn, s; whoever takes longer stands still, and is waited for no more."""
-
 _left_alone = False
 """Whether PortAudio still waits for a stream that was to be closed."""
 
@@ -155,27 +148,11 @@ class Device:
     rate_hz: float
 
 
-@contextmanager
-def taking_turns() -> Iterator[None]:
-    """Let no other process of palpate's begin or end a sound server, or a client of one, meanwhile.
-
-    All servers and clients of JACK that a user has, and even a client that finds no server, open one database and find
-    each other by their names alone. Two at the same moment may miss each other, or leave the database torn, and then
-    whatever opens it ends with a bus error, until someone deletes it.
-    """
-    with ExitStack() as held:
-        if sys.platform == "linux":
-            with suppress(OSError):  # A session begins out of turn rather than not at all.
-                lock = Path(tempfile.gettempdir()) / f"palpate-sound-{os.getuid()}.lock"
-                held.enter_context(FileLock(lock, timeout=TURN_S, is_singleton=True, thread_local=False))
-        yield
-
-
 def library() -> Any:
     """Return the module `sounddevice`; `AudioError` if it, or the PortAudio that it needs, is not installed."""
     begins = "sounddevice" not in sys.modules
     try:
-        with taking_turns() if begins else nullcontext():
+        with host.taking_turns() if begins else nullcontext():
             import sounddevice
     except (ImportError, OSError) as error:
         raise AudioError(
@@ -224,7 +201,7 @@ def looking_anew() -> Iterator[None]:
 
     An audio server is started or stopped inside: PortAudio must have left a server that goes.
     """
-    with taking_turns():
+    with host.taking_turns():
         if _left_alone:
             yield
             return
@@ -341,7 +318,7 @@ class StreamSettings:
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """What went on in a stream since it was opened, in so many frames.
+    """What went on in a stream since it was opened, and the frames made.
 
     `xruns` are callbacks that the device marked as coming after an under-run or an overflow; `gaps` are times at which
     it stood still or lost frames, as the clock tells.
@@ -435,7 +412,7 @@ class AudioStream:
 
     def limited(self, channel: int) -> int:
         """Return how many samples of an output the limiter has changed since it was opened; channels count from 0."""
-        return int(self._mixer.limited[channel])
+        return self._mixer.limited[channel]
 
     def ns_of(self, frame: float) -> int:
         """Return the session time at which the stream takes a frame, ns; the output's latency comes on top."""

@@ -132,7 +132,7 @@ def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Check]:
         yield unchecked("microphone", "the rig names none (audio.channels.microphone), so no answer is proposed")
     heard = rig.actuator.driver == "audio" and channels is not None and channels.loopback is not None
     if not heard and protocol.renders and any(rule.when == "undelivered" for rule in protocol.exclusion):
-        told = "the rig has no loopback of its actuator, so no stimulus counts as undelivered"
+        told = "the rig has no loopback of its actuator, so a stimulus is undelivered only where its stream knows it"
         yield unchecked("undelivered", told)
 
 

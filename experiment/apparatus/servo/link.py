@@ -42,9 +42,6 @@ STARTS_S = 10.0
 ENDS_S = 2.0
 """How long it may take to end, s."""
 
-IN_MEMORY = "/dev/shm" if os.path.isdir("/dev/shm") else None  # noqa: PTH112, S108
-"""Where files never wait for a disk; None where the system has no such place."""
-
 _MACHINE = MonotonicClock()
 """Paces this machine's work, whatever the session's clock."""
 
@@ -69,7 +66,7 @@ class ServoProcess:
         self._speed = Rendered()
         self._waiting: Felt | None = None
         self.counts: dict[str, int] = {}
-        with theirs, tempfile.TemporaryFile(dir=IN_MEMORY) as pulse, host.elsewhere(), host.held_back():
+        with theirs, tempfile.TemporaryFile(dir=host.IN_MEMORY) as pulse, host.elsewhere(), host.held_back():
             # Room that is there: a write to memory that is full would end the process.
             os.posix_fallocate(pulse.fileno(), 0, 8)
             self._pulse = process.pulse(pulse.fileno())

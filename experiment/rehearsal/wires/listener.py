@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import AudioError
-from experiment.rehearsal.wires.neighbour import Neighbour, far_end
+from experiment.rehearsal.wires.neighbour import Neighbour, end_soon, far_end
 
 CLIENT = "panel"
 """The listener, as JACK names it."""
@@ -120,6 +120,7 @@ def listen(server: str, output: str, seconds: float, requests: BinaryIO, told: B
             told.write(b"%d %d\n" % (first, samples.size))
             told.write(samples.tobytes())
             told.flush()
+        end_soon()
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiment.errors import AudioError
-from experiment.rehearsal.wires.neighbour import Neighbour, far_end
+from experiment.rehearsal.wires.neighbour import Neighbour, end_soon, far_end
 
 CLIENT = "mouth"
 """The mouth, as JACK names it."""
@@ -131,6 +131,7 @@ def speak(server: str, headphones: str, microphone: str, said: BinaryIO, told: B
             told.flush()
             while (samples := _read(said)) is not None:
                 room.said.append(samples)
+            end_soon()
     except Exception as error:
         told.write(f"{error}\n".encode())
         raise

@@ -6,6 +6,7 @@ It takes no turn at the session's interpreter, and ends when whoever started it 
 from __future__ import annotations
 
 import os
+import signal
 import socket
 import subprocess
 import sys
@@ -16,6 +17,9 @@ from typing import BinaryIO
 
 PATIENCE_S = 10.0
 """How long it may take to begin, to answer and to end, s."""
+
+ENDS_S = 5
+"""So long after its line has ended the process has ended too, s."""
 
 
 class Neighbour:
@@ -51,6 +55,11 @@ class Neighbour:
         except subprocess.TimeoutExpired:  # The server stands still.
             self._process.kill()
             self._process.wait()
+
+
+def end_soon() -> None:
+    """Have the system end this process after `ENDS_S`: a client whose server was killed cannot always be closed."""
+    signal.alarm(ENDS_S)
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from typing import Any, Literal
 from filelock import FileLock, Timeout
 
 from experiment.apparatus import host, opening
-from experiment.apparatus.audio.stream import looking_anew, taking_turns
+from experiment.apparatus.audio.stream import looking_anew
 from experiment.apparatus.rig import Rig
 from experiment.errors import AudioError
 from experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
@@ -97,12 +97,12 @@ class SoundCard:
         """Listen to an output of the session's stream from now on. Raises `AudioError` as `connect`, or if the server
         has ended.
         """
-        with host.elsewhere(), taking_turns():
+        with host.elsewhere(), host.taking_turns():
             return Tap(self.name, self._port("out", output).name, seconds=seconds)
 
     def mouth(self, headphones: int, microphone: int, response: Samples) -> Mouth:
         """Put a mouth before an input of the session's stream; headphones on an output leak. Raises `AudioError`."""
-        with host.elsewhere(), taking_turns():
+        with host.elsewhere(), host.taking_turns():
             ports = {"headphones": self._port("out", headphones).name, "microphone": self._port("in", microphone).name}
             return Mouth(self.name, **ports, response=response)
 
@@ -117,10 +117,15 @@ class SoundCard:
 
     def close(self) -> None:
         """Stop the server. Streams and taps must be closed before."""
-        with looking_anew():
+        try:
+            with looking_anew():
+                if self.server.poll() is None:
+                    self._wiring.close()
+                self._stop()
+        finally:
+            # Ctrl-C may have come while others had their turn.
             if self.server.poll() is None:
-                self._wiring.close()
-            self._stop()
+                self._stop()
             self._tidy()
 
     def _started(self, before: list[str], after: list[str]) -> Any:

@@ -108,7 +108,7 @@ class ScriptedActuator:
         """The onsets asked for, of each stimulus."""
         self.withdrawn = 0
         self.sounds_anyway = False
-        self.heard: deque[Delivered | BaseException] = deque()
+        self.heard: deque[Delivered | BaseException | None] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
     def prepare(self, stimulus: Stimulus | Ring) -> Played:

@@ -12,6 +12,7 @@ from experiment.errors import ActuatorError, AudioError, PalpateError, TrackerEr
 from experiment.protocol.models import Protocol
 from experiment.records.entries import Footer, Redo
 from experiment.records.footstep import BrokenOff, FootStep
+from experiment.records.stimulus import Delivered
 from experiment.session import runner
 from tests.experiment.session.bench import DELIVERED, bench, entries, felt_and_on_file, header, in_pieces
 from tests.experiment.session.scripted import START_NS, step_samples
@@ -125,10 +126,13 @@ def test_an_undelivered_trial_is_repeated_at_the_end_of_its_block(
     assert redone.reason.startswith("undelivered: the participant did not feel")
 
 
-def test_a_rig_that_delivers_nothing_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:
+@pytest.mark.parametrize("between", [DELIVERED, None], ids=["delivered", "not measured"])
+def test_a_rig_that_delivers_nothing_pauses_the_session(
+    protocol: Protocol, tmp_path: Path, between: Delivered | None
+) -> None:
     failed = DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"})
     one = bench("ccppp", [step_samples(600_000 * n, 100.0) for n in range(1, 4 + runner.MOST_UNDELIVERED)])
-    one.actuator.heard.extend([failed] * 2 + [DELIVERED] + [failed] * runner.MOST_UNDELIVERED)
+    one.actuator.heard.extend([failed] * 2 + [between] + [failed] * runner.MOST_UNDELIVERED)
     footer = one.run(protocol, header("virtual"), tmp_path)
     detail = (
         f"the stimulus was not delivered in {runner.MOST_UNDELIVERED} attempts in a row; "
