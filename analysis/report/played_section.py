@@ -11,6 +11,11 @@ from analysis.documents.tables import Section, Table, number, plural
 from analysis.reading.dataset import MISSING
 from analysis.reading.study import Study
 
+UNHEARD = (
+    "Nothing measured what reached the panel, for the rig has no loopback: a stimulus could count as undelivered only "
+    "where its own stream knew of a fault."
+)
+
 LITTLE = 5e-6
 """Shares below are shown as less than 0.001 %."""
 
@@ -48,7 +53,11 @@ def played_sections(study: Study) -> tuple[Section, ...]:
         Section(
             "played",
             "What was played",
-            (ABOUT, *(left_out(study) or ("The rig carried all that was asked for.",))),
+            (
+                ABOUT,
+                *(left_out(study) or ("The rig carried all that was asked for.",)),
+                *([UNHEARD] if known["delivered"].isna().all() else ()),
+            ),
             (table,),
             tuple(_record(*group) for group in groups),
         ),

@@ -219,7 +219,8 @@ def check(
     The page states the whole study; at its end, what is left empty, and which values are allowed and unlikely to be
     meant. Below it stands whether this version is sealed, by which board and until when. If the file has errors, all of
     them are printed instead: each with its path, its line, what was got, what is allowed. With --html the page is
-    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF.
+    written to a file, with the SHA-256 and the seal on every sheet; a browser prints it, on paper or as PDF. What --rig
+    says stands at its end.
 
     With --rig, a rig that leaves out more of the recorded vibrations than footstep.synthesis.left_out_max is refused,
     and one that does not bear the stiffness of a virtual block, as palpate run refuses them for participants. Practice
@@ -244,12 +245,17 @@ def check(
     told, refusal = _judged(protocol, rig_file, recordings) if rig_file is not None else ("", None)
     screen = rigs.load(rig_file).screen if rig_file is not None else None
     words = screen.words.own if screen is not None and screen.words is not None else {}
+    of_rig: list[page.Block] = [page.Said(one) for one in (told, "" if refusal is None else str(refusal)) if one]
+    if words:
+        facts = page.facts(*((name, page.Free(text)) for name, text in words.items()))
+        said = "The participant's screen says in words of this rig, which no approval of the protocol holds:"
+        of_rig += [page.Said(said), facts]
     if page_file is not None:
         from experiment.protocol.html import html
 
         if page_file.suffix != ".html":
             raise PalpateError(f"got the file {quoted(str(page_file))}; allowed: a name that ends in .html")
-        options.put_file(page_file, html(protocol, str(protocol_file), state, seal, today).encode())
+        options.put_file(page_file, html(protocol, str(protocol_file), state, seal, today, of_rig).encode())
     if as_json:
         import json
 
@@ -269,9 +275,7 @@ def check(
     if told and not as_json:
         typer.echo(f"\n{told}")
     if words and not as_json:
-        facts = page.facts(*((name, page.Free(text)) for name, text in words.items()))
-        said = page.Said("The participant's screen says in words of this rig, which no approval of the protocol holds:")
-        typer.echo("\n".join(("", *page.lines([said, facts]))))
+        typer.echo("\n".join(("", *page.lines(of_rig[-2:]))))
     if refusal is not None:
         if as_json:
             raise typer.Exit(refusal.exit_code)

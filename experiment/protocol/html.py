@@ -24,8 +24,13 @@ NOTHING_RUNS = "default-src 'none'; style-src 'unsafe-inline'"
 _NAMES = str.maketrans({page.OPEN: '<span class="name">&quot;', page.CLOSE: "&quot;</span>", page.UNBROKEN: " "})
 
 
-def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: date) -> str:
-    """Return the page of the protocol in `file`; `state` and `seal` are of `approval.state`, as of `today`."""
+def html(
+    protocol: Protocol, file: str, state: str, seal: Seal | None, today: date, rig: Iterable[page.Block] = ()
+) -> str:
+    """Return the page of the protocol in `file`; `state` and `seal` are of `approval.state`, as of `today`.
+
+    What is said of a `rig` stands at its end, for it is no part of what is sealed.
+    """
     word = state.partition(":")[0]
     until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
     said = page.Said(f"{state} This was so on {today}.")
@@ -36,6 +41,8 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
         f"<section><h2>{place}. {_own(name)}</h2>{_blocks(blocks)}</section>"
         for place, (name, blocks) in enumerate(page.sections(protocol), start=1)
     ]
+    if rig := tuple(rig):
+        parts.append(f"<section><h2>{_own(page.OF_A_RIG)}</h2>{_blocks(rig)}</section>")
     foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
     style = Path(__file__).with_name("page.css").read_text("utf-8")
     return (

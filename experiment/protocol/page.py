@@ -148,6 +148,10 @@ def _rows(rows: tuple[tuple[str, ...], ...]) -> Iterator[str]:
             yield "  " + "   ".join("-" * width for width in widths)
 
 
+OF_A_RIG = "Of a rig; no part of the protocol or its seal"
+"""Heads what a board's page says of a laboratory."""
+
+
 def number(value: float) -> str:
     """Return a number without a needless `.0`."""
     return str(int(value)) if value == int(value) else str(value)
@@ -485,7 +489,7 @@ def _synthesised(footstep: Footstep) -> Iterator[Block]:
         "The protocol sets no limit to what a rig may leave out of a stimulus because it cannot carry those "
         "frequencies. Each trial's record says what share was left out."
         if synthesis.left_out_max is None
-        else f"No session is run on a rig that leaves out more than {number(synthesis.left_out_max * 100)} % of the "
+        else f"No session is run on a rig that leaves out more than {synthesis.left_out_max * 100:.10g} % of the "
         "vibration (rms) of any material, at any speed that counts, because it cannot carry those frequencies, or of "
         "which nobody knows what it carries."
     )

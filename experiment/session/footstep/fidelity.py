@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from experiment.synthesis.crinkle import CrinkleSpectra
 
 SPEEDS = 10
-"""At so many speeds of the foot, evenly spaced by ratio."""
+"""At so many speeds of the foot, evenly spaced by ratio, and at those recorded, where the spectra bend."""
 
 WATCHED_US = 4_000_000
 """So much of a slow foot's way is enough to know how well it is predicted, microseconds."""
@@ -69,7 +69,8 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
     slow = [rule.limit for rule in protocol.exclusion if rule.when == "speed-below" and rule.limit]
     slowest = max(slow, default=recorded[0] / BEYOND)
     fastest = recorded[-1] * BEYOND if fastest == inf else max(fastest, slowest)
-    return tuple(np.geomspace(slowest, fastest, SPEEDS).tolist())
+    bends = (v for v in recorded if slowest <= v <= fastest)
+    return tuple(sorted({*np.geomspace(slowest, fastest, SPEEDS).tolist(), *bends}))
 
 
 def fidelity(

@@ -34,8 +34,9 @@ def test_figures_by_task_and_material(tmp_path: Path) -> None:
     )
     (section,) = played_sections(read(root))
     assert (section.slug, section.title) == ("played", "What was played")
-    _, told = section.paragraphs
+    _, told, unheard = section.paragraphs
     assert left_out(read(root)) == (told,)
+    assert "Nothing measured what reached the panel" in unheard
     assert "up to 25.00 % of a vibration (rms) was left out, of sand at 101 mm/s" in told
     (table,) = section.tables
     assert table.rows == (

@@ -6,6 +6,7 @@ shares, 11 to 35 % at the speeds that count.
 
 from __future__ import annotations
 
+import html
 import json
 import re
 from pathlib import Path
@@ -54,6 +55,17 @@ def test_check_refuses_it_below_the_boards_page(tmp_path: Path, recordings: Path
     assert re.search(TOLD, json.loads(told.stdout)["rig"]["refused"])
 
 
+@pytest.mark.parametrize(
+    ("most", "told"), [(0.3, TOLD), (0.346, TOLD.replace(r"0\.3", r"0\.346")), (0.5, "at most 34")]
+)
+def test_the_page_on_paper_says_what_a_rig_leaves_out(tmp_path: Path, recordings: Path, most: float, told: str) -> None:
+    page = tmp_path / "page.html"
+    call("check", allowing(tmp_path, most), "--rig", RIG, "--recordings", recordings, "--html", page)
+    protocol, _, of_rig = page.read_text("utf-8").partition("<h2>Of a rig; no part of the protocol or its seal</h2>")
+    assert re.search(told, html.unescape(of_rig))
+    assert f"leaves out more than {most:.1%} of".replace(".0%", "%").replace("%", " %") in " ".join(protocol.split())
+
+
 def test_check_says_whether_a_virtual_block_pushes_along_its_face(tmp_path: Path) -> None:
     text = shipped("rigs/tapping.toml").read_text("utf-8")
     one = tmp_path / "one.toml"
@@ -76,6 +88,8 @@ def test_check_shows_what_the_screen_of_a_rig_says_in_other_words_than_palpates(
     rig.write_text(f'{text}\n[screen.words]\nwait = "Please wait."\nready = "{said}"\n', "utf-8")
     told = call("check", shipped("okamoto2012.toml"), "--rig", rig)
     assert re.search(rf"no approval of the protocol holds:\n  ready +\| {said}\n$", told.stdout)
+    call("check", shipped("okamoto2012.toml"), "--rig", rig, "--html", tmp_path / "page.html")
+    assert said in (tmp_path / "page.html").read_text("utf-8").partition("Of a rig;")[2]
     asked = ("check", shipped("okamoto2012.toml"), "--json", "--rig")
     assert json.loads(call(*asked, rig).stdout)["rig"]["words"] == {"ready": said}
     assert json.loads(call(*asked, RIG).stdout)["rig"]["words"] == {}

@@ -64,9 +64,11 @@ def allowing(protocol: Protocol, left_out_max: float | None) -> Protocol:
 
 def test_the_speeds_are_those_that_the_protocol_counts(protocol: Protocol) -> None:
     speeds = speeds_mm_s(protocol)
-    assert len(speeds) == 10
     assert [speeds[0], speeds[-1]] == pytest.approx([20.0, 600.0])
-    assert np.diff(np.log(speeds)) == pytest.approx(np.log(30) / 9)
+    # The spectra bend at the speeds recorded; where most is left out is there, or at an end.
+    recorded = protocol.footsteps.synthesis.speeds_mm_s
+    assert set(recorded) < set(speeds)
+    assert np.diff(np.log([v for v in speeds if v not in recorded])) == pytest.approx(np.log(30) / 9)
     # 50 to 300 mm/s were recorded, and nothing says which feet count.
     any_speed = speeds_mm_s(protocol.model_copy(update={"exclusion": ()}))
     assert [any_speed[0], any_speed[-1]] == pytest.approx([50 / 1.5, 450.0])
@@ -78,7 +80,8 @@ def test_an_odd_range_of_speeds_has_its_budget_too(protocol: Protocol, volts: Ri
         rule.model_copy(update={"limit": limit}) if rule.when == when else rule for rule in protocol.exclusion
     )
     speeds = speeds_mm_s(protocol.model_copy(update={"exclusion": rules}))
-    assert len(speeds) == 10
+    assert 2 <= len(speeds) <= 14
+    assert list(speeds) == sorted(speeds)
     assert all(0 < v <= 600.001 for v in speeds)
     assert aim_ms(protocol, volts, speeds[0]) is None or speeds[0] > 1
 
@@ -108,7 +111,7 @@ def test_a_rig_is_refused_for_what_no_output_carries(
     told = refusal(allowing(protocol, 0.3), volts, worst, carries_hz)
     # Both ends of the table are at fault, and the lower one more.
     assert re.match(
-        r"rig 'headless': got 34\.\d% \(rms\) of copy paper at 193 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
+        r"rig 'headless': got 34\.\d% \(rms\) of copy paper at 200 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
         r"rig's 600 Hz\) left out; allowed: 0\.3 of it, by footstep\.synthesis\.left_out_max; get a panel that moves, "
         "and is measured, below 10 Hz and a panel",
         told,
@@ -129,7 +132,7 @@ def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(protocol: 
     measured = plain.actuator.model_copy(update={"low_hz": 10.0, "high_hz": 600.0})
     given["rig"] = plain.model_copy(update={"actuator": measured})
     # As much as the rig in volts, whose table ends there, but for what its gain limit holds back.
-    assert re.match(r"at most 34\.\d% \(rms\) of copy paper at 193", judged(protocol=allowing(protocol, 0.35), **given))
+    assert re.match(r"at most 34\.\d% \(rms\) of copy paper at 200", judged(protocol=allowing(protocol, 0.35), **given))
 
 
 def test_a_rig_is_judged_by_what_some_task_presents(
@@ -145,10 +148,10 @@ def test_a_rig_is_judged_by_what_some_task_presents(
     assert worst["copy paper"] > 0.3 > worst["polypropylene"]
     assert "of polypropylene at" in judged(protocol=presenting(("polypropylene",)), **given)
     for fails in (presenting(None), presenting(("polypropylene",), ("copy paper",))):
-        with pytest.raises(RigError, match="of copy paper at 193"):
+        with pytest.raises(RigError, match="of copy paper at 200"):
             judged(protocol=fails, **given)
         # What is refused for one task is refused for the study, whose participants do them all.
-        assert "of copy paper at 193" in error_budget(task_id="virtual", protocol=fails, **given).refused
+        assert "of copy paper at 200" in error_budget(task_id="virtual", protocol=fails, **given).refused
 
 
 def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
@@ -187,7 +190,7 @@ def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, v
         lowered = field in ("below", "above", "held_back", "taken_down", "table")
         assert (f"{name}: {remedy}" in text) == lowered
     assert max(map(len, budget.lines())) <= 100
-    assert re.search(r"(?m)^  all of it +23\.9 to 39\.1 +20\.6 to 27\.1 +17\.1 to 24\.9 +11\.2 to 28\.6$", text)
+    assert re.search(r"(?m)^  all of it +23\.9 to 39\.1 +20\.4 to 27\.3 +17\.1 to 24\.9 +11\.2 to 28\.6$", text)
     assert re.search(r"(?m)^  W interpolated, \(7\) +0\.22 to", text)
     assert "timing: contact has a standard error of" in text
     assert budget.refused.startswith("rig 'headless': got 34.")
