@@ -85,10 +85,11 @@ def read(path: Path, stated: Stated) -> Paper:
             passed.append(f"{grid.name} was passed over: {reason}.")
     passed += _tied(document, stated.chance)
     if not any(key in document for key in ("table", "t", "anova")):
-        told = f"; {' '.join(passed)}" if passed else ""
+        told = f"; {' '.join(passed).rstrip('.')}" if passed else ""
         raise PublishedError(
-            f"{path}: got no table that the audit knows{told[:600]}; allowed: confusion tables (answers beside "
-            "materials), ANOVA tables (SS, df, MS, F, P) and tables of t-tests (t, df, P); or write a TOML file"
+            f"{path}: got no table that the audit can hold against anything{told[:600]}; allowed: confusion tables "
+            "(answers beside materials), ANOVA tables (SS, df, MS, F, P) and tables of t-tests (t, df, P); or write a "
+            "TOML file"
         )
     try:
         return Paper(load.checked(path, Published, document), tuple(passed), passed.unread)

@@ -251,8 +251,9 @@ def calibrate_audio(
     """Measure latency and level of the audio device by loopback.
 
     Sweeps are played on the actuator's channel and heard on the loopback: disconnect the actuator's amplifier, or keep
-    the peak low. If there are xruns, or sweeps come back otherwise than [audio.delivered] allows, all are played again;
-    after three times the measurement is refused. The result is printed as the table [audio.latency] of the rig file.
+    the peak low. If there are xruns, of which the card of a simulated rig loses nothing, or sweeps come back otherwise
+    than [audio.delivered] allows, all are played again; after three times the measurement is refused. The result is
+    printed as the table [audio.latency] of the rig file.
     """
     from datetime import UTC, datetime
 
@@ -290,6 +291,8 @@ def calibrate_audio(
         if card is not None:
             card.disconnect(entry)
             card.connect(audio.channels.actuator, entry)
+        sweeps = f"{probes} sweeps on output {audio.channels.actuator}, to be heard on input {entry}"
+        typer.echo(f"Playing {sweeps} ...", err=True)
         found = calibration.steadily(
             lambda: calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=peak, probes=probes),
             audio,

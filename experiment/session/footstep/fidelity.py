@@ -163,16 +163,23 @@ def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder:
 
 def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
     """Raise `RigError` if a real rig would make and limit voltages by the response of a panel that nobody measured."""
+    if told := _unmeasured(rig_file.parent, rig):
+        raise RigError(f"{rig_file}: {told}")
+
+
+def _unmeasured(rig_folder: Path, rig: Rig) -> str:
+    """Return what is wrong with a real rig whose response table is SIMULATED, or nothing."""
     from experiment.apparatus.panel import response_table
 
     shaping = rig.actuator.shaping
     if rig.rig.simulated or shaping is None:
-        return
-    if response_table.is_simulated(rigs.response_table(rig_file.parent, shaping)):
-        raise RigError(
-            f"{rig_file}: {shaping.response} says that it is SIMULATED; allowed: a table that was measured; measure "
-            "the loaded panel, and name that table"
-        )
+        return ""
+    if not response_table.is_simulated(rigs.response_table(rig_folder, shaping)):
+        return ""
+    return (
+        f"{shaping.response} says that it is SIMULATED; allowed: a table that was measured; measure the loaded panel, "
+        "and name that table"
+    )
 
 
 UNKNOWN = "nobody measured which frequencies its actuator carries"
@@ -403,7 +410,9 @@ def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path
     found = every[scenes.plan(protocol=protocol, task_id=task_id).materials]
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"
-    return ErrorBudget(found, aims_ms, carries_hz, schedules, refusal(protocol, rig, worst, carries_hz))
+    unmeasured = _unmeasured(rig_folder, rig)
+    refused = f"rig '{rig.rig.name}': {unmeasured}" if unmeasured else refusal(protocol, rig, worst, carries_hz)
+    return ErrorBudget(found, aims_ms, carries_hz, schedules, refused)
 
 
 WIDTH = 100

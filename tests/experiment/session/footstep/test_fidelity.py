@@ -202,6 +202,16 @@ def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, v
     assert at_20["below"] ** 2 + at_20["above"] ** 2 == pytest.approx(0.1118**2, abs=3e-5)
 
 
+def test_a_real_rig_whose_response_nobody_measured_is_refused_whatever_it_carries(
+    protocol: Protocol, volts: Rig, recordings: Path
+) -> None:
+    real = volts.model_copy(update={"rig": volts.rig.model_copy(update={"simulated": False})})
+    given: dict[str, Any] = {"protocol": protocol, "rig_folder": RIGS, "recordings": recordings}
+    assert not error_budget(task_id="virtual", rig=volts, **given).refused
+    refused = error_budget(task_id="virtual", rig=real, **given).refused
+    assert refused.startswith("rig 'headless': rehearsal-response.csv says that it is SIMULATED; allowed: a table")
+
+
 def test_what_a_perfect_rig_leaves_is_said_without_advice() -> None:
     silent = Fidelity((20.0, 600.0), (Budget(1.0, 0.0, rounding=1e-8),) * 2, (1.0, 2.0), (), None, None)
     lines = ErrorBudget({"felt": silent}, (None, None), None, schedules=False, refused="").lines()
