@@ -30,12 +30,9 @@ def main() -> None:
     try:
         import atexit
         import gc
-        import signal
 
         # Threads of linear algebra gain nothing with matrices of a study's size, and spin while they wait.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        # What is done is done: while Python ends, an interrupt changes nothing.
-        atexit.register(signal.signal, signal.SIGINT, signal.SIG_IGN)
         # The system frees what is left at once; searching it for garbage takes a tenth of a second.
         atexit.register(gc.freeze)
         if sys.stdout is not None and sys.argv[1:] in ([], ["-h"], ["--help"]):
@@ -57,6 +54,10 @@ def main() -> None:
         eval("None")  # noqa: S307
         raise SystemExit(130) from None
     finally:
+        import signal
+
+        # What is done is done: while Python ends, an interrupt changes nothing.
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
         sys.unraisablehook = before
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 
@@ -61,6 +62,14 @@ def _fsync(request: pytest.FixtureRequest) -> Iterator[None]:
         if folder not in ("rig", "faults") and request.node.get_closest_marker("fsync") is None:
             _skip_fsync(patch)
         yield
+
+
+@pytest.fixture(autouse=True)
+def _interruptible() -> Iterator[None]:
+    """A command that ran in this process has ended, and hears no Ctrl-C; the tests after it do."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

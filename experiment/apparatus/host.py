@@ -55,7 +55,7 @@ IN_MEMORY = "/dev/shm" if os.path.isdir("/dev/shm") else None  # noqa: PTH112, S
 place.
 """
 
-TURN_S = 20.0
+TURN_S = 5.0
 """Others may have their turn for so long, s. A server starts or stops in less: whoever takes longer stands still, and
 this process waits for nobody any more."""
 

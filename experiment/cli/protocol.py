@@ -308,7 +308,7 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     allowed = "sets no limit" if most is None else f"allows {most:.4g}"
     if most is None and recordings is None and not folder.exists():
         limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
-        return f"{name}: {limitless}. What this one does is told where --recordings names their folder.", None
+        return f"{name}: {limitless}. Name the folder of recordings (--recordings), and what is left out is told.", None
     try:
         told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
     except PalpateError as refused:

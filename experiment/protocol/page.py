@@ -432,11 +432,13 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
     if (virtual := protocol.rendered) is not None:
         yield from _rendered(protocol, virtual)
     masker = protocol.masker
-    yield Said(f"The headphones play {masker.noise} noise. The {masker.level_set_by} sets its level so that:")
-    yield Quoted(masker.criterion)
+    if any(task.masker is None for task in protocol.tasks):
+        yield Said(f"The headphones play {masker.noise} noise.")
     for task in protocol.tasks:
         if task.masker is not None:
-            yield Said(f"In task {task.id} they play {task.masker.replace('none', 'no')} noise.")
+            yield Said(f"In task {task.id} the headphones play {task.masker.replace('none', 'no')} noise.")
+    yield Said(f"The {masker.level_set_by} sets the level of the noise so that:")
+    yield Quoted(masker.criterion)
     if (probe := masker.probe) is not None:
         yield Said(
             f"While the level is set, the panel vibrates as {named(probe.material)} does under a foot at "

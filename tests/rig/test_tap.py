@@ -114,6 +114,24 @@ def test_what_begins_at_a_server_and_starts_and_stops_one_has_its_turn(monkeypat
     assert seen == ["_started", "Tap", "Mouth", "_stop"]
 
 
+def test_a_card_that_is_interrupted_while_it_waits_to_close_leaves_no_setting_behind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    @contextmanager
+    def interrupted() -> Iterator[None]:
+        raise KeyboardInterrupt
+        yield
+
+    before = dict(os.environ)
+    with sound.sound_card() as card:
+        monkeypatch.setattr(sound_card, "looking_anew", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            card.close()
+        monkeypatch.undo()
+        assert dict(os.environ) == before
+    assert card.server.poll() is not None
+
+
 def test_one_that_has_ended_is_told_of_and_can_be_closed(card: SoundCard) -> None:
     tap = Tap(card.name, "system:capture_1", seconds=1.0)
     os.kill(tap.listener.pid, signal.SIGKILL)

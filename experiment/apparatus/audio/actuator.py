@@ -204,10 +204,10 @@ class AudioActuator:
         heard = self._stream.kept(first, end - first)[:, self._audio.channels.loopback - 1]
         gain = latency.loopback_gain
         if not self._samples.any():
-            return self._said(requested_ns, fault or silence_objection(heard, gain=gain, tolerance=self._tolerance))
+            return self._said(requested_ns, silence_objection(heard, gain=gain, tolerance=self._tolerance))
         found = align(heard, self._samples, gain=gain)
         if found is None:
-            return self._said(requested_ns, fault or "the loopback did not hear it")
+            return self._said(requested_ns, "the loopback did not hear it")
         onset_ns = self._stream.ns_of(first + found.onset) - round(latency.input_ms * 1e6)
         reason = fault or objection(
             found,

@@ -254,8 +254,8 @@ def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: 
         judged(
             "audio stream",
             gaps == 0 and (exact or xruns == 0),
-            f"{seconds:.1f} s: {gaps} gaps, {xruns} xruns",
-            allowed="no gaps" + ("; this card waits, and loses nothing in an xrun" if exact else " and no xruns"),
+            f"{seconds:.1f} s: gaps: {gaps}, xruns: {xruns}",
+            allowed="no gaps; an xrun of this card loses nothing" if exact else "no gaps and no xruns",
             remedy="close other programs, or make audio.block larger and calibrate anew",
         ),
         judged(

@@ -116,16 +116,13 @@ class SoundCard:
             self.server.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
-        """Stop the server. Streams and taps must be closed before."""
+        """Stop the server. Streams and taps must be closed before; if interrupted, it ends with this process."""
         try:
             with looking_anew():
                 if self.server.poll() is None:
                     self._wiring.close()
                 self._stop()
         finally:
-            # Ctrl-C may have come while others had their turn.
-            if self.server.poll() is None:
-                self._stop()
             self._tidy()
 
     def _started(self, before: list[str], after: list[str]) -> Any:

@@ -115,6 +115,15 @@ def test_the_page_changes_with_every_value(
         assert "Sentinel" in shown
 
 
+def test_the_page_names_no_noise_that_no_task_plays() -> None:
+    every = changed(changed(MASKED, ("tasks", 0, "masker"), "white"), ("tasks", 1, "masker"), "none")
+    shown = " ".join(page(Protocol.model_validate(every)).split())
+    assert "pink" not in shown
+    assert "In task one the headphones play white noise." in shown
+    some = " ".join(page(FULL).split())
+    assert "The headphones play pink noise. In task one the headphones play white noise." in some
+
+
 def test_every_kind_of_field_was_tried() -> None:
     # But for these two, which have one value each.
     tried = {path[-1] if isinstance(path[-1], str) else path[-2] for _, path, _, _ in CASES}

@@ -140,7 +140,7 @@ def test_a_stream_with_gaps_or_xruns_is_red(gaps: int, xruns: int, exact: bool, 
     since = StreamHealth(48_000, 2, 3, Fit(0.0, 0.0, 0.0))
     until = StreamHealth(96_000, 2 + xruns, 3 + gaps, Fit(0.0, 0.0, 0.0))
     found = devices.health(since, until, RIG.audio, exact=exact)[0]
-    assert (found.verdict, found.measured) == (verdict, f"1.0 s: {gaps} gaps, {xruns} xruns")
+    assert (found.verdict, found.measured) == (verdict, f"1.0 s: gaps: {gaps}, xruns: {xruns}")
 
 
 @pytest.mark.parametrize(("median_ms", "verdict"), [(0.66, "green"), (0.67, "red")])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
 import sys
 from pathlib import Path
 
@@ -62,3 +64,26 @@ def test_a_listener_that_does_not_begin_or_answer_is_told_of(
     monkeypatch.setattr(neighbour, "PATIENCE_S", patience_s)
     with pytest.raises(AudioError, match=rf"its listener has ended{told}; start again"):
         scripted(monkeypatch, tmp_path, does).since(0)
+
+
+HANGS = """
+import io, sys, time
+from types import SimpleNamespace
+from unittest.mock import MagicMock
+from experiment.rehearsal.wires import neighbour
+client = MagicMock(samplerate=8)
+client.__exit__.side_effect = lambda *_: time.sleep(60)
+sys.modules["jack"] = SimpleNamespace(Client=lambda *_, **__: client)
+neighbour.ENDS_S = 1
+"""
+"""The client of a server that was killed, which never closes."""
+
+LISTENS = "from experiment.rehearsal.wires.listener import listen\nlisten('', '', 1.0, io.BytesIO(), io.BytesIO())"
+SPEAKS = "from experiment.rehearsal.wires.mouth import speak\nspeak('', '', '', io.BytesIO(b'1\\n0000'), io.BytesIO())"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no alarm rings there")
+@pytest.mark.parametrize("does", [LISTENS, SPEAKS], ids=["listener", "mouth"])
+def test_one_whose_client_cannot_be_closed_ends_all_the_same(repository_root: Path, does: str) -> None:
+    done = subprocess.run([sys.executable, "-c", HANGS + does], cwd=repository_root, check=False, timeout=30)
+    assert done.returncode == -signal.SIGALRM
