@@ -37,7 +37,8 @@ def test_calibration_finds_the_way_round_and_writes_the_rig(palpate: Palpate, tm
     rig_file = tmp_path / "rig.toml"
     rig_file.write_text(text.replace("loopback_gain = 1.0 ", "loopback_gain = 0.5 ").replace("2.667", "0.1"), "utf-8")
     code, out, err = palpate("calibrate", "audio", "--rig", rig_file, "--out", tmp_path / "new.toml", "--probes", 5)
-    assert (code, err) == (0, "SIMULATED: this sound card is software and not a device\n"), err
+    simulated = "SIMULATED: this sound card is software and not a device"
+    assert (code, err) == (0, f"{simulated}\nPlaying 5 sweeps on output 3, to be heard on input 2 ...\n"), err
     assert "5 probes: round trip 256 frames, spread 0; gain 1, spread 0.00 dB" in out
     found, shipped_rig = rig.load(tmp_path / "new.toml").audio, rig.load(shipped("rigs/headless.toml")).audio
     assert found is not None
