@@ -92,7 +92,8 @@ class Display:
             named = [one for one in there.screen().root.query_tree().children if one.get_wm_name() == "palpate"]
             asks, delete = there.intern_atom("WM_PROTOCOLS"), there.intern_atom("WM_DELETE_WINDOW")
             named[-1].send_event(ClientMessage(window=named[-1], client_type=asks, data=(32, [delete, 0, 0, 0, 0])))
-            there.flush()
+            # A server that is busy forgets what a client sent that has left meanwhile.
+            there.sync()
 
 
 @pytest.fixture(scope="module")
