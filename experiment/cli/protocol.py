@@ -245,17 +245,19 @@ def check(
     told, refusal = _judged(protocol, rig_file, recordings) if rig_file is not None else ("", None)
     screen = rigs.load(rig_file).screen if rig_file is not None else None
     words = screen.words.own if screen is not None and screen.words is not None else {}
-    of_rig: list[page.Block] = [page.Said(one) for one in (told, "" if refusal is None else str(refusal)) if one]
+    of_screen: list[page.Block] = []
     if words:
-        facts = page.facts(*((name, page.Free(text)) for name, text in words.items()))
         said = "The participant's screen says in words of this rig, which no approval of the protocol holds:"
-        of_rig += [page.Said(said), facts]
+        of_screen = [page.Said(said), page.facts(*((name, page.Free(text)) for name, text in words.items()))]
     if page_file is not None:
         from experiment.protocol.html import html
 
         if page_file.suffix != ".html":
             raise PalpateError(f"got the file {quoted(str(page_file))}; allowed: a name that ends in .html")
-        options.put_file(page_file, html(protocol, str(protocol_file), state, seal, today, of_rig).encode())
+        judged = [page.Said(one) for one in (told, "" if refusal is None else str(refusal)) if one]
+        options.put_file(
+            page_file, html(protocol, str(protocol_file), state, seal, today, [*judged, *of_screen]).encode()
+        )
     if as_json:
         import json
 
@@ -275,7 +277,7 @@ def check(
     if told and not as_json:
         typer.echo(f"\n{told}")
     if words and not as_json:
-        typer.echo("\n".join(("", *page.lines(of_rig[-2:]))))
+        typer.echo("\n".join(("", *page.lines(of_screen))))
     if refusal is not None:
         if as_json:
             raise typer.Exit(refusal.exit_code)

@@ -183,7 +183,7 @@ class Attempts:
             if reason := self._limits.skipped():
                 return self._put_off(planned, attempt, reason)
             return Event.LOST if seen.lost else Event.BROKEN_OFF
-        # None is told of a stimulus that nothing measured and no fault is known of, too.
+        # None says that nothing measured the stimulus and no fault is known, so it ends a row as well.
         self.undelivered = self.undelivered + 1 if seen.delivered is False else 0
         if seen.repeat:
             reason = "; ".join(filter(None, (seen.repeat, self._limits.skipped())))
