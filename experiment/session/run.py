@@ -100,14 +100,10 @@ def run(
     tasks = (task_id,) if task_id else left or allocation.tasks[-1:]
     _check_turn(root, allocation, tasks[0])
     if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
-        from experiment.apparatus.panel.conditioning import open_drive
-
         recordings = _real_recordings(root, recordings, protocol)
         fidelity.refuse_simulated_table(rig_file, rig)
-        open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
-        fidelity.refuse_what_leaves_out_too_much(
-            protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings
-        )
+        told = fidelity.judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings)
+        console.show(f"Rig '{rig.rig.name}': {told}.")
     if protocol.comparison is not None and any(protocol.task(task).stimulus == "virtual" for task in tasks):
         servo.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
         calibration.check_age(rig, today)

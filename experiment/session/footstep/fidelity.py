@@ -1,8 +1,9 @@
 """What a rig makes of a study's recordings: the error budget of each material at the speeds that count, and its table.
 
-`palpate plan` shows it. A session for a participant is refused on a rig that leaves out more than the protocol allows,
-and `palpate check` and `palpate doctor` say so before. What is measured is what a session would hand over, but for
-voltages, which are shaped for each speed instead of prepared: `synthesis/voltages.py` says that they are the same.
+`palpate plan` shows it. A session for a participant says first what the rig leaves out, and is refused where that is
+more than the protocol allows; `palpate check` and `palpate doctor` say so before. What is measured is what a session
+would hand over, but for voltages, which are shaped for each speed instead of prepared: `synthesis/voltages.py` says
+that they are the same.
 """
 
 from __future__ import annotations
@@ -150,15 +151,6 @@ def _every(
         for scene in scenes.played(protocol)
     }
     return found, max((most_left_out(one, carries_hz) for one in found.values()), key=attrgetter("share"))
-
-
-def refuse_what_leaves_out_too_much(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> None:
-    """Refuse a rig that leaves out more of a material than the protocol allows, at any speed that counts.
-
-    Errors are those of `judged`; nothing is measured for a protocol that allows anything.
-    """
-    if protocol.footsteps.synthesis.left_out_max is not None:
-        judged(protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
 
 
 def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:

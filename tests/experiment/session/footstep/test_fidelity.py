@@ -28,7 +28,6 @@ from experiment.session.footstep.fidelity import (
     judged,
     most_left_out,
     refusal,
-    refuse_what_leaves_out_too_much,
     speeds_mm_s,
 )
 from experiment.synthesis.budget import Budget
@@ -117,9 +116,7 @@ def test_a_rig_is_refused_for_what_no_output_carries(
         told,
     )
     with pytest.raises(RigError, match=r"allowed: 0\.1 of it, by footstep\.synthesis\.left_out_max; get a panel"):
-        refuse_what_leaves_out_too_much(
-            protocol=allowing(protocol, 0.1), rig=volts, rig_folder=RIGS, recordings=recordings
-        )
+        judged(protocol=allowing(protocol, 0.1), rig=volts, rig_folder=RIGS, recordings=recordings)
 
 
 def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(protocol: Protocol, recordings: Path) -> None:
@@ -160,12 +157,6 @@ def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
     assert most.share == pytest.approx(0.1**0.5)
     assert most.told == "31.6% (rms) of felt at 20 mm/s (30% gain limit, highest level)"
     assert most.remedy == "higher drive levels measured, or a higher gain_limit_v_per_m_s2"
-
-
-def test_nothing_is_measured_for_a_protocol_that_allows_anything(
-    protocol: Protocol, volts: Rig, tmp_path: Path
-) -> None:
-    refuse_what_leaves_out_too_much(protocol=protocol, rig=volts, rig_folder=RIGS, recordings=tmp_path / "none")
 
 
 def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol, volts: Rig) -> None:
