@@ -129,6 +129,7 @@ def verify(
 def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused: set[str]) -> Iterator[Finding]:
     """Tell what several files show together, but for what is `told` already; those that are `refused` show nothing."""
     held: Believed | None = None
+    made = True
     doubts: list[PalpateError] = []
     tables: list[PalpateError] = []
     try:
@@ -136,7 +137,9 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
         refused = refused | {_refused(root, doubt).item for doubt in doubts}
         sound = tuple(one for one in dataset.sessions if one[0].relative_to(root).as_posix() not in refused)
         held = replace(dataset, sessions=sound, under_way=dataset.under_way.intersection(path for path, _ in sound))
-        if sound:
+        # A rehearsal makes its tables once, at its end.
+        made = dataset.purpose != "REHEARSAL" or any((*root.glob("participants.tsv"), *root.glob("sub-*")))
+        if sound and made:
             tables = [*build.edited(root, held, held.under_way, whole=not refused), *_lost_traces(root, held)]
     except PalpateError as error:
         doubts = [*doubts, error]
@@ -167,6 +170,10 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
         yield Finding("note", LOG.as_posix(), text)
     for path in sorted(held.under_way):
         yield Finding("note", path.relative_to(root).as_posix(), beliefs.OPEN)
+    if not made:
+        text = f"were not made yet: run the rest of this rehearsal by the same command, or palpate build {root}"
+        yield Finding("note", "tables", text)
+        return
     others = "but for those refused, " * bool(tables)
     given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
     text = f"{others}are what the journals {given} traces of the foot's height were not compared"

@@ -15,6 +15,7 @@ from experiment import storage
 from experiment.apparatus import opening
 from experiment.dataset import beliefs, build
 from experiment.dataset.status import status
+from experiment.dataset.verify import verify
 from experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
 from experiment.protocol.files import shipped
 from experiment.records import journal
@@ -168,6 +169,18 @@ def test_the_status_of_one_that_was_killed_names_the_command_that_goes_on(tmp_pa
     [told] = status(root, date(2026, 11, 26)).reminders
     assert "task virtual has no end on record" in told
     assert told.endswith("the same palpate rehearse goes on with it.")
+
+
+def test_one_that_was_interrupted_before_its_tables_were_made_is_accused_of_nothing(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(
+        one, root, ignore=lambda _, names: {*names} - {"sourcedata", "stimuli"} if "stimuli" in names else ()
+    )
+    tables = {finding.item: finding.word for finding in verify(root).findings}
+    assert "refused" not in tables.values()
+    assert tables["tables"] == "note"
+    shutil.copytree(one / "sub-01", root / "sub-01")
+    assert "participants.tsv" in {finding.item for finding in verify(root).findings if finding.word == "refused"}
 
 
 def interrupted(*_: object) -> None:
