@@ -12,7 +12,7 @@ import typer
 
 from experiment.cli import options
 from experiment.cli.options import Json, ProtocolFile, a_day, a_protocol
-from experiment.errors import Interrupted, PalpateError, RigError
+from experiment.errors import Interrupted, PalpateError, RecordingError, RigError
 from experiment.settings.characters import quoted
 
 if TYPE_CHECKING:
@@ -308,7 +308,10 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
     most = protocol.footstep.synthesis.left_out_max
     allowed = "sets no limit" if most is None else f"allows {most:.4g}"
-    if most is None and recordings is None and not folder.exists():
+    if recordings is None and not folder.exists():
+        if most is not None:
+            limited = f"the protocol allows a rig to leave out {most:.4g} of a vibration"
+            return "", RecordingError(f"{limited}, and {folder} has no recordings; name their folder (--recordings)")
         limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
         return f"{name}: {limitless}. Name the folder of recordings (--recordings), and what is left out is told.", None
     try:

@@ -40,6 +40,9 @@ LARGEST = 2**20
 MOST_TOLD = 1_000
 """A file with more fields that cannot be read is no such file: this many are told."""
 
+LONGEST_SHOWN = 60
+"""A value that is longer is cut, characters; of an array the length is told instead."""
+
 MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
 """What programs read as a missing value, ours and those of who reads our tables."""
 
@@ -406,7 +409,9 @@ def _shown(value: object) -> str:
     if isinstance(value, Mapping):
         return "a table"
     if isinstance(value, tuple):
-        return f"an array of {len(value)}"
+        flat = not any(isinstance(one, Mapping | tuple) for one in value)
+        shown = f"[{', '.join(map(_shown, value[:LONGEST_SHOWN]))}]"
+        return shown if value and flat and len(shown) <= LONGEST_SHOWN else f"an array of {len(value)}"
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, date | time):
@@ -414,7 +419,7 @@ def _shown(value: object) -> str:
     if isinstance(value, str):
         return characters.quoted(value)
     shown = str(value)
-    return shown if len(shown) <= 60 else shown[:57] + "..."
+    return shown if len(shown) <= LONGEST_SHOWN else shown[: LONGEST_SHOWN - 3] + "..."
 
 
 def locate(text: str) -> dict[Place, int]:

@@ -56,6 +56,22 @@ def test_check_refuses_it_below_the_boards_page(tmp_path: Path, recordings: Path
 
 
 @pytest.mark.parametrize(
+    ("most", "told"),
+    [
+        (None, "sets no limit on what a rig leaves out of a vibration. Name the folder of recordings (--recordings)"),
+        (0.3, "okamoto2012/stimuli/recordings has no recordings; name their folder (--recordings)"),
+    ],
+)
+def test_check_asks_for_recordings_that_are_not_there_yet(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, most: float | None, told: str
+) -> None:
+    rig = RIG.absolute()
+    monkeypatch.chdir(tmp_path)
+    found = json.loads(call("check", allowing(tmp_path, most), "--rig", rig, "--json").stdout)["rig"]
+    assert told in str(found)
+
+
+@pytest.mark.parametrize(
     ("most", "told"), [(0.3, TOLD), (0.346, TOLD.replace(r"0\.3", r"0\.346")), (0.5, "at most 34")]
 )
 def test_the_page_on_paper_says_what_a_rig_leaves_out(tmp_path: Path, recordings: Path, most: float, told: str) -> None:

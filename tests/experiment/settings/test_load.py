@@ -142,7 +142,7 @@ MISTAKES = [
         "a task of this protocol, one of: one, two",
     ),
     ('tasks = ["one"]', 'tasks = ["one", "one"]', "analysis[1].tasks[1]", "'one'", "each task once"),
-    ('test = "ICC"', 'test = "two-way ANOVA"', "analysis[1].tasks", "an array of 1", "at least 2 tasks"),
+    ('test = "ICC"', 'test = "two-way ANOVA"', "analysis[1].tasks", "['one']", "at least 2 tasks"),
     ("masker_level_db_a = 71", "masker_level_db_a = 86", "exposure.masker_level_db_a", "86", "at most 85"),
     ("vibration_peak_m_s2 = 12.5", "vibration_peak_m_s2 = 101", "exposure.vibration_peak_m_s2", "101", "at most 100"),
     ('title = "The first"', 'title = " "', "tasks[0].title", "' '", "text, not blank"),
