@@ -128,6 +128,22 @@ def short(name: str, letters: int) -> str:
     return name if len(name) <= letters else f"{name[: letters - 1].rstrip()}…"
 
 
+def width_inches(axes: Axes) -> float:
+    """Return the width of the figure of these axes, inches."""
+    figure = axes.get_figure(root=True)
+    return float(figure.get_figwidth()) if figure else COLUMN_MM / 25.4
+
+
+def name_below(axes: Axes, places: Sequence[float], names: Sequence[str], room_inches: float) -> None:
+    """Name each place along the axes below it, between words where a name is wider than its room, else slanted."""
+    letters = int(room_inches / LETTER_INCHES)
+    shown = [short(name, 26) for name in names]
+    if any(len(word) > letters for name in shown for word in name.split()):
+        axes.set_xticks(places, shown, rotation=40, ha="right", rotation_mode="anchor")
+    else:
+        axes.set_xticks(places, [textwrap.fill(name, letters) for name in shown])
+
+
 def told_apart(names: Sequence[str], letters: int) -> list[str]:
     """Return the names, cut if they are longer at the place nearest the middle that keeps most of them different."""
     if max(map(len, names), default=0) <= letters:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Sequence
 
 import matplotlib as mpl
@@ -10,7 +9,18 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter
 from scipy.special import expit, logit
 
-from analysis.documents.drawing import COLUMN_MM, COLUMN_STYLE, PAGE_MM, Sheet, colour, key, marker, sheet, short
+from analysis.documents.drawing import (
+    COLUMN_MM,
+    COLUMN_STYLE,
+    PAGE_MM,
+    Sheet,
+    colour,
+    key,
+    marker,
+    name_below,
+    sheet,
+    width_inches,
+)
 from analysis.identification.contrasts import Marginal
 
 FEW = 5
@@ -40,7 +50,7 @@ def contrast_sheet(found: Marginal, tasks: Sequence[str], label: str, chances: S
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{expit(value):.3g}"))
         axes.set_ylim(low, high)
         axes.set_ylabel("right answers (on the logit)")
-        axes.set_xticks(range(len(materials)), [textwrap.fill(short(name, 26), 12) for name in materials])
+        name_below(axes, range(len(materials)), materials, (width_inches(axes) - 0.6) / len(materials))
         axes.set_xlim(-0.5, len(materials) - 0.5)
         key(axes)
     said = (

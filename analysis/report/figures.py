@@ -25,11 +25,13 @@ from analysis.documents.drawing import (
     colour,
     key,
     marker,
+    name_below,
     pages,
     pale,
     sheet,
     short,
     told_apart,
+    width_inches,
 )
 from analysis.documents.tables import plural
 from analysis.identification.identify import Identification
@@ -57,13 +59,7 @@ def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
     width = 0.8 / len(tasks)
     for index, task in enumerate(tasks):
         _bars(axes, task, index, width, (index - (len(tasks) - 1) / 2) * width)
-    # Names of materials are broken between words if that is enough, else slanted.
-    letters = int((_width(axes) - 0.5) / len(materials) / LETTER_INCHES) - 1
-    shown = [short(material, 26) for material in materials]
-    if any(len(word) > letters for name in shown for word in name.split()):
-        axes.set_xticks(range(len(shown)), shown, rotation=40, ha="right", rotation_mode="anchor")
-    else:
-        axes.set_xticks(range(len(shown)), [textwrap.fill(name, letters) for name in shown])
+    name_below(axes, range(len(materials)), materials, (width_inches(axes) - 0.5) / len(materials) - LETTER_INCHES)
     _ratios(axes, {task.task.id: task.chance for task in tasks}, 1.18)
     axes.set_xlim(-0.6, len(materials) - 0.4)
 
@@ -75,15 +71,11 @@ def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
     shown_means = matrix.means()[list(matrix.presented), : len(answers)]
     axes.pcolormesh(shown_means, cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
     axes.invert_yaxis()
-    room = (_width(axes) - 0.9) / len(answers)
+    room = (width_inches(axes) - 0.9) / len(answers)
     for row in range(len(matrix.presented)):
         for j in range(len(answers)):
             _cell(axes, task, row, j, room)
-    letters = max(int(room / LETTER_INCHES), 6)
-    slanted = any(len(word) > letters for answer in answers for word in answer.split())
-    turned: Any = {"rotation": 40, "ha": "right", "rotation_mode": "anchor"} if slanted else {}
-    shown = [answer if slanted else textwrap.fill(answer, letters) for answer in answers]
-    axes.set_xticks(np.arange(len(answers)) + 0.5, [short(name, 26) for name in shown], **turned)
+    name_below(axes, [one + 0.5 for one in range(len(answers))], answers, room)
     names = [textwrap.fill(short(matrix.materials[i], 26), 14) for i in matrix.presented]
     axes.set_yticks(np.arange(len(names)) + 0.5, names)
     axes.tick_params(length=0)
@@ -134,7 +126,7 @@ def against_dissimilarity(axes: Axes, found: Mapping[str, Sequence[tuple[float, 
         x, y = zip(*points, strict=True)
         axes.plot(x, y, marker(index), color=colour(index), markersize=4, alpha=0.8, label=name, clip_on=False)
     said = f"dissimilarity of the spectra ({source})"
-    axes.set_xlabel(textwrap.fill(said, int((_width(axes) - 0.6) / LETTER_INCHES)))
+    axes.set_xlabel(textwrap.fill(said, int((width_inches(axes) - 0.6) / LETTER_INCHES)))
     axes.set_ylabel("confusing answer ratio")
     axes.set_xlim(0)
     axes.set_ylim(0)
@@ -177,11 +169,6 @@ def _cell(axes: Axes, task: TaskResult, row: int, j: int, room: float) -> None:
         text = f"{mean:.2f}{stars}" + ("" if sd is None or not whole else f"\n± {sd:.2f}")
     ink = "white" if mean is not None and mean > DARK else "black"
     axes.text(j + 0.5, row + 0.5, text, ha="center", va="center", color=ink)
-
-
-def _width(axes: Axes) -> float:
-    figure = axes.get_figure(root=True)
-    return float(figure.get_figwidth()) if figure else COLUMN_MM / 25.4
 
 
 NAMED = 20

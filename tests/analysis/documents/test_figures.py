@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, flow, svg, told_apart
+from analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, flow, short, svg, told_apart
 from analysis.identification.results import compute
 from analysis.reading.dataset import read, read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
@@ -78,6 +78,11 @@ def test_letters_stand_clear_of_one_another(
     assert max(one.figure.get_figheight() for one in found) <= PAGE_INCHES + 0.5
     assert all("(n = " in one.caption or "participants" in one.caption or "trials" in one.caption for one in found)
     check(found)
+    below = [one.figure.axes for one in found if one.name in ("correct-ratios", "confusion", "marginal-means")]
+    named = {
+        label.get_text().replace("\n", " ") for all_axes in below for one in all_axes for label in one.get_xticklabels()
+    }
+    assert named <= {*(short(name, 26) for name in materials), "(none)"}, "no word is broken"
 
 
 def test_a_dollar_sign_in_a_name_is_no_formula(tmp_path: Path) -> None:
