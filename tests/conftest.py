@@ -13,6 +13,9 @@ from hypothesis import settings
 # As in the command, and before any test imports numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+# Otherwise each command that a test starts would compile palpate for itself.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # The same cases on every run, however busy the machine: a failure can be repeated, and none is one of time.
 settings.register_profile("palpate", deadline=None, derandomize=True)
 settings.load_profile("palpate")

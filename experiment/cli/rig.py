@@ -94,6 +94,7 @@ def doctor(
     from experiment.clock import MonotonicClock
     from experiment.errors import RigError
 
+    options.at_once("The checks take 5 to 15 s. Each is shown as soon as it has ended.")
     # A check of its own is red for a rig file that cannot be used.
     with suppress(RigError):
         if (audio := rigs.load(rig).audio) is not None and audio.channels.loopback is not None:

@@ -20,6 +20,9 @@ from experiment.rehearsal.footstep.participant import SimulatedParticipant
 
 PARTICIPANTS = 2
 
+LONGEST_LIFE_S = 0.4
+"""In 0.1 to 0.25 s a rehearsal goes on with where it was, and then answers a trial in 8 ms."""
+
 
 def rehearse(out: Path, seed: int) -> None:
     """The whole rehearsal in this process, as `palpate rehearse --jobs 1` does it."""
@@ -81,7 +84,7 @@ def main() -> None:
         died = 0
         ended = False
         while not ended:
-            told, ended = one_life(out, seed + number, moments.uniform(0.0, 0.6) if left > 0 else None)
+            told, ended = one_life(out, seed + number, moments.uniform(0.0, LONGEST_LIFE_S) if left > 0 else None)
             confirmed += told
             died += not ended
             left -= not ended
