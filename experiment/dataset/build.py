@@ -25,6 +25,7 @@ from experiment.protocol.models import Protocol, Task
 from experiment.records import entries, journal
 from experiment.records.events import NO_ANSWER
 from experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from experiment.records.progress import progress
 from experiment.records.stimulus import Onset, Stimulus
 from experiment.storage import foot_path, rig_path
 
@@ -96,6 +97,23 @@ def build(root: Path, each: Each = map) -> None:
         pass
 
 
+UNMADE = (
+    "a rehearsal makes its tables at its end, which this one has not reached; the same palpate rehearse goes on with it"
+)
+
+
+def unmade(root: Path, dataset: Believed) -> bool:
+    """Return whether tables may be missing, or older than the journals, because a rehearsal was interrupted.
+
+    What is analysed after the tables were made stands in `derivatives`.
+    """
+    if dataset.purpose != "REHEARSAL" or (root / "derivatives").exists():
+        return False
+    complete = sum(progress(journal.read(path).entries).complete for path, _ in dataset.sessions)
+    planned = sum(map(len, dataset.tasks.values()))
+    return complete < planned or not all(_has_table(root, header) for _, header in dataset.sessions)
+
+
 def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, path: Path) -> None:
     session = _session(path, journal.read(path))
     bids.write_files(_events(root, protocol, purpose, session))
@@ -109,9 +127,13 @@ def check_tables(root: Path) -> Believed:
     the first table or trace that differs, and where no session has ended and none has a table.
     """
     dataset = believed(root)
-    for doubt in edited(root, dataset, dataset.under_way):
+    doubts = edited(root, dataset, dataset.under_way)
+    none = dataset.under_way and not any(_has_table(root, header) for _, header in dataset.sessions)
+    if (doubts or none) and unmade(root, dataset):
+        raise DatasetError(f"{root}: {UNMADE}")
+    for doubt in doubts:
         raise doubt
-    if dataset.under_way and not any(_has_table(root, header) for _, header in dataset.sessions):
+    if none:
         raise DatasetError(
             f"{root}: no session has ended yet, and no table has been made; end one, or have tables made of what was "
             f"answered so far (palpate build {root})"

@@ -129,7 +129,7 @@ def verify(
 def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused: set[str]) -> Iterator[Finding]:
     """Tell what several files show together, but for what is `told` already; those that are `refused` show nothing."""
     held: Believed | None = None
-    made = True
+    unmade = False
     doubts: list[PalpateError] = []
     tables: list[PalpateError] = []
     try:
@@ -137,16 +137,15 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
         refused = refused | {_refused(root, doubt).item for doubt in doubts}
         sound = tuple(one for one in dataset.sessions if one[0].relative_to(root).as_posix() not in refused)
         held = replace(dataset, sessions=sound, under_way=dataset.under_way.intersection(path for path, _ in sound))
-        # A rehearsal makes its tables once, at its end.
-        made = dataset.purpose != "REHEARSAL" or any((*root.glob("participants.tsv"), *root.glob("sub-*")))
-        if sound and made:
+        if sound:
             tables = [*build.edited(root, held, held.under_way, whole=not refused), *_lost_traces(root, held)]
+            unmade = bool(tables) and build.unmade(root, dataset)
     except PalpateError as error:
         doubts = [*doubts, error]
-    for doubt in (*doubts, *tables):
+    for doubt in (*doubts, *(() if unmade else tables)):
         # A roster that was cut is told once, and not for each session that began under it.
         by_roster = isinstance(doubt.__cause__, RosterError) and str(doubt.__cause__).startswith(f"{root}/")
-        finding = _refused(root, doubt.__cause__ if by_roster else doubt)  # type: ignore[arg-type]
+        finding = _refused(root, doubt.__cause__ if by_roster else doubt)
         if finding.text not in told:
             told.add(finding.text)
             yield finding
@@ -170,9 +169,8 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
         yield Finding("note", LOG.as_posix(), text)
     for path in sorted(held.under_way):
         yield Finding("note", path.relative_to(root).as_posix(), beliefs.OPEN)
-    if not made:
-        text = f"were not made yet: run the rest of this rehearsal by the same command, or palpate build {root}"
-        yield Finding("note", "tables", text)
+    if unmade:
+        yield Finding("note", "tables", f"were not compared: {build.UNMADE}")
         return
     others = "but for those refused, " * bool(tables)
     given = "that hold give; those of other journals and of all participants, and" if refused else "give;"

@@ -102,7 +102,9 @@ def run(
     if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
         recordings = _real_recordings(root, recordings, protocol)
         fidelity.refuse_simulated_table(rig_file, rig)
-        told = fidelity.judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings)
+        told = fidelity.judged(
+            protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings, task_ids=tasks
+        )
         console.show(f"Rig '{rig.rig.name}': {told}.")
     if protocol.comparison is not None and any(protocol.task(task).stimulus == "virtual" for task in tasks):
         servo.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)

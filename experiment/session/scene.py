@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -62,9 +62,12 @@ def virtual(protocol: Protocol) -> Scene:
     )
 
 
-def played(protocol: Protocol) -> list[Scene]:
-    """Return the scene of a task with virtual stimuli, for each choice of materials that one presents."""
-    virtual_ids = [task.id for task in protocol.tasks if task.stimulus == "virtual"]
+def played(protocol: Protocol, task_ids: Collection[str] | None = None) -> list[Scene]:
+    """Return the scene of a task with virtual stimuli, for each choice of materials that one presents.
+
+    Where `task_ids` are given, only they count.
+    """
+    virtual_ids = [t.id for t in protocol.tasks if t.stimulus == "virtual" and (task_ids is None or t.id in task_ids)]
     each = [plan(protocol=protocol, task_id=one) for one in virtual_ids] or [virtual(protocol)]
     return list({scene.materials: scene for scene in each}.values())
 

@@ -159,13 +159,18 @@ def test_a_rehearsal_that_fails_after_its_first_session_began_is_kept(
     assert journal.read(storage.journal_path(tmp_path / "rehearsal", "01", "virtual")).lines
 
 
-def test_the_status_of_one_that_was_killed_names_the_command_that_goes_on(tmp_path: Path, one: Path) -> None:
-    root = tmp_path / "rehearsal"
-    shutil.copytree(one, root)
-    path = storage.journal_path(root, "01", "virtual")
+def cut_off(root: Path, task: str = "virtual") -> None:
+    """Leave of a session what was there when it was killed in an early trial."""
+    path = storage.journal_path(root, "01", task)
     lines = path.read_bytes().splitlines(keepends=True)[:20]
     path.write_bytes(b"".join(lines))
     path.with_suffix(".head").write_text(f"{len(lines):012d} {hashlib.sha256(lines[-1].rstrip()).hexdigest()}\n")
+
+
+def test_the_status_of_one_that_was_killed_names_the_command_that_goes_on(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    cut_off(root)
     [told] = status(root, date(2026, 11, 26)).reminders
     assert "task virtual has no end on record" in told
     assert told.endswith("the same palpate rehearse goes on with it.")
@@ -173,14 +178,40 @@ def test_the_status_of_one_that_was_killed_names_the_command_that_goes_on(tmp_pa
 
 def test_one_that_was_interrupted_before_its_tables_were_made_is_accused_of_nothing(tmp_path: Path, one: Path) -> None:
     root = tmp_path / "rehearsal"
-    shutil.copytree(
-        one, root, ignore=lambda _, names: {*names} - {"sourcedata", "stimuli"} if "stimuli" in names else ()
-    )
-    tables = {finding.item: finding.word for finding in verify(root).findings}
-    assert "refused" not in tables.values()
-    assert tables["tables"] == "note"
-    shutil.copytree(one / "sub-01", root / "sub-01")
-    assert "participants.tsv" in {finding.item for finding in verify(root).findings if finding.word == "refused"}
+
+    def found() -> tuple[set[str], str]:
+        told = verify(root).findings
+        [tables] = [finding.word for finding in told if finding.item == "tables"]
+        return {finding.item for finding in told if finding.word == "refused"}, tables
+
+    shutil.copytree(one, root)
+    assert found() == (set(), "holds")
+    (root / "participants.tsv").unlink()
+    assert found() == ({"participants.tsv"}, "holds"), "complete, and every session has its table"
+    shutil.rmtree(root / "sub-01")
+    assert found() == (set(), "note"), "as of one that was interrupted while tables were made"
+    with pytest.raises(DatasetError, match="the same palpate rehearse goes on with it"):
+        build.check_tables(root)
+    (root / "derivatives").mkdir()
+    assert "participants.tsv" in found()[0], "they were made, for they were analysed"
+    (root / "derivatives").rmdir()
+    cut_off(root)
+    assert found() == (set(), "note")
+    build.build(root)
+    assert found() == (set(), "holds"), "made of what there was"
+
+
+def test_tables_that_are_older_than_an_unfinished_rehearsal_are_no_doubt(tmp_path: Path, one: Path) -> None:
+    root = tmp_path / "rehearsal"
+    shutil.copytree(one, root)
+    cut_off(root)
+    build.build(root)
+    for path in (one / "sourcedata" / "sub-01").glob("*virtual*"):
+        shutil.copy(path, root / "sourcedata" / "sub-01")
+    cut_off(root, "real")
+    report = verify(root)
+    assert not report.refused, report
+    assert "were not compared" in str(report)
 
 
 def interrupted(*_: object) -> None:

@@ -9,8 +9,9 @@ that they are the same.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Collection, Iterable
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from math import inf
 from operator import attrgetter
 from pathlib import Path
@@ -43,7 +44,7 @@ BEYOND = 1.5
 
 @dataclass(frozen=True)
 class Fidelity:
-    """The budgets of one material at each speed, mm/s, and what stands beside them, as shares of the rms asked for.
+    """The budgets of one material at each speed, mm/s, and what may stand beside them, as shares of the rms asked for.
 
     `nearest_m_s2` is the dissimilarity (6) to the most similar of the other materials of the scene, at each speed,
     empty where there is none. `other_reading` is how far the other reading of equation (7) lies there, empty where the
@@ -53,10 +54,10 @@ class Fidelity:
 
     speeds_mm_s: tuple[float, ...]
     budgets: tuple[Budget, ...]
-    nearest_m_s2: tuple[float, ...]
-    other_reading: tuple[float, ...]
-    interpolation: float | None
-    averaging: float | None
+    nearest_m_s2: tuple[float, ...] = ()
+    other_reading: tuple[float, ...] = ()
+    interpolation: float | None = None
+    averaging: float | None = None
 
     def range(self, of: Callable[[Budget], float]) -> tuple[float, float]:
         """Return the least and the most of a value of the budgets over the speeds."""
@@ -75,9 +76,15 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
 
 
 def fidelity(
-    *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
+    *,
+    scene: scenes.Scene,
+    protocol: Protocol,
+    rig: Rig,
+    rig_folder: Path,
+    recordings: Path,
+    beside: bool = True,
 ) -> dict[str, Fidelity]:
-    """Return the fidelity of each material that a scene plays, by its id.
+    """Return the fidelity of each material that a scene plays, by its id; its budgets alone without what is `beside`.
 
     Raises `RecordingError` if a recording is missing or unusable, and `RigError` if the response table is.
     """
@@ -85,7 +92,6 @@ def fidelity(
     from experiment.recordings import manifest
     from experiment.synthesis import budget
 
-    taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2)
@@ -93,14 +99,21 @@ def fidelity(
         full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=rig.actuator.carries_hz
     )
     prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
+    taken = (
+        manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
+        if beside
+        else None
+    )
     found, speeds = {}, speeds_mm_s(protocol)
     for material, basis in prepared.items():
         stimuli = [basis.at(v) for v in speeds]
         played = [condition(stimulus) for stimulus in stimuli]
         told = [one.budget() for one in played]
-        found[material] = Fidelity(
-            speeds_mm_s=speeds,
-            budgets=tuple(each for each, _ in told),
+        found[material] = Fidelity(speeds, tuple(each for each, _ in told))
+        if taken is None:
+            continue
+        found[material] = replace(
+            found[material],
             nearest_m_s2=tuple(_nearest_m_s2(material, spectra, v) for v in speeds) if len(spectra) > 1 else (),
             other_reading=tuple(
                 budget.other_reading(stimulus, shaped=shaped, response=one.drive.response)
@@ -129,28 +142,26 @@ def carried_hz(rig: Rig, rig_folder: Path) -> tuple[float, float] | None:
     return float(measured[0]), float(measured[-1])
 
 
-def judged(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> str:
-    """Return in words what a rig leaves out at most of what tasks of a study present.
+def judged(
+    *, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, task_ids: Collection[str] | None = None
+) -> str:
+    """Return in words what a rig leaves out at most of what tasks of a study present: these, or all of them.
 
-    Raises `RigError` for more than the protocol allows, which says how much, and otherwise as `fidelity`.
+    Raises `RigError` for more than the protocol allows of any task, and otherwise as `fidelity`.
     """
     carries_hz = carried_hz(rig, rig_folder)
-    _, worst = _every(protocol, rig, rig_folder, recordings, carries_hz)
+    of = None if protocol.footsteps.synthesis.left_out_max is not None else task_ids
+    given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+    worst = _worst((given(scene=one, beside=False) for one in scenes.played(protocol, of)), carries_hz)
     if told := refusal(protocol, rig, worst, carries_hz):
         raise RigError(told)
     known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
     return known if carries_hz else f"{UNKNOWN}; where all are carried, {known}"
 
 
-def _every(
-    protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, carries_hz: tuple[float, float] | None
-) -> tuple[dict[tuple[str, ...], dict[str, Fidelity]], MostLeftOut]:
-    """Return the fidelity of each choice of materials that a task plays, and what is left out at most of any."""
-    found = {
-        scene.materials: fidelity(scene=scene, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
-        for scene in scenes.played(protocol)
-    }
-    return found, max((most_left_out(one, carries_hz) for one in found.values()), key=attrgetter("share"))
+def _worst(scenes_found: Iterable[dict[str, Fidelity]], carries_hz: tuple[float, float] | None) -> MostLeftOut:
+    """Return what a rig leaves out at most of what several scenes play."""
+    return max((most_left_out(one, carries_hz) for one in scenes_found), key=attrgetter("share"))
 
 
 def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
@@ -398,8 +409,11 @@ class ErrorBudget:
 def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> ErrorBudget:
     """Return the error budget of what a task plays on a rig, refused for any task; errors as in `fidelity`."""
     carries_hz = carried_hz(rig, rig_folder)
-    every, worst = _every(protocol, rig, rig_folder, recordings, carries_hz)
-    found = every[scenes.plan(protocol=protocol, task_id=task_id).materials]
+    given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+    own = scenes.plan(protocol=protocol, task_id=task_id)
+    found = given(scene=own)
+    others = [one for one in scenes.played(protocol) if one.materials != own.materials]
+    worst = _worst([found, *(given(scene=one, beside=False) for one in others)], carries_hz)
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"
     unmeasured = _unmeasured(rig_folder, rig)

@@ -466,6 +466,12 @@ def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
     assert verify(study.root).verdict[0].endswith("Keep the folder as it is, and compare it with a backup.")
 
 
+def test_a_study_whose_tables_are_all_gone_is_refused(study: MadeStudy) -> None:
+    for path in (study.root / "participants.tsv", *study.root.glob("sub-*")):
+        path.unlink() if path.is_file() else shutil.rmtree(path)
+    assert "is missing; make it again" in refused(verify(study.root))["participants.tsv"]
+
+
 def test_tables_are_made_again_only_where_the_journals_hold(study: MadeStudy, anchored: Path) -> None:
     """The tables may be the last that knows of what is gone."""
     path = study.journal()
