@@ -92,11 +92,7 @@ def _numbered(sections: Sequence[Section], sheets: Sequence[Sheet]) -> list[tupl
 
 
 def _section(
-    section: Section,
-    label: str,
-    sheets: Sequence[tuple[int, Sheet]],
-    files: Mapping[str, bytes],
-    first: str = "",
+    section: Section, label: str, sheets: Sequence[tuple[int, Sheet]], files: Mapping[str, bytes], first: str = ""
 ) -> str:
     rank = "h3" if section.part else "h2"
     parts = [f'<section id="{section.slug}"{first}><{rank}>{escape(section.title)}</{rank}>']

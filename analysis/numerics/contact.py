@@ -313,12 +313,7 @@ def _grows(method: str, ratio: float, h_w: float) -> bool:
     stiffness = (h_w / step_s) ** 2
     damping = 2 * ratio * sqrt(stiffness)
     block = Block(
-        (stiffness, 0.0),
-        (damping, 0.0),
-        (mass, mass),
-        law="printed",
-        force_n=(stiffness * far, 0.0),
-        nominal_s=step_s,
+        (stiffness, 0.0), (damping, 0.0), (mass, mass), law="printed", force_n=(stiffness * far, 0.0), nominal_s=step_s
     )
     once, swing = STEPPERS[method], 1e-9 * far
     at, early, late = Motion(RETURNING, far + swing, 0.0), 0.0, 0.0

@@ -370,13 +370,7 @@ def _dominated(one: Measured, rows: Sequence[Measured]) -> str:
     return "-" if (found := dominated(one, rows)) is None else "yes" if found else "no"
 
 
-UNITS = {
-    "samples": "bins",
-    "output_rate_hz": "Hz",
-    "speed_mm_s": "mm/s",
-    "frequencies": "frequencies",
-    "length_s": "s",
-}
+UNITS = {"samples": "bins", "output_rate_hz": "Hz", "speed_mm_s": "mm/s", "frequencies": "frequencies", "length_s": "s"}
 
 
 def _outcome(one: Outcome) -> str:

@@ -428,8 +428,7 @@ class Published(Confined):
     source: Text
     chance: Share | None = None
     levels: Annotated[
-        tuple[PrintedLevel, ...],
-        AfterValidator(lambda levels: tuple(sorted(levels, key=lambda level: level.p.value))),
+        tuple[PrintedLevel, ...], AfterValidator(lambda levels: tuple(sorted(levels, key=lambda level: level.p.value)))
     ] = ()
     task: tuple[PrintedTask, ...] = ()
     table: tuple[PrintedTable, ...] = ()

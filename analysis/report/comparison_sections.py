@@ -35,10 +35,7 @@ def sections(study: Study, results: Compared, printed: Published | None = None) 
     pairs = _pairs(results)
     against = [_of_pairs(stands, task.task.id) for task in results.tasks]
     parts = {
-        stands.results: (
-            plan.marked(pairs, *against),
-            _scales(results, stands),
-        ),
+        stands.results: (plan.marked(pairs, *against), _scales(results, stands)),
         "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
         "Checks": ((plan.marked(_in_print(study, results, in_print), plan.DESCRIPTIVE),) if in_print else ()),
         "": (plan.exclusions_section(study),),

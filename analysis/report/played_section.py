@@ -19,6 +19,9 @@ UNHEARD = (
 LITTLE = 5e-6
 """Shares below are shown as less than 0.001 %."""
 
+MUCH, MORE = 0.01, 1.05
+"""An error is told beside what was left out from this share on, and from so many times that."""
+
 PRACTISED = " The rig is simulated, and practice is not refused for it; sessions of a study are, by left_out_max."
 
 ABOUT = (
@@ -67,13 +70,18 @@ def played_sections(study: Study) -> tuple[Section, ...]:
 def left_out(study: Study) -> tuple[str, ...]:
     """Return in a sentence what the rig left out at most of what was asked for, or nothing where that is little."""
     known = _known(study)
-    if known.empty or (most := known.sort_values("left_out").iloc[-1])["left_out"] < LITTLE:
+    if known.empty:
         return ()
-    return (
+    most, off = known.sort_values("left_out").iloc[-1], known["stimulus_error"].max()
+    less = bool(most["left_out"] >= LITTLE)
+    told = [
         f"The rig did not carry all that was asked for: up to {_percent(most['left_out'])} % of a vibration (rms) was "
-        f"left out, of {most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s. What participants felt and answered "
-        f"is about what was played.{PRACTISED if study.origin == 'PRACTICE' else ''}",
-    )
+        f"left out, of {most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s."
+    ] * less
+    if off >= max(MUCH, MORE * most["left_out"]):
+        told.append(f"With the limits of panel and amplifier, stimuli were off by up to {_percent(off)} %.")
+    about = "What participants felt and answered is about what was played."
+    return (" ".join([*told, about]) + (PRACTISED if study.origin == "PRACTICE" else ""),) if told else ()
 
 
 def _known(study: Study) -> pd.DataFrame:

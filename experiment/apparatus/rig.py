@@ -36,13 +36,7 @@ from experiment.settings.load import ONE_LINE, Address, Broken, Confined, Line, 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
 
-PLACES = {
-    "tracker": "port",
-    "actuator": "address",
-    "accelerometer": "address",
-    "audio": "device",
-    "servo": "address",
-}
+PLACES = {"tracker": "port", "actuator": "address", "accelerometer": "address", "audio": "device", "servo": "address"}
 """Where each device of a rig is found, by its table: the key that a simulated rig leaves to the rehearsal."""
 
 

@@ -315,8 +315,11 @@ def numerics(
     with options.progress("numerics", quiet=as_json) as (total, tick):
         result = measured.run(measured.QUICK if quick else measured.FULL, total=total, tick=tick)
     if out is not None:
+        options.at_once("Drawing the plots ...")
         report.write(result, out)
     options.put(report.as_dict(result) if as_json else report.text(result))
+    if out is not None and not as_json:
+        typer.echo(f"Tables, plots and what was played: {out}")
     if result.failed:
         raise typer.Exit(1)
 

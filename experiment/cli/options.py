@@ -40,8 +40,7 @@ StudyFolder = Annotated[
     Path | None, typer.Option("--dataset", help="Folder of the study's dataset [default: participants/STUDY].")
 ]
 StudyPlace = Annotated[
-    Path,
-    typer.Argument(metavar="STUDY", help="Folder of a study's dataset, or a protocol file for the default one."),
+    Path, typer.Argument(metavar="STUDY", help="Folder of a study's dataset, or a protocol file for the default one.")
 ]
 AtConsole = Annotated[
     str, typer.Option("--by", metavar="LABEL", help="Who sits at the console: a label for the record, no name.")

@@ -209,8 +209,7 @@ def check(
         Path | None, typer.Option("--rig", help="Rig file: does it carry this study's vibrations, or bear its block?")
     ] = None,
     recordings: Annotated[
-        Path | None,
-        typer.Option("--recordings", help="Folder of recordings, for --rig [default: the dataset's own]."),
+        Path | None, typer.Option("--recordings", help="Folder of recordings, for --rig [default: the dataset's own].")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -294,9 +293,9 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     from experiment.study.enrolment import default_root
 
     rig = rigs.load(rig_file)
+    if not protocol.renders:
+        return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
     if protocol.footstep is None:
-        if not protocol.renders:
-            return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
         bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
         refusal = RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
         planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
@@ -307,10 +306,10 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
         return "", refused
     folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
     most = protocol.footstep.synthesis.left_out_max
-    allowed = "sets no limit" if most is None else f"allows {most:.4g}"
+    allowed = "sets no limit" if most is None else f"allows {most * 100:.6g}%"
     if recordings is None and not folder.exists():
         if most is not None:
-            limited = f"the protocol allows a rig to leave out {most:.4g} of a vibration"
+            limited = f"the protocol {allowed} of a vibration to be left out"
             return "", RecordingError(f"{limited}, and {folder} has no recordings; name their folder (--recordings)")
         limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
         return f"{name}: {limitless}. Name the folder of recordings (--recordings), and what is left out is told.", None
@@ -318,7 +317,7 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
         told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
     except PalpateError as refused:
         return "", refused
-    return f"{name}: {told}, of the recordings in {folder}. The protocol {allowed}.", None
+    return f"{name}: {told}. The protocol {allowed}. The recordings are those in {folder}.", None
 
 
 @commands.command(

@@ -30,9 +30,7 @@ RigFile = Annotated[Path, typer.Option("--rig", help="Rig file of this laborator
 
 
 @commands.command(epilog="Example: palpate devices --json")
-def devices(
-    as_json: Json = False,
-) -> None:
+def devices(as_json: Json = False) -> None:
     """List the devices of this machine.
 
     Serial ports, with the programs that hold them, and audio devices are listed under the names that a rig file uses.
@@ -139,17 +137,18 @@ def left_out(
     if protocol is None:
         yield checks.unchecked(name, "no protocol was given", "add --protocol, and the folder of its --recordings")
         return
+    most = protocol.footsteps.synthesis.left_out_max
+    allowed = f"{most * 100:.6g}%" if most else "anything, for the protocol has no footstep.synthesis.left_out_max"
     folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS
     if recordings is None and not folder.exists():
-        yield checks.unchecked(name, f"there are no recordings in {folder} yet", "give their folder, with --recordings")
+        told = f"there are no recordings in {folder} yet, of which a rig may leave out {allowed}"
+        yield checks.unchecked(name, told, "give their folder, with --recordings")
         return
     try:
         told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
     except PalpateError as error:
         yield checks.refused(name, error)
         return
-    most = protocol.footsteps.synthesis.left_out_max
-    allowed = "anything, for the protocol has no footstep.synthesis.left_out_max" if most is None else f"{most:.4g}"
     yield checks.Check(name, "green", told, allowed)
 
 
@@ -280,10 +279,7 @@ def calibrate_audio(
 
             typer.echo("SIMULATED: this sound card is software and not a device", err=True)
             card = SoundCard(
-                rate_hz=audio.rate_hz,
-                block=audio.block,
-                inputs=audio.channels.inputs,
-                outputs=audio.channels.outputs,
+                rate_hz=audio.rate_hz, block=audio.block, inputs=audio.channels.inputs, outputs=audio.channels.outputs
             )
             opened.callback(card.close)
             device = DEVICE

@@ -55,8 +55,7 @@ def run(
         ),
     ] = False,
     lines: Annotated[
-        bool,
-        typer.Option("--lines", help="Ask on lines of text [default: a console, if this is a terminal]."),
+        bool, typer.Option("--lines", help="Ask on lines of text [default: a console, if this is a terminal].")
     ] = False,
     by: AtConsole = "console",
     serve: Annotated[

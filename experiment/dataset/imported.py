@@ -41,13 +41,7 @@ class Imported:
 
 
 def import_trials(
-    paths: Sequence[Path],
-    out: Path,
-    layout: Layout,
-    *,
-    study: str,
-    source: str,
-    materials: Sequence[str] = (),
+    paths: Sequence[Path], out: Path, layout: Layout, *, study: str, source: str, materials: Sequence[str] = ()
 ) -> Imported:
     """Build the dataset `out` from files of single trials.
 

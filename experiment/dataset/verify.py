@@ -408,12 +408,7 @@ def _of(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> list[
     """Return what is anchored of a file, the fewest lines first."""
     return sorted(
         (
-            _Anchored(
-                prefix.lines,
-                anchor.anchored_utc[:10],
-                place.place,
-                prefix.begins(hashes),
-            )
+            _Anchored(prefix.lines, anchor.anchored_utc[:10], place.place, prefix.begins(hashes))
             for place in evidence
             for anchor in place.anchors
             for prefix in anchor.prefixes

@@ -317,10 +317,7 @@ class Shown(Message):
     t_ns: int
 
 
-Deed = Annotated[
-    Choose | Write | TakeNote | Correct | Repeat | Pause | Stop | Typed | Shown,
-    Field(discriminator="do"),
-]
+Deed = Annotated[Choose | Write | TakeNote | Correct | Repeat | Pause | Stop | Typed | Shown, Field(discriminator="do")]
 """What a command asks for."""
 
 

@@ -10,16 +10,7 @@ from typing import TYPE_CHECKING, TextIO
 
 from experiment.clock import minutes
 from experiment.desk.messages import Correct, Repeat, TakeNote
-from experiment.desk.port import (
-    NO,
-    RESTS,
-    WITHOUT,
-    YES,
-    Attended,
-    Remark,
-    laid_out,
-    lasting,
-)
+from experiment.desk.port import NO, RESTS, WITHOUT, YES, Attended, Remark, laid_out, lasting
 from experiment.errors import ScreenGone
 from experiment.settings import characters
 

@@ -168,6 +168,10 @@ class Material(Confined):
     amplitude: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
+SLOWEST_MM_S, FASTEST_MM_S = 10.0, 10_000.0
+"""No stepping foot is slower or faster."""
+
+
 class Synthesis(Confined):
     """Recordings from which virtual stimuli are made (section 3.1 of the source).
 
@@ -186,7 +190,7 @@ class Synthesis(Confined):
     rate_hz: Annotated[int, Field(ge=100, le=192_000)]
     samples: Annotated[int, Field(ge=2, le=1_000_000)]
     takes: Annotated[int, Field(ge=1, le=100)]
-    speeds_mm_s: Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=2)]
+    speeds_mm_s: Annotated[tuple[Annotated[float, Field(ge=SLOWEST_MM_S, le=FASTEST_MM_S)], ...], Field(min_length=2)]
     average: Literal["magnitude", "signed"] = "magnitude"
     left_out_max: Annotated[float, Field(gt=0, le=1)] | None = None
 

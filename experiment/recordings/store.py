@@ -28,13 +28,9 @@ from experiment.apparatus.ports import Window
 from experiment.apparatus.tracker.calibration import Zero
 from experiment.errors import RecordingError
 from experiment.protocol import approval
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import FASTEST_MM_S, SLOWEST_MM_S, Protocol
 from experiment.recordings.manifest import MANIFEST
 from experiment.settings.load import toml
-
-SLOWEST_MM_S = 10.0
-FASTEST_MM_S = 10_000.0
-"""No stepping foot is slower or faster."""
 
 PLAN = "plan.json"
 LOCK = "lock"

@@ -169,7 +169,8 @@ def _played(stimulus: Stimulus | None, onset: Onset | None) -> str:
     if stimulus.handed_unit == "V":
         said += f" at the panel for {stimulus.handed_peak:.3g} V"
     if stimulus.computed.left_out is not None:
-        said += f", off by {stimulus.computed.relative_error:.2%} (rms), {stimulus.computed.left_out:.2%} left out"
+        said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
+    said += ", at a speed beyond those recorded" * stimulus.extrapolated
     return said if onset and onset.delivered else f"{said}; delivery was not measured"
 
 

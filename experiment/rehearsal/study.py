@@ -144,13 +144,7 @@ def practice_folder(protocol: Protocol) -> Path:
 
 
 def practise(
-    *,
-    protocol_file: Path,
-    rig_file: Path,
-    participant: str,
-    task_id: str | None,
-    out: Path | None,
-    console: Console,
+    *, protocol_file: Path, rig_file: Path, participant: str, task_id: str | None, out: Path | None, console: Console
 ) -> Footer:
     """Have an experimenter at `console` practise a session with a simulated participant, and return its footer.
 

@@ -399,12 +399,7 @@ def _keep_recordings(root: Path, folder: Path) -> Path:
 
 
 def _wait_for_break(
-    root: Path,
-    protocol: Protocol,
-    allocation: Allocation,
-    task_id: str,
-    clock: Clock,
-    console: Console,
+    root: Path, protocol: Protocol, allocation: Allocation, task_id: str, clock: Clock, console: Console
 ) -> None:
     """Let the protocol's break pass since the participant's other tasks."""
     for other in allocation.tasks:

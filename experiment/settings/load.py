@@ -73,8 +73,7 @@ Name = Annotated[
     AfterValidator(characters.naming),
 ]
 Key = Annotated[
-    str,
-    Field(pattern=r"^[!-@\[-~]$", description="one ASCII character, neither a capital letter nor a blank"),
+    str, Field(pattern=r"^[!-@\[-~]$", description="one ASCII character, neither a capital letter nor a blank")
 ]
 
 

@@ -71,11 +71,7 @@ class Budget:
 
 
 def of_accelerations(
-    stimulus: Stimulus,
-    *,
-    handed_m_s2: NDArray[np.float64],
-    limited: int,
-    carries_hz: tuple[float, float] = (0.0, inf),
+    stimulus: Stimulus, *, handed_m_s2: NDArray[np.float64], limited: int, carries_hz: tuple[float, float] = (0.0, inf)
 ) -> Budget:
     """Return the budget of a device that takes accelerations; it was handed these, m/s^2, shape (n,).
 

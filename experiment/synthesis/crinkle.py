@@ -222,9 +222,7 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
     if not total <= LOUDEST_M_S2 * FARTHEST:
         raise SynthesisError(f"speed_mm_s: got {v}; allowed: speeds at which the spectrum is finite; check the tracker")
     return SpectrumAtSpeed(
-        coefficients=sounding * spectra.signs[nearest],
-        floored_bins=int(floored),
-        extrapolated=extrapolated,
+        coefficients=sounding * spectra.signs[nearest], floored_bins=int(floored), extrapolated=extrapolated
     )
 
 

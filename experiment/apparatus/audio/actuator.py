@@ -62,9 +62,7 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
     rest[onset : onset + wanted.size] -= product / energy * wanted
     unexplained = float(rest @ rest) / (gain**2 * energy)
     return Alignment(
-        onset=onset,
-        gain=product / energy,
-        residual_db=10 * float(np.log10(max(unexplained, 10 ** (LEAST_DB / 10)))),
+        onset=onset, gain=product / energy, residual_db=10 * float(np.log10(max(unexplained, 10 ** (LEAST_DB / 10))))
     )
 
 

@@ -354,12 +354,7 @@ class AudioStream:
             sounddevice = library()
             self._abort = sounddevice.CallbackAbort
             number = find(host_api=settings.host_api, name=settings.device, inputs=settings.inputs, outputs=outputs)
-            asked = {
-                "samplerate": settings.rate_hz,
-                "blocksize": settings.block,
-                "dtype": "float32",
-                "latency": "low",
-            }
+            asked = {"samplerate": settings.rate_hz, "blocksize": settings.block, "dtype": "float32", "latency": "low"}
             if settings.inputs:
                 self._stream = sounddevice.Stream(
                     device=(number, number), channels=(settings.inputs, outputs), callback=self._called, **asked

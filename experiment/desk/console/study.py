@@ -27,12 +27,7 @@ from experiment.errors import PalpateError
 AGAIN_S = 5.0
 """The study is read again after so long, s."""
 
-KEYS = {
-    "enter": "begin or resume",
-    "f": "flow of participants",
-    "r": "read again",
-    "f9": "leave",
-}
+KEYS = {"enter": "begin or resume", "f": "flow of participants", "r": "read again", "f9": "leave"}
 
 SIGNS: dict[State, tuple[str, str]] = {
     "done": ("●", GOOD),

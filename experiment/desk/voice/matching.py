@@ -101,9 +101,7 @@ def _mistaken(answers: tuple[str, ...], apart: NDArray[np.float64]) -> dict[str,
     return {one: other for one, other in zip(answers, nearest, strict=True) if one != other}
 
 
-def _apart(
-    takes: Mapping[str, Sequence[Take]],
-) -> tuple[tuple[str, ...], tuple[Take, ...], NDArray[np.float64]]:
+def _apart(takes: Mapping[str, Sequence[Take]]) -> tuple[tuple[str, ...], tuple[Take, ...], NDArray[np.float64]]:
     """Return the answer of every take, the takes, and how far they are apart, inf from themselves, (takes, takes)."""
     answers = tuple(answer for answer, said in takes.items() for _ in said)
     every = tuple(take for said in takes.values() for take in said)

@@ -49,9 +49,9 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from experiment.errors import RecordingError, SynthesisError
-from experiment.protocol.models import Protocol
+from experiment.protocol.models import FASTEST_MM_S, Protocol
 from experiment.recordings.manifest import Recordings
-from experiment.recordings.store import FASTEST_MM_S, SIMULATED, Condition, Plan, Take, plan, write
+from experiment.recordings.store import SIMULATED, Condition, Plan, Take, plan, write
 from experiment.recordings.workflow import SPEED_TOLERANCE
 from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity_matrix, spectrum
 

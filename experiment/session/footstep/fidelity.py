@@ -12,7 +12,7 @@ import textwrap
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import partial
-from math import inf
+from math import inf, sqrt
 from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -76,13 +76,7 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
 
 
 def fidelity(
-    *,
-    scene: scenes.Scene,
-    protocol: Protocol,
-    rig: Rig,
-    rig_folder: Path,
-    recordings: Path,
-    beside: bool = True,
+    *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, beside: bool = True
 ) -> dict[str, Fidelity]:
     """Return the fidelity of each material that a scene plays, by its id; its budgets alone without what is `beside`.
 
@@ -149,6 +143,8 @@ def judged(
 
     Raises `RigError` for more than the protocol allows of any task, and otherwise as `fidelity`.
     """
+    from experiment.recordings import manifest
+
     carries_hz = carried_hz(rig, rig_folder)
     of = None if protocol.footsteps.synthesis.left_out_max is not None else task_ids
     given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
@@ -156,6 +152,8 @@ def judged(
     if told := refusal(protocol, rig, worst, carries_hz):
         raise RigError(told)
     known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
+    known = f"{'of SIMULATED recordings, ' * manifest.is_simulated(recordings)}{known}"
+    known += f"; {worst.weaker}" if worst.weaker else ""
     return known if carries_hz else f"{UNKNOWN}; where all are carried, {known}"
 
 
@@ -190,30 +188,42 @@ UNKNOWN = "nobody measured which frequencies its actuator carries"
 
 @dataclass(frozen=True)
 class MostLeftOut:
-    """The largest share (rms) that a rig leaves out of any vibration: in words, and what would lower it."""
+    """The largest share (rms) that a rig leaves out of any vibration: in words, and what would lower it.
+
+    What of a vibration is left is `weaker` besides, in words, where limits take it down; empty where they never do.
+    """
 
     share: float
     told: str
     remedy: str
+    weaker: str
 
 
 def most_left_out(found: dict[str, Fidelity], carries_hz: tuple[float, float] | None) -> MostLeftOut:
     """Return what a rig leaves out at most of the materials, at any speed that counts, and by which cause most."""
-    budget, speed_mm_s, material = max(
-        (
-            (each, v, material)
-            for material, of in found.items()
-            for v, each in zip(of.speeds_mm_s, of.budgets, strict=True)
-        ),
-        key=lambda one: one[0].left_out,
+    every = [
+        (each, v, material)
+        for material, of in found.items()
+        for v, each in zip(of.speeds_mm_s, of.budgets, strict=True)
+    ]
+    budget, speed_mm_s, material = max(every, key=lambda one: one[0].left_out)
+    down, at_mm_s, of_material = max(every, key=lambda one: one[0].taken_down)
+    weaker = (
+        f"limits of panel and amplifier take up to {down.taken_down:.1%} off {of_material} at {at_mm_s:.0f} mm/s"
+        if down.taken_down >= SHOWN
+        else ""
     )
     if budget.left_out < SHOWN:
-        return MostLeftOut(budget.left_out, "nothing", "")
+        return MostLeftOut(budget.left_out, "nothing", "", weaker)
     parts = [(float(getattr(budget, field)), name, remedy) for field, name, remedy in causes(carries_hz)[:LEAVING_OUT]]
     counting = [part for part in parts if part[0] >= max(parts)[0] / 2]
     why = ", ".join(f"{share:.0%} {name}" for share, name, _ in counting)
-    told = f"{budget.left_out:.1%} (rms) of {material} at {speed_mm_s:.0f} mm/s ({why})"
-    return MostLeftOut(budget.left_out, told, " and ".join(remedy for *_, remedy in counting))
+    told = f"{budget.left_out:.2%} (rms) of {material} at {speed_mm_s:.0f} mm/s ({why})"
+    left = (sqrt(budget.left_out**2 - share**2) for share, *_ in counting)
+    remedies = [
+        f"{remedy}, which would leave out {rest:.0%} of this" for (*_, remedy), rest in zip(counting, left, strict=True)
+    ]
+    return MostLeftOut(budget.left_out, told, ", or ".join(remedies), weaker)
 
 
 def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> str:
@@ -221,7 +231,7 @@ def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[
     most = protocol.footsteps.synthesis.left_out_max
     if most is None or (worst.share <= most and carries_hz is not None):
         return ""
-    allowed = f"allowed: {most:.4g} of it, by footstep.synthesis.left_out_max"
+    allowed = f"allowed: {most * 100:.6g}%, by footstep.synthesis.left_out_max"
     if worst.share > most:
         whole = "palpate plan has the whole budget"
         return f"rig '{rig.rig.name}': got {worst.told} left out; {allowed}; get {worst.remedy} ({whole})"

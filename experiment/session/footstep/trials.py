@@ -95,11 +95,7 @@ def open_footsteps(
     if planned.actuator:
         address = ends.panel(opened)
         actuator = opening.open_actuator(
-            rig,
-            limit_m_s2=protocol.exposure.vibration_peak_m_s2,
-            drive=stimuli.drive,
-            address=address,
-            stream=stream,
+            rig, limit_m_s2=protocol.exposure.vibration_peak_m_s2, drive=stimuli.drive, address=address, stream=stream
         )
         opened.callback(actuator.close)
     port, clock_map = ends.tracker(opened)

@@ -421,7 +421,7 @@ class Answer:
         ratio = "no spring" if of.damping_ratio is None else f"damping ratio {of.damping_ratio:.4g}"
         lines = [
             f"{of.mass_kg:g} kg meets {of.stiffness_n_m:g} N/m and {of.damping_n_s_m:g} N s/m at {of.speed_m_s:g} m/s "
-            f"under {of.force_n:g} N: {ratio}, law '{of.law}', method '{self.method}' at {self.rate_hz:g} Hz",
+            f"under {of.force_n:g} N: {ratio}, law '{of.law}', method '{self.method}' at {self.rate_hz:g} Hz"
         ]
         bound = "every step is" if self.limit_h_w is None else f"up to {self.limit_h_w:.4g} is"
         verdict = "stable" if self.stable else "NOT STABLE, so the numbers below mean nothing"

@@ -180,10 +180,7 @@ def allowed(
             f"servo: got {rate_hz:g} Hz and {mass_kg:g} kg; allowed: a finite rate and a mass above zero; correct them"
         )
     passive = largest_passive_n_m(
-        device_damping_n_s_m=device_damping_n_s_m,
-        damping_n_s_m=damping_n_s_m,
-        period_s=1 / rate_hz,
-        delay_s=delay_s,
+        device_damping_n_s_m=device_damping_n_s_m, damping_n_s_m=damping_n_s_m, period_s=1 / rate_hz, delay_s=delay_s
     )
     by_stepper = inf
     if mass_kg < inf:

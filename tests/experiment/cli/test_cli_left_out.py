@@ -23,7 +23,7 @@ from experiment.protocol.files import shipped
 from experiment.rehearsal.footstep import recorded_takes
 
 RIG = shipped("rigs/rehearsal.toml")
-TOLD = r"got 34\.\d% \(rms\) of copy paper at \d+ mm/s \(.*10 Hz, .*600 Hz\) left out; allowed: 0\.3 of it"
+TOLD = r"got 34\.\d\d% \(rms\) of copy paper at \d+ mm/s \(.*10 Hz, .*600 Hz\) left out; allowed: 30%"
 
 
 @pytest.fixture(scope="module")
@@ -71,9 +71,7 @@ def test_check_asks_for_recordings_that_are_not_there_yet(
     assert told in str(found)
 
 
-@pytest.mark.parametrize(
-    ("most", "told"), [(0.3, TOLD), (0.346, TOLD.replace(r"0\.3", r"0\.346")), (0.5, "at most 34")]
-)
+@pytest.mark.parametrize(("most", "told"), [(0.3, TOLD), (0.346, TOLD.replace("30%", r"34\.6%")), (0.5, "at most 34")])
 def test_the_page_on_paper_says_what_a_rig_leaves_out(tmp_path: Path, recordings: Path, most: float, told: str) -> None:
     page = tmp_path / "page.html"
     call("check", allowing(tmp_path, most), "--rig", RIG, "--recordings", recordings, "--html", page)
@@ -125,19 +123,22 @@ def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> N
     result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", recordings)
     assert result.exit_code == 0
     told = re.search(
-        r"Rig 'rehearsal': at most 34\.\d% \(rms\) of copy .* left out, of the recordings in (.*)\n$", result.stdout
+        r"Rig 'rehearsal': of SIMULATED recordings, at most 34\.\d\d% \(rms\) of copy .* is left out; limits of panel "
+        r"and amplifier take up to \d+\.\d% off .*\. The protocol allows 50%\. The recordings are those in (.*)\.\n$",
+        result.stdout,
     )
     assert told is not None
-    assert told[1] == f"{recordings}. The protocol allows 0.5."
+    assert told[1] == str(recordings)
     result = call("check", allowing(tmp_path, None), "--rig", RIG)
     assert (result.exit_code, "the protocol sets no limit" in result.stdout) == (0, True)
     result = call("check", allowing(tmp_path, None), "--rig", RIG, "--recordings", recordings)
-    assert result.stdout.endswith(f"is left out, of the recordings in {recordings}. The protocol sets no limit.\n")
+    assert "The protocol sets no limit. The recordings are those in" in result.stdout
 
 
 def test_check_of_a_rig_without_recordings_says_that_there_are_none(tmp_path: Path) -> None:
     result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", tmp_path / "none")
     assert isinstance(result.exception, RecordingError)
+    assert "name another folder" in str(result.exception)
 
 
 def looked(protocol: Path | None, recordings: Path | None, dataset: Path | None = None) -> list[Check]:
@@ -148,11 +149,13 @@ def test_the_doctor_is_red_for_it(tmp_path: Path, recordings: Path) -> None:
     (red,) = looked(allowing(tmp_path, 0.3), recordings)
     assert (red.name, red.verdict) == ("left out", "red")
     assert re.search(TOLD.partition("; allowed")[0], red.measured)
-    assert red.allowed == "0.3 of it, by footstep.synthesis.left_out_max"
-    assert red.remedy.startswith("get a panel that moves, and is measured, below 10 Hz and")
+    assert red.allowed == "30%, by footstep.synthesis.left_out_max"
+    assert red.remedy.startswith(
+        "get a panel that moves, and is measured, below 10 Hz, which would leave out 21% of this, or a panel"
+    )
     (green,) = looked(allowing(tmp_path, 0.5), recordings)
-    assert (green.verdict, green.allowed) == ("green", "0.5")
-    assert green.measured.startswith("at most 34.")
+    assert (green.verdict, green.allowed) == ("green", "50%")
+    assert green.measured.startswith("of SIMULATED recordings, at most 34.")
 
 
 def test_the_doctor_tells_the_share_or_why_it_is_not_known(tmp_path: Path, recordings: Path) -> None:
@@ -163,9 +166,10 @@ def test_the_doctor_tells_the_share_or_why_it_is_not_known(tmp_path: Path, recor
         "green",
         "anything, for the protocol has no footstep.synthesis.left_out_max",
     )
-    assert free.measured.startswith("at most 34.")
-    for most in (None, 0.3):
+    assert free.measured.startswith("of SIMULATED recordings, at most 34.")
+    for most, told in ((None, "a rig may leave out anything"), (0.3, "a rig may leave out 30%")):
         (unknown,) = looked(allowing(tmp_path, most), None, tmp_path)
+        assert told in unknown.measured
         assert (unknown.verdict, unknown.remedy) == ("not checked", "give their folder, with --recordings")
 
 

@@ -84,13 +84,18 @@ def stepped(stimulus: Stimulus | None, onset: Onset | None) -> FootStep:
         (
             STIMULUS,
             ONSET,
-            "12.3 m/s^2 at the panel for 0.5 V, off by 39.10% (rms), 34.58% left out; frames",
+            "12.3 m/s^2 at the panel for 0.5 V, off by 39.10% (rms) with 34.58% left out; frames",
         ),
         (STIMULUS.model_copy(update={"computed": OLD}), None, "for 0.5 V; delivery was not measured; frames"),
         (
+            STIMULUS.model_copy(update={"computed": OLD, "extrapolated": True}),
+            ONSET,
+            "for 0.5 V, at a speed beyond those recorded; frames",
+        ),
+        (
             STIMULUS.model_copy(update={"handed_unit": "m/s^2"}),
             ONSET.model_copy(update={"delivered": None}),
-            "a peak of at most 12.3 m/s^2, off by 39.10% (rms), 34.58% left out; delivery was not measured; frames",
+            "a peak of at most 12.3 m/s^2, off by 39.10% (rms) with 34.58% left out; delivery was not measured; frames",
         ),
     ],
 )

@@ -110,12 +110,12 @@ def test_a_rig_is_refused_for_what_no_output_carries(
     told = refusal(allowing(protocol, 0.3), volts, worst, carries_hz)
     # Both ends of the table are at fault, and the lower one more.
     assert re.match(
-        r"rig 'headless': got 34\.\d% \(rms\) of copy paper at 200 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
-        r"rig's 600 Hz\) left out; allowed: 0\.3 of it, by footstep\.synthesis\.left_out_max; get a panel that moves, "
-        "and is measured, below 10 Hz and a panel",
+        r"rig 'headless': got 34\.\d\d% \(rms\) of copy paper at 200 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
+        r"rig's 600 Hz\) left out; allowed: 30%, by footstep\.synthesis\.left_out_max; get a panel that moves, "
+        "and is measured, below 10 Hz, which would leave out 2[01]% of this, or a panel",
         told,
     )
-    with pytest.raises(RigError, match=r"allowed: 0\.1 of it, by footstep\.synthesis\.left_out_max; get a panel"):
+    with pytest.raises(RigError, match=r"allowed: 10%, by footstep\.synthesis\.left_out_max; get a panel"):
         judged(protocol=allowing(protocol, 0.1), rig=volts, rig_folder=RIGS, recordings=recordings)
 
 
@@ -123,13 +123,16 @@ def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(protocol: 
     plain = rigs.load(shipped("rigs/laboratory.toml"))
     given: dict[str, Any] = {"rig": plain, "rig_folder": RIGS, "recordings": recordings}
     assert carried_hz(plain, RIGS) is None
-    with pytest.raises(RigError, match=r"nobody measured which .* allowed: 0\.9 of it, .* write actuator\.low_hz and"):
+    with pytest.raises(RigError, match=r"nobody measured which .* allowed: 90%, .* write actuator\.low_hz and"):
         judged(protocol=allowing(protocol, 0.9), **given)
     assert judged(protocol=protocol, **given).startswith("nobody measured which frequencies its actuator carries; ")
     measured = plain.actuator.model_copy(update={"low_hz": 10.0, "high_hz": 600.0})
     given["rig"] = plain.model_copy(update={"actuator": measured})
     # As much as the rig in volts, whose table ends there, but for what its gain limit holds back.
-    assert re.match(r"at most 34\.\d% \(rms\) of copy paper at 200", judged(protocol=allowing(protocol, 0.35), **given))
+    assert re.match(
+        r"of SIMULATED recordings, at most 34\.\d\d% \(rms\) of copy paper at 200",
+        judged(protocol=allowing(protocol, 0.35), **given),
+    )
 
 
 def test_a_rig_is_judged_by_what_some_task_presents(
@@ -155,8 +158,11 @@ def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
     dead = Fidelity((20.0,), (Budget(1.0, 0.0, above=0.1, held_back=0.3),), (1.0,), (), None, None)
     most = most_left_out({"felt": dead}, (10.0, 600.0))
     assert most.share == pytest.approx(0.1**0.5)
-    assert most.told == "31.6% (rms) of felt at 20 mm/s (30% gain limit, highest level)"
-    assert most.remedy == "higher drive levels measured, or a higher gain_limit_v_per_m_s2"
+    assert most.told == "31.62% (rms) of felt at 20 mm/s (30% gain limit, highest level)"
+    assert (
+        most.remedy
+        == "higher drive levels measured, or a higher gain_limit_v_per_m_s2, which would leave out 10% of this"
+    )
 
 
 def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol, volts: Rig) -> None:
