@@ -137,7 +137,7 @@ def width_inches(axes: Axes) -> float:
 def name_below(axes: Axes, places: Sequence[float], names: Sequence[str], room_inches: float) -> None:
     """Name each place along the axes below it, between words where a name is wider than its room, else slanted."""
     letters = int(room_inches / LETTER_INCHES)
-    shown = [short(name, 26) for name in names]
+    shown = told_apart(names, 26)
     if any(len(word) > letters for name in shown for word in name.split()):
         axes.set_xticks(places, shown, rotation=40, ha="right", rotation_mode="anchor")
     else:

@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 FOUND = "What was found"
 
+FEW = 10
+"""With fewer participants than this the BCa intervals hold the truth in 82 to 93 % (identification_sections.py)."""
+
 
 def found_section(study: Study, results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
     """Return the questions that the protocol plans, the answers of this dataset, and the correct ratios behind them."""
@@ -33,9 +36,10 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     adjusted = {task.correction is not None for task in results.tasks}
     how = {True: "adjusted by Holm", False: "not adjusted"}
     said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
+    short = ", which are too short with so few" * any(test.result.n < FEW for _, test, _ in tested)
     notes = (
-        f"Correct answer ratios with BCa intervals over participants. P is of t against chance, {said}; ours is that "
-        f"of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
+        f"Correct answer ratios with BCa intervals over participants{short}. P is of t against chance, {said}; ours is "
+        f"that of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
     )
     header = ("task", "presented", "n", "correct", "95 % CI", "P", "ours: P", "")
     mark = ", ".join(dict.fromkeys(stands.of(T, task.task.id) for task in results.tasks))

@@ -41,7 +41,7 @@ MOST_TOLD = 1_000
 """A file with more fields that cannot be read is no such file: this many are told."""
 
 LONGEST_SHOWN = 60
-"""A value that is longer is cut, characters; of an array the length is told instead."""
+"""Characters: a longer number is cut, and of a longer array the length alone is told."""
 
 MISSING = ("n/a", "N/A", "NA", "NaN", "nan", "None", "NULL", "null")
 """What programs read as a missing value, ours and those of who reads our tables."""

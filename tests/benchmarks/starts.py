@@ -63,6 +63,8 @@ def prepared(folder: Path, rig: Path, task: str, text: str) -> list[str]:
     study, today = folder / "study.toml", date.today()
     study.write_text(text, "utf-8")
     protocol = files.load(study)
+    if protocol.task(task).masker is None:
+        raise ValueError(f"the protocol says nothing of the masker in task {task}")
     manifest = recorded_takes.make_recordings(folder / "recordings", protocol=protocol, seed=1)
     manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
     seed = next(seed for seed in range(100) if allocate(protocol, seed)[0].tasks[0] == task)

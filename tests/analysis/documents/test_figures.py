@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, flow, short, svg, told_apart
+from analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, flow, svg, told_apart
 from analysis.identification.results import compute
 from analysis.reading.dataset import read, read_pooled
 from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
@@ -82,7 +82,9 @@ def test_letters_stand_clear_of_one_another(
     named = {
         label.get_text().replace("\n", " ") for all_axes in below for one in all_axes for label in one.get_xticklabels()
     }
-    assert named <= {*(short(name, 26) for name in materials), "(none)"}, "no word is broken"
+    assert named <= {*told_apart(materials, 26), "(none)"}, "no word is broken"
+    turned = {label.get_rotation() for one in below[0] for label in one.get_xticklabels()}
+    assert turned == ({40.0} if "polypropylene" in materials else {0.0}), "between words where that is enough"
 
 
 def test_a_dollar_sign_in_a_name_is_no_formula(tmp_path: Path) -> None:

@@ -73,6 +73,8 @@ def test_sign_flips_of_three_participants_are_said_to_be_unable_to_show_it(tmp_p
     said, *_ = _found(study, compute(study, {})).paragraphs
     assert "By t alone answers were right more often than by chance (0.3333) for " in said
     assert "; sign flips, which are ours, whose P is 0.25 or more with so few participants, do not show it." in said
+    (note,) = _found(study, compute(study, {})).tables[0].notes
+    assert "BCa intervals over participants, which are too short with so few." in note
 
 
 def _right(material: str, count: int) -> list[tuple[str, str]]:

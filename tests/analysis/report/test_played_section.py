@@ -48,6 +48,18 @@ def test_figures_by_task_and_material(tmp_path: Path) -> None:
     assert section.records[0]["left_out_max"] == pytest.approx(0.25)
 
 
+def test_what_limits_took_off_is_told_beside_what_was_left_out(tmp_path: Path) -> None:
+    def told(name: str, *stimuli: tuple[float, float]) -> tuple[str, ...]:
+        rows = [played(trial, "sand", off, out, 1.0) for trial, (off, out) in enumerate(stimuli, start=1)]
+        return left_out(read(write_dataset(tmp_path / name, {"1": {"virtual": rows}})))
+
+    limits = "With the limits of panel and amplifier, stimuli were off by up to 98.00 %."
+    assert limits in told("both", (0.98, 0.25), (0.25, 0.25))[0]
+    assert told("limits", (0.98, 0.0))[0].startswith(limits)
+    assert "limits" not in told("band", (0.26, 0.25))[0]
+    assert told("table", (0.002, 0.0)) == ()
+
+
 def test_practice_is_said_not_to_be_refused_for_what_its_rig_leaves_out(tmp_path: Path) -> None:
     rows = {"1": {"virtual": [played(1, "sand", 0.3, 0.2961, 1.0)]}}
     (practised,) = left_out(read(write_dataset(tmp_path / "practice", rows, origin="PRACTICE")))

@@ -80,6 +80,13 @@ def test_the_page_on_paper_says_what_a_rig_leaves_out(tmp_path: Path, recordings
     assert f"leaves out more than {most:.1%} of".replace(".0%", "%").replace("%", " %") in " ".join(protocol.split())
 
 
+def test_a_study_of_real_objects_needs_no_recordings(tmp_path: Path) -> None:
+    path = allowing(tmp_path, 0.2)
+    path.write_text(path.read_text("utf-8").replace('stimulus = "virtual"', 'stimulus = "real"'), "utf-8")
+    result = call("check", path, "--rig", RIG)
+    assert (result.exit_code, "every task is of real objects, so it renders nothing" in result.stdout) == (0, True)
+
+
 def test_check_says_whether_a_virtual_block_pushes_along_its_face(tmp_path: Path) -> None:
     text = shipped("rigs/tapping.toml").read_text("utf-8")
     one = tmp_path / "one.toml"

@@ -150,8 +150,25 @@ def test_a_rig_is_judged_by_what_some_task_presents(
     for fails in (presenting(None), presenting(("polypropylene",), ("copy paper",))):
         with pytest.raises(RigError, match="of copy paper at 200"):
             judged(protocol=fails, **given)
+        with pytest.raises(RigError, match="of copy paper at 200"):
+            judged(protocol=fails, task_ids=["virtual"], **given)
         # What is refused for one task is refused for the study, whose participants do them all.
         assert "of copy paper at 200" in error_budget(task_id="virtual", protocol=fails, **given).refused
+
+
+def test_without_a_limit_what_is_told_is_of_the_tasks_that_are_asked_for(
+    protocol: Protocol, volts: Rig, recordings: Path
+) -> None:
+    made = [
+        protocol.task("virtual").model_copy(update={"id": name, "materials": (material,)})
+        for name, material in (("one", "copy paper"), ("two", "polypropylene"))
+    ]
+    both = protocol.model_copy(update={"tasks": tuple(made)})
+    given: dict[str, Any] = {"rig": volts, "rig_folder": RIGS, "recordings": recordings}
+    assert "of copy paper at 200" in judged(protocol=both, **given)
+    assert "of copy paper at 200" in judged(protocol=both, task_ids=["two", "one"], **given)
+    assert "is left out" in (told := judged(protocol=both, task_ids=["two"], **given))
+    assert "copy paper" not in told
 
 
 def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
