@@ -36,7 +36,9 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     adjusted = {task.correction is not None for task in results.tasks}
     how = {True: "adjusted by Holm", False: "not adjusted"}
     said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
-    short = ", which are too short with so few" * any(test.result.n < FEW for _, test, _ in tested)
+    short = ", which are too short with so few" * any(
+        cell.bootstrap is not None and test.result.n < FEW for _, test, cell in tested
+    )
     notes = (
         f"Correct answer ratios with BCa intervals over participants{short}. P is of t against chance, {said}; ours is "
         f"that of sign flips. Stars follow P of t.{bracketed(results.tasks)}",

@@ -19,8 +19,8 @@ UNHEARD = (
 LITTLE = 5e-6
 """Shares below are shown as less than 0.001 %."""
 
-MUCH, MORE = 0.01, 1.05
-"""An error is told beside what was left out from this share on, and from so many times that."""
+MUCH = 0.01
+"""What was changed besides is told from this share on."""
 
 PRACTISED = " The rig is simulated, and practice is not refused for it; sessions of a study are, by left_out_max."
 
@@ -72,16 +72,20 @@ def left_out(study: Study) -> tuple[str, ...]:
     known = _known(study)
     if known.empty:
         return ()
-    most, off = known.sort_values("left_out").iloc[-1], known["stimulus_error"].max()
+    most = known.sort_values("left_out").iloc[-1]
     less = bool(most["left_out"] >= LITTLE)
+    changed = (known["stimulus_error"] ** 2 - known["left_out"] ** 2).clip(lower=0.0).max() ** 0.5
     told = [
         f"The rig did not carry all that was asked for: up to {_percent(most['left_out'])} % of a vibration (rms) was "
         f"left out, of {most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s."
     ] * less
-    if off >= max(MUCH, MORE * most["left_out"]):
-        told.append(f"With the limits of panel and amplifier, stimuli were off by up to {_percent(off)} %.")
+    if changed >= MUCH:
+        told.append(
+            f"Limits of panel and amplifier, and the response table, changed up to {_percent(changed)} % besides."
+        )
     about = "What participants felt and answered is about what was played."
-    return (" ".join([*told, about]) + (PRACTISED if study.origin == "PRACTICE" else ""),) if told else ()
+    practised = PRACTISED * (less and study.origin == "PRACTICE")
+    return (" ".join([*told, about]) + practised,) if told else ()
 
 
 def _known(study: Study) -> pd.DataFrame:

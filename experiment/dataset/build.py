@@ -97,21 +97,19 @@ def build(root: Path, each: Each = map) -> None:
         pass
 
 
-UNMADE = (
-    "a rehearsal makes its tables at its end, which this one has not reached; the same palpate rehearse goes on with it"
-)
+UNMADE = "a rehearsal makes its tables at its end, and not all are there yet; the same palpate rehearse goes on with it"
 
 
 def unmade(root: Path, dataset: Believed) -> bool:
     """Return whether tables may be missing, or older than the journals, because a rehearsal was interrupted.
 
-    What is analysed after the tables were made stands in `derivatives`.
+    What is analysed after all tables of a complete one were made stands in `derivatives`.
     """
-    if dataset.purpose != "REHEARSAL" or (root / "derivatives").exists():
+    if dataset.purpose != "REHEARSAL":
         return False
     complete = sum(progress(journal.read(path).entries).complete for path, _ in dataset.sessions)
-    planned = sum(map(len, dataset.tasks.values()))
-    return complete < planned or not all(_has_table(root, header) for _, header in dataset.sessions)
+    made = (root / "derivatives").exists() or all(_has_table(root, header) for _, header in dataset.sessions)
+    return complete < sum(map(len, dataset.tasks.values())) or not made
 
 
 def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, path: Path) -> None:

@@ -87,14 +87,16 @@ def of_accelerations(
     asked = _asked(stimulus)
     # Against the equations, and not against the waveform that was prepared, which may be wrong itself.
     off_m_s2 = finite(handed_m_s2, what="handed_m_s2") - inverse_on(asked, stimulus.basis.on)
-    reached = asked[: stimulus.basis.on.carried]
-    if limited:
-        reached = reached + _projected(off_m_s2, stimulus)
-    off = _share(sqrt(float(np.mean(off_m_s2**2))), _rms_asked(stimulus))
-    reached = np.abs(reached)
-    beyond = {name: np.where(bins, reached, 0.0) for name, bins in _beyond(stimulus, carries_hz).items()}
-    shares = {name: _share(_rms(amplitudes), _rms_asked(stimulus)) for name, amplitudes in beyond.items()}
-    return _budget(stimulus, reached - sum(beyond.values()), **shares, **{"taken_down" if limited else "rounding": off})
+    wanted = asked[: stimulus.basis.on.carried]
+    cut = _projected(off_m_s2, stimulus) if limited else np.zeros(wanted.size)
+    beyond = _beyond(stimulus, carries_hz)
+    shares = {name: _share(_rms(wanted[bins]), _rms_asked(stimulus)) for name, bins in beyond.items()}
+    # What the limiter changes of bins that the device does not carry changes nothing of the panel.
+    unfelt = beyond["below"] | beyond["above"]
+    off = sqrt(max(float(np.mean(off_m_s2**2)) - _rms(cut[unfelt]) ** 2, 0.0))
+    reached = np.where(unfelt, 0.0, np.abs(wanted + cut))
+    shares["taken_down" if limited else "rounding"] = _share(off, _rms_asked(stimulus))
+    return _budget(stimulus, reached, **shares)
 
 
 def of_voltages(

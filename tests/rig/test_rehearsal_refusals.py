@@ -209,9 +209,11 @@ def test_tables_that_are_older_than_an_unfinished_rehearsal_are_no_doubt(tmp_pat
     for path in (one / "sourcedata" / "sub-01").glob("*virtual*"):
         shutil.copy(path, root / "sourcedata" / "sub-01")
     cut_off(root, "real")
-    report = verify(root)
-    assert not report.refused, report
-    assert "were not compared" in str(report)
+    for analysed in (False, True):
+        (root / "derivatives").mkdir() if analysed else None
+        report = verify(root)
+        assert not report.refused, report
+        assert "were not compared" in str(report)
 
 
 def interrupted(*_: object) -> None:

@@ -9,7 +9,7 @@ that they are the same.
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from math import inf, sqrt
@@ -148,18 +148,13 @@ def judged(
     carries_hz = carried_hz(rig, rig_folder)
     of = None if protocol.footsteps.synthesis.left_out_max is not None else task_ids
     given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
-    worst = _worst((given(scene=one, beside=False) for one in scenes.played(protocol, of)), carries_hz)
+    worst = most_left_out([given(scene=one, beside=False) for one in scenes.played(protocol, of)], carries_hz)
     if told := refusal(protocol, rig, worst, carries_hz):
         raise RigError(told)
     known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
-    known = f"{'of SIMULATED recordings, ' * manifest.is_simulated(recordings)}{known}"
+    known += " of these SIMULATED recordings" * manifest.is_simulated(recordings)
     known += f"; {worst.weaker}" if worst.weaker else ""
-    return known if carries_hz else f"{UNKNOWN}; where all are carried, {known}"
-
-
-def _worst(scenes_found: Iterable[dict[str, Fidelity]], carries_hz: tuple[float, float] | None) -> MostLeftOut:
-    """Return what a rig leaves out at most of what several scenes play."""
-    return max((most_left_out(one, carries_hz) for one in scenes_found), key=attrgetter("share"))
+    return known if carries_hz else f"{UNKNOWN}; if it carries all, {known}"
 
 
 def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
@@ -188,42 +183,39 @@ UNKNOWN = "nobody measured which frequencies its actuator carries"
 
 @dataclass(frozen=True)
 class MostLeftOut:
-    """The largest share (rms) that a rig leaves out of any vibration: in words, and what would lower it.
+    """The largest share (rms) that a rig leaves out of any vibration: in words, and by remedy what that would lower.
 
     What of a vibration is left is `weaker` besides, in words, where limits take it down; empty where they never do.
     """
 
     share: float
     told: str
-    remedy: str
+    remedies: tuple[tuple[str, float], ...]
     weaker: str
 
 
-def most_left_out(found: dict[str, Fidelity], carries_hz: tuple[float, float] | None) -> MostLeftOut:
-    """Return what a rig leaves out at most of the materials, at any speed that counts, and by which cause most."""
+def most_left_out(scenes_found: Sequence[dict[str, Fidelity]], carries_hz: tuple[float, float] | None) -> MostLeftOut:
+    """Return what a rig leaves out at most of the materials of scenes, at any speed that counts, and by what."""
     every = [
         (each, v, material)
+        for found in scenes_found
         for material, of in found.items()
         for v, each in zip(of.speeds_mm_s, of.budgets, strict=True)
     ]
     budget, speed_mm_s, material = max(every, key=lambda one: one[0].left_out)
     down, at_mm_s, of_material = max(every, key=lambda one: one[0].taken_down)
     weaker = (
-        f"limits of panel and amplifier take up to {down.taken_down:.1%} off {of_material} at {at_mm_s:.0f} mm/s"
-        if down.taken_down >= SHOWN
-        else ""
+        f"limits of panel and amplifier take up to {down.taken_down:.1%} (rms) off {of_material} at {at_mm_s:.0f} mm/s"
     )
+    if down.taken_down < WEAKER:
+        weaker = ""
     if budget.left_out < SHOWN:
-        return MostLeftOut(budget.left_out, "nothing", "", weaker)
+        return MostLeftOut(budget.left_out, "nothing", (), weaker)
     parts = [(float(getattr(budget, field)), name, remedy) for field, name, remedy in causes(carries_hz)[:LEAVING_OUT]]
     counting = [part for part in parts if part[0] >= max(parts)[0] / 2]
     why = ", ".join(f"{share:.0%} {name}" for share, name, _ in counting)
     told = f"{budget.left_out:.2%} (rms) of {material} at {speed_mm_s:.0f} mm/s ({why})"
-    left = (sqrt(budget.left_out**2 - share**2) for share, *_ in counting)
-    remedies = [
-        f"{remedy}, which would leave out {rest:.0%} of this" for (*_, remedy), rest in zip(counting, left, strict=True)
-    ]
-    return MostLeftOut(budget.left_out, told, ", or ".join(remedies), weaker)
+    return MostLeftOut(budget.left_out, told, tuple((remedy, share) for share, _, remedy in counting), weaker)
 
 
 def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> str:
@@ -234,11 +226,21 @@ def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[
     allowed = f"allowed: {most * 100:.6g}%, by footstep.synthesis.left_out_max"
     if worst.share > most:
         whole = "palpate plan has the whole budget"
-        return f"rig '{rig.rig.name}': got {worst.told} left out; {allowed}; get {worst.remedy} ({whole})"
+        return f"rig '{rig.rig.name}': got {worst.told} left out; {allowed}; get {_remedy(worst, most)} ({whole})"
     return (
         f"rig '{rig.rig.name}': {UNKNOWN}; {allowed}; measure the panel, and write actuator.low_hz and high_hz into "
         "the rig file"
     )
+
+
+def _remedy(worst: MostLeftOut, most: float) -> str:
+    """Return each remedy that is enough for the vibration of which most is left out, or all where none is."""
+    alone = [(remedy, sqrt(max(worst.share**2 - share**2, 0.0))) for remedy, share in worst.remedies]
+    if enough := [f"{remedy}, which would leave out {rest:.2%} of it" for remedy, rest in alone if rest <= most]:
+        return ", or ".join(enough)
+    rest = sqrt(max(worst.share**2 - sum(share**2 for _, share in worst.remedies), 0.0))
+    together = "which" if len(alone) == 1 else "which together"
+    return f"{' and '.join(remedy for remedy, _ in alone)}, {together} would leave out {rest:.2%} of it"
 
 
 def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
@@ -302,6 +304,9 @@ def causes(carries_hz: tuple[float, float] | None) -> tuple[tuple[str, str, str]
     )
 
 
+WEAKER = 1e-3
+"""What limits take off is told beside what is left out from this share on."""
+
 SHOWN = 5e-6
 """A share is shown as a number, and what would lower it is told, from here on: 0.0005 %."""
 
@@ -324,7 +329,7 @@ class ErrorBudget:
     @property
     def most_left_out(self) -> MostLeftOut:
         """What the rig leaves out at most."""
-        return most_left_out(self.materials, self.carries_hz)
+        return most_left_out([self.materials], self.carries_hz)
 
     @property
     def speeds_mm_s(self) -> tuple[float, ...]:
@@ -423,7 +428,7 @@ def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path
     own = scenes.plan(protocol=protocol, task_id=task_id)
     found = given(scene=own)
     others = [one for one in scenes.played(protocol) if one.materials != own.materials]
-    worst = _worst([found, *(given(scene=one, beside=False) for one in others)], carries_hz)
+    worst = most_left_out([found, *(given(scene=one, beside=False) for one in others)], carries_hz)
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"
     unmeasured = _unmeasured(rig_folder, rig)

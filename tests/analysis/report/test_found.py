@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from analysis.documents.tables import Section
 from analysis.identification.results import Results, compute
 from analysis.reading.dataset import read
@@ -73,8 +75,14 @@ def test_sign_flips_of_three_participants_are_said_to_be_unable_to_show_it(tmp_p
     said, *_ = _found(study, compute(study, {})).paragraphs
     assert "By t alone answers were right more often than by chance (0.3333) for " in said
     assert "; sign flips, which are ours, whose P is 0.25 or more with so few participants, do not show it." in said
+
+
+@pytest.mark.parametrize(("people", "short"), [(1, False), (9, True), (10, False)])
+def test_intervals_of_few_participants_are_said_to_be_too_short(tmp_path: Path, people: int, *, short: bool) -> None:
+    sessions = {str(k): {"virtual": balanced(k, 8)} for k in range(people)}
+    study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
     (note,) = _found(study, compute(study, {})).tables[0].notes
-    assert "BCa intervals over participants, which are too short with so few." in note
+    assert ("BCa intervals over participants, which are too short with so few." in note) is short
 
 
 def _right(material: str, count: int) -> list[tuple[str, str]]:

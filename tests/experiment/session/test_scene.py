@@ -325,6 +325,7 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(protocol: Protoco
     assert f"bins      {felt}" in virtual.text()
     # The rig's response begins at 10 and ends at 600 Hz.
     assert any(need.startswith("carried   all but at most 34.64% (rms) of copy paper at") for need in virtual.needs)
+    assert any("; limits of panel and amplifier take up to " in need for need in virtual.needs)
     assert "ports     the tracker's and the actuator's" in virtual.needs
     assert "ports     the tracker's" in real.needs
     assert all(len(line) <= 100 for one in (real, virtual) for line in one.text().splitlines())

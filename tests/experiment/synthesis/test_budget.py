@@ -128,6 +128,20 @@ def test_a_device_in_accelerations_leaves_out_what_it_is_said_not_to_carry() -> 
     assert of_accelerations(stimulus, handed_m_s2=handed, limited=0).left_out == 0.0
 
 
+@pytest.mark.parametrize("most_m_s2", [4.0, 1.0, 0.1, 0.0])
+def test_what_a_device_does_not_carry_is_left_out_however_much_its_limiter_takes(most_m_s2: float) -> None:
+    stimulus = bins(f5=1.0, f100=2.0, f700=3.0)
+    handed = np.clip(stimulus.waveform_m_s2, -most_m_s2, most_m_s2)
+    found = of_accelerations(stimulus, handed_m_s2=handed, limited=5, carries_hz=(10.0, 600.0))
+    assert found.left_out == pytest.approx(sqrt(10 / 14))
+    # The truth: only 10 to 600 Hz of what was handed over move the panel. What is cut off at 0 Hz counts all the same.
+    i = np.arange(2500)
+    at = {f: np.cos(pi * f * (i + 0.5) / 2500) for f in (*range(0, 10), *range(601, 2500))}
+    felt = handed - sum(np.where(f, 2, 1) / 2500 * np.sum(handed * wave) * wave for f, wave in at.items())
+    missed = stimulus.waveform_m_s2 - felt
+    assert found.total == pytest.approx(np.sqrt(np.mean(missed**2)) / sqrt(14 / 2), rel=0.02)
+
+
 def test_what_the_limits_take_down_as_a_whole_is_told_apart_from_what_a_bin_lacks() -> None:
     """A limit of 5 m/s^2 for a peak of 10; the gain limit gives the bin at 300 Hz half of its volts."""
     found = in_volts(bins(f100=10.0), limit_m_s2=5.0)

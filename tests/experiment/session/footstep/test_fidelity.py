@@ -104,17 +104,22 @@ def test_a_rig_is_refused_for_what_no_output_carries(
 ) -> None:
     carries_hz = carried_hz(volts, RIGS)
     assert carries_hz == (10.0, 600.0), "the ends of the shipped table"
-    worst = most_left_out(found, carries_hz)
+    worst = most_left_out([found], carries_hz)
     assert refusal(protocol, volts, worst, carries_hz) == ""
     assert refusal(allowing(protocol, 0.35), volts, worst, carries_hz) == ""
     told = refusal(allowing(protocol, 0.3), volts, worst, carries_hz)
     # Both ends of the table are at fault, and the lower one more.
+    below, above = (f"a panel that moves, and is measured, {where} Hz" for where in ("below 10", "above 600"))
     assert re.match(
         r"rig 'headless': got 34\.\d\d% \(rms\) of copy paper at 200 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
-        r"rig's 600 Hz\) left out; allowed: 30%, by footstep\.synthesis\.left_out_max; get a panel that moves, "
-        "and is measured, below 10 Hz, which would leave out 2[01]% of this, or a panel",
+        rf"rig's 600 Hz\) left out; allowed: 30%, by footstep\.synthesis\.left_out_max; get {below}, which would leave "
+        rf"out 21\.\d\d% of it, or {above}, which would leave out 27\.\d\d% of it \(palpate plan",
         told,
     )
+    one = refusal(allowing(protocol, 0.25), volts, worst, carries_hz)
+    assert re.search(rf"get {below}, which would leave out 21\.\d\d% of it \(palpate plan", one)
+    both = refusal(allowing(protocol, 0.2), volts, worst, carries_hz)
+    assert re.search(rf"get {below} and {above}, which together would leave out \d\.\d\d% of it", both)
     with pytest.raises(RigError, match=r"allowed: 10%, by footstep\.synthesis\.left_out_max; get a panel"):
         judged(protocol=allowing(protocol, 0.1), rig=volts, rig_folder=RIGS, recordings=recordings)
 
@@ -125,12 +130,14 @@ def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(protocol: 
     assert carried_hz(plain, RIGS) is None
     with pytest.raises(RigError, match=r"nobody measured which .* allowed: 90%, .* write actuator\.low_hz and"):
         judged(protocol=allowing(protocol, 0.9), **given)
-    assert judged(protocol=protocol, **given).startswith("nobody measured which frequencies its actuator carries; ")
+    assert judged(protocol=protocol, **given).startswith(
+        "nobody measured which frequencies its actuator carries; if it carries all, "
+    )
     measured = plain.actuator.model_copy(update={"low_hz": 10.0, "high_hz": 600.0})
     given["rig"] = plain.model_copy(update={"actuator": measured})
     # As much as the rig in volts, whose table ends there, but for what its gain limit holds back.
     assert re.match(
-        r"of SIMULATED recordings, at most 34\.\d\d% \(rms\) of copy paper at 200",
+        r"at most 34\.\d\d% \(rms\) of copy paper at 200",
         judged(protocol=allowing(protocol, 0.35), **given),
     )
 
@@ -171,15 +178,24 @@ def test_without_a_limit_what_is_told_is_of_the_tasks_that_are_asked_for(
     assert "copy paper" not in told
 
 
+def test_what_limits_take_off_most_is_told_of_whichever_scene() -> None:
+    def of(speed_mm_s: float, **shares: float) -> Fidelity:
+        return Fidelity((speed_mm_s,), (Budget(1.0, 0.0, **shares),))
+
+    one, two = {"felt": of(20.0, above=0.5)}, {"cork": of(40.0, above=0.1, taken_down=0.25)}
+    for found in ([one, two], [two, one], [one | two]):
+        most = most_left_out(found, None)
+        assert most.told.startswith("50.00% (rms) of felt at 20 mm/s")
+        assert most.weaker == "limits of panel and amplifier take up to 25.0% (rms) off cork at 40 mm/s"
+
+
 def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
     dead = Fidelity((20.0,), (Budget(1.0, 0.0, above=0.1, held_back=0.3),), (1.0,), (), None, None)
-    most = most_left_out({"felt": dead}, (10.0, 600.0))
+    most = most_left_out([{"felt": dead}], (10.0, 600.0))
     assert most.share == pytest.approx(0.1**0.5)
     assert most.told == "31.62% (rms) of felt at 20 mm/s (30% gain limit, highest level)"
-    assert (
-        most.remedy
-        == "higher drive levels measured, or a higher gain_limit_v_per_m_s2, which would leave out 10% of this"
-    )
+    assert most.remedies == (("higher drive levels measured, or a higher gain_limit_v_per_m_s2", 0.3),)
+    assert most.weaker == ""
 
 
 def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol, volts: Rig) -> None:
