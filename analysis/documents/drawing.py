@@ -135,7 +135,7 @@ def width_inches(axes: Axes) -> float:
 
 
 def name_below(axes: Axes, places: Sequence[float], names: Sequence[str], room_inches: float) -> None:
-    """Name each place along the axes below it, between words where a name is wider than its room, else slanted."""
+    """Write a name below each place of the axes: broken between words if every word fits its room, else slanted."""
     letters = int(room_inches / LETTER_INCHES)
     shown = told_apart(names, 26)
     if any(len(word) > letters for name in shown for word in name.split()):

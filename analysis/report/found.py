@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 FOUND = "What was found"
 
-FEW = 10
-"""With fewer participants than this the BCa intervals hold the truth in 82 to 93 % (identification_sections.py)."""
+ENOUGH = 10
+"""Of fewer participants BCa intervals held the truth in 82 to 93 % only (identification_sections.py)."""
 
 
 def found_section(study: Study, results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
@@ -37,7 +37,7 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     how = {True: "adjusted by Holm", False: "not adjusted"}
     said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
     short = ", which are too short with so few" * any(
-        cell.bootstrap is not None and test.result.n < FEW for _, test, cell in tested
+        cell.bootstrap is not None and test.result.n < ENOUGH for _, test, cell in tested
     )
     notes = (
         f"Correct answer ratios with BCa intervals over participants{short}. P is of t against chance, {said}; ours is "

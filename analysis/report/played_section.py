@@ -80,9 +80,8 @@ def left_out(study: Study) -> tuple[str, ...]:
         f"left out, of {most['presented']} at {most['foot_speed_mm_s']:.0f} mm/s."
     ] * less
     if changed >= MUCH:
-        told.append(
-            f"Limits of panel and amplifier, and the response table, changed up to {_percent(changed)} % besides."
-        )
+        what = "The limits of panel and amplifier, and the response table"
+        told.append(f"{what}, changed up to another {_percent(changed)} % of a vibration.")
     about = "What participants felt and answered is about what was played."
     practised = PRACTISED * (less and study.origin == "PRACTICE")
     return (" ".join([*told, about]) + practised,) if told else ()

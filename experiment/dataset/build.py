@@ -103,7 +103,7 @@ UNMADE = "a rehearsal makes its tables at its end, and not all are there yet; th
 def unmade(root: Path, dataset: Believed) -> bool:
     """Return whether tables may be missing, or older than the journals, because a rehearsal was interrupted.
 
-    What is analysed after all tables of a complete one were made stands in `derivatives`.
+    A complete one that was analysed, as `derivatives` tells, had all of its tables.
     """
     if dataset.purpose != "REHEARSAL":
         return False

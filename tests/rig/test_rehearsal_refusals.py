@@ -210,7 +210,8 @@ def test_tables_that_are_older_than_an_unfinished_rehearsal_are_no_doubt(tmp_pat
         shutil.copy(path, root / "sourcedata" / "sub-01")
     cut_off(root, "real")
     for analysed in (False, True):
-        (root / "derivatives").mkdir() if analysed else None
+        if analysed:
+            (root / "derivatives").mkdir()
         report = verify(root)
         assert not report.refused, report
         assert "were not compared" in str(report)

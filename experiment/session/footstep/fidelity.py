@@ -78,9 +78,10 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
 def fidelity(
     *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, beside: bool = True
 ) -> dict[str, Fidelity]:
-    """Return the fidelity of each material that a scene plays, by its id; its budgets alone without what is `beside`.
+    """Return the fidelity of each material that a scene plays, by its id.
 
-    Raises `RecordingError` if a recording is missing or unusable, and `RigError` if the response table is.
+    Without `beside` only the budgets are measured. Raises `RecordingError` if a recording is missing or unusable, and
+    `RigError` if the response table is.
     """
     from experiment.apparatus.panel.conditioning import Conditioner, open_drive
     from experiment.recordings import manifest
@@ -204,11 +205,8 @@ def most_left_out(scenes_found: Sequence[dict[str, Fidelity]], carries_hz: tuple
     ]
     budget, speed_mm_s, material = max(every, key=lambda one: one[0].left_out)
     down, at_mm_s, of_material = max(every, key=lambda one: one[0].taken_down)
-    weaker = (
-        f"limits of panel and amplifier take up to {down.taken_down:.1%} (rms) off {of_material} at {at_mm_s:.0f} mm/s"
-    )
-    if down.taken_down < WEAKER:
-        weaker = ""
+    taken = f"{down.taken_down:.1%} (rms) off {of_material} at {at_mm_s:.0f} mm/s"
+    weaker = f"limits of panel and amplifier take up to {taken}" if down.taken_down >= WEAKER else ""
     if budget.left_out < SHOWN:
         return MostLeftOut(budget.left_out, "nothing", (), weaker)
     parts = [(float(getattr(budget, field)), name, remedy) for field, name, remedy in causes(carries_hz)[:LEAVING_OUT]]
@@ -236,11 +234,10 @@ def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[
 def _remedy(worst: MostLeftOut, most: float) -> str:
     """Return each remedy that is enough for the vibration of which most is left out, or all where none is."""
     alone = [(remedy, sqrt(max(worst.share**2 - share**2, 0.0))) for remedy, share in worst.remedies]
-    if enough := [f"{remedy}, which would leave out {rest:.2%} of it" for remedy, rest in alone if rest <= most]:
+    if enough := [f"{remedy} (then {rest:.2%} of it is left out)" for remedy, rest in alone if rest <= most]:
         return ", or ".join(enough)
     rest = sqrt(max(worst.share**2 - sum(share**2 for _, share in worst.remedies), 0.0))
-    together = "which" if len(alone) == 1 else "which together"
-    return f"{' and '.join(remedy for remedy, _ in alone)}, {together} would leave out {rest:.2%} of it"
+    return f"{' and '.join(remedy for remedy, _ in alone)} (then {rest:.2%} of it is left out)"
 
 
 def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:

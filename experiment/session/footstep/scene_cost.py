@@ -337,8 +337,8 @@ def _virtual(
     needs.append(f"bins      {_felt(held, protocol)}")
     most = budget.most_left_out
     carried = f"all but at most {most.told}" if most.share >= SHOWN else "all that is asked for"
-    carried += f"; {most.weaker}" if most.weaker else ""
-    needs.append(f"carried   {carried if budget.carries_hz else f'not known: {UNKNOWN}'}")
+    carried = carried if budget.carries_hz else f"not known: {UNKNOWN}"
+    needs.append(f"carried   {carried}{f'; {most.weaker}' if most.weaker else ''}")
     return tuple(needs), tuple(left_out)
 
 

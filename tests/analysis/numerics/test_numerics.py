@@ -71,6 +71,17 @@ def test_the_command_ends_with_1_where_an_invariant_is_broken(
         assert CliRunner().invoke(app, ["numerics"], catch_exceptions=False).exit_code == code
 
 
+def test_the_command_says_where_its_tables_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, result: Numerics
+) -> None:
+    monkeypatch.setattr(numerics, "run", lambda *_, **__: result)
+    monkeypatch.setattr(report, "write", lambda *_: ())
+    asked = ["numerics", "--out", str(tmp_path / "out")]
+    told = f"Tables, plots and what was played: {tmp_path / 'out'}\n"
+    assert CliRunner().invoke(app, asked, catch_exceptions=False).stdout.endswith(told)
+    assert told not in CliRunner().invoke(app, [*asked, "--json"], catch_exceptions=False).stdout
+
+
 def test_a_file_in_the_way_is_found_before_anything_is_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -53,7 +53,7 @@ def test_what_limits_took_off_is_told_beside_what_was_left_out(tmp_path: Path) -
         rows = [played(trial, "sand", off, out, 1.0) for trial, (off, out) in enumerate(stimuli, start=1)]
         return left_out(read(write_dataset(tmp_path / name, {"1": {"virtual": rows}})))
 
-    changed = "Limits of panel and amplifier, and the response table, changed up to {} % besides."
+    changed = "The limits of panel and amplifier, and the response table, changed up to another {} % of a vibration."
     assert changed.format("94.76") in told("both", (0.98, 0.25), (0.25, 0.25))[0]
     assert changed.format("25.00") in told("another", (0.3464, 0.3464), (0.32015, 0.2))[0], "of a stimulus of its own"
     (limits,) = told("limits", (0.98, 0.0))

@@ -333,7 +333,8 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(protocol: Protoco
     plain = here | {"rig": rigs.load(shipped("rigs/laboratory.toml"))}
     whole = scene_cost.plan(protocol=protocol, task_id="virtual", **plain)
     assert f"bins      {felt}" in whole.text()
-    assert "carried   not known: nobody measured which frequencies its actuator carries" in whole.needs
+    (carried,) = (need for need in whole.needs if need.startswith("carried"))
+    assert carried.startswith("carried   not known: nobody measured which frequencies its actuator carries; limits of ")
     assert real.budget is None
     slow = scene_cost.plan(protocol=counting_up_to(protocol, 120.0), task_id="virtual", **here)
     bins = [omission for omission in slow.left_out if omission.kind == "bins"]

@@ -112,14 +112,14 @@ def test_a_rig_is_refused_for_what_no_output_carries(
     below, above = (f"a panel that moves, and is measured, {where} Hz" for where in ("below 10", "above 600"))
     assert re.match(
         r"rig 'headless': got 34\.\d\d% \(rms\) of copy paper at 200 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
-        rf"rig's 600 Hz\) left out; allowed: 30%, by footstep\.synthesis\.left_out_max; get {below}, which would leave "
-        rf"out 21\.\d\d% of it, or {above}, which would leave out 27\.\d\d% of it \(palpate plan",
+        rf"rig's 600 Hz\) left out; allowed: 30%, by footstep\.synthesis\.left_out_max; get {below} \(then "
+        rf"21\.\d\d% of it is left out\), or {above} \(then 27\.\d\d% of it is left out\) \(palpate plan",
         told,
     )
     one = refusal(allowing(protocol, 0.25), volts, worst, carries_hz)
-    assert re.search(rf"get {below}, which would leave out 21\.\d\d% of it \(palpate plan", one)
+    assert re.search(rf"get {below} \(then 21\.\d\d% of it is left out\) \(palpate plan", one)
     both = refusal(allowing(protocol, 0.2), volts, worst, carries_hz)
-    assert re.search(rf"get {below} and {above}, which together would leave out \d\.\d\d% of it", both)
+    assert re.search(rf"get {below} and {above} \(then \d\.\d\d% of it is left out\)", both)
     with pytest.raises(RigError, match=r"allowed: 10%, by footstep\.synthesis\.left_out_max; get a panel"):
         judged(protocol=allowing(protocol, 0.1), rig=volts, rig_folder=RIGS, recordings=recordings)
 
