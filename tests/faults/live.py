@@ -22,6 +22,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from datetime import date, timedelta
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
@@ -141,11 +142,16 @@ class Life:
         self._at = 0
         self.status: int | None = None
         """As `os.waitpid` gives it; None while it lives."""
+        # Ctrl-C is for the command: it waits until that has begun, and the terminal until it knows the process.
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
         self.pid, self._terminal = pty.fork()
         if self.pid == 0:
             if piped:
                 os.dup2(into, 1)
             _child(run)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        while os.tcgetpgrp(self._terminal) != self.pid:
+            time.sleep(0.0005)
         if piped:
             os.close(into)
 
@@ -222,6 +228,8 @@ def _child(run: Callable[[], object]) -> NoReturn:
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, 1, closefd=False) for n, mode in enumerate("rww"))
         # A library that crashes says where, on the screen that is kept.
         faulthandler.enable()
+        command = import_module("experiment.cli.app")
+        vars(command)["main"] = partial(_begun, command.main)
         run()
         code = 0
     except SystemExit as end:
@@ -234,6 +242,11 @@ def _child(run: Callable[[], object]) -> NoReturn:
         with suppress(BaseException):
             sys.stdout.flush()
         os._exit(code)
+
+
+def _begun(command: Callable[[], None]) -> None:
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
+    command()
 
 
 def palpate(*arguments: object) -> None:

@@ -206,7 +206,7 @@ class Decoder(NamedTuple):
         at, try_at, wait = 0, 0, frame_runs.FEWEST
         while at < len(pieces):
             tried = at >= try_at and len(pieces) - at >= frame_runs.FEWEST
-            if tried and sequence is not None and held is None and not restarted:
+            if tried and sequence is not None and held is None and not (restarted or gap_expected):
                 begin = end + len(self.tail)
                 run = frame_runs.decode(stream[begin : begin + _MOST_AT_ONCE * each], self.readings)
                 run_us = _run_us(run, sequence, us, self.period_us)

@@ -281,7 +281,7 @@ class _Step:
             over = detector.passes_over(state, samples) if self._gate is None else 0
             state, events = detector.step(state, samples)
             upcoming = deque(events)
-            aim_at: Landing | None = None
+            expected: list[Falling] = []
             if over:
                 # What a loop over them would leave behind.
                 self._falling = falling = predictor.init()
@@ -298,13 +298,15 @@ class _Step:
                     break
                 if reason := predictor.hesitates(falling, self._gate):
                     return self._blamed(us, self._gate) or reason
-                landing = predictor.landing(falling) if falling is not None and sounding is not None else None
-                if landing is not None and sounding is not None and sounding.in_time(landing):
-                    aim_at = landing
-            ends_ns = self._parts.limits.ends_ns
-            # A read that comes late could not take back what may no longer be felt.
-            if aim_at is not None and sounding is not None and self._taken.session_ns(aim_at.us) <= ends_ns:
-                sounding.aim(aim_at)
+                if falling is not None:
+                    expected.append(falling)
+            if sounding is not None:
+                # Of a read the latest word that comes in time is the one that counts.
+                landings = (predictor.landing(one) for one in reversed(expected))
+                aim_at = next((one for one in landings if one is not None and sounding.in_time(one)), None)
+                # A read that comes late could not take back what may no longer be felt.
+                if aim_at is not None and self._taken.session_ns(aim_at.us) <= self._parts.limits.ends_ns:
+                    sounding.aim(aim_at)
             if self._contact is not None:
                 return ""
             if self._gate is None and sounding is not None:
