@@ -4,6 +4,7 @@ import gc
 import sys
 from datetime import date
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Literal
 
 import typer
@@ -380,7 +381,7 @@ def withdraw(
     root = path.parent.parent
     typer.echo(
         f"For the lab book: {beliefs.keep_anchor(root)[0].line}\n"
-        f"Enter it in the register too: palpate anchor {root} --to REGISTER."
+        f"Enter it in the register too: palpate anchor {quote(str(root))} --to REGISTER."
     )
 
 

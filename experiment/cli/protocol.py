@@ -6,6 +6,7 @@ from dataclasses import replace
 from datetime import date
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 import typer
@@ -105,8 +106,8 @@ def new(
     if rig:
         typer.echo(f"Rig: {rig}. It is to be calibrated; experiment/apparatus/README.md says how.")
     typer.echo(
-        f"To practise a session at your own keys: palpate run {file} --practice\n"
-        f"To read it as an ethics board does: palpate check {file}"
+        f"To practise a session at your own keys: palpate run {quote(str(file))} --practice\n"
+        f"To read it as an ethics board does: palpate check {quote(str(file))}"
     )
 
 

@@ -497,7 +497,7 @@ def _refuse_people(root: Path, journals: set[Path], tasks: dict[str, tuple[str, 
             raise DatasetError(
                 f"{min(wanted)}: is missing, and {table.name} has a session of participant {participant}; restore the "
                 f"journal from a backup; if no such session took place, {table.name} was edited: delete that, and make "
-                f"it again (palpate build {root})"
+                f"it again (palpate build {shlex.quote(str(root))})"
             )
 
 

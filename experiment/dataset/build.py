@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
+from shlex import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,8 +115,9 @@ def unmade(root: Path, dataset: Believed) -> bool:
 
 def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, path: Path) -> None:
     session = _session(path, journal.read(path))
-    bids.write_files(_events(root, protocol, purpose, session))
     _write_foot(root, session, ORIGINS[purpose])
+    # The table comes last: where it is, nothing of its session is missing.
+    bids.write_files(_events(root, protocol, purpose, session))
 
 
 def check_tables(root: Path) -> Believed:
@@ -134,7 +136,7 @@ def check_tables(root: Path) -> Believed:
     if none:
         raise DatasetError(
             f"{root}: no session has ended yet, and no table has been made; end one, or have tables made of what was "
-            f"answered so far (palpate build {root})"
+            f"answered so far (palpate build {quote(str(root))})"
         )
     return dataset
 
@@ -242,10 +244,10 @@ def _check_table(root: Path, path: Path, content: bytes) -> None:
     # A journal that was cut, its head too, leaves nothing else behind that knows of what is gone.
     remedy = (
         "it was edited, or the journals are newer, or were changed themselves; compare both with a backup, then make "
-        f"the tables again (palpate build {root})"
+        f"the tables again (palpate build {quote(str(root))})"
     )
     if not path.exists():
-        raise DatasetError(f"{path}: is missing; make it again (palpate build {root})")
+        raise DatasetError(f"{path}: is missing; make it again (palpate build {quote(str(root))})")
     read = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
     if read is None and path.suffix != ".tsv":
         return

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from datetime import date, timedelta
 from pathlib import Path
+from shlex import quote
 from textwrap import fill, shorten, wrap
 from typing import Literal
 
@@ -261,7 +262,7 @@ def status(given: Path, today: date) -> Status:
     if not beliefs.has_journals(root):
         described = (root / "dataset_description.json").exists()
         alone = beliefs.ALONE.get(beliefs.origin_of(root)) if described else None
-        held = f"it holds {alone}, of which palpate analyse {root} makes tables and a report"
+        held = f"it holds {alone}, of which palpate analyse {quote(str(root))} makes tables and a report"
         mend = held if alone else "enrol somebody first (palpate enrol)"
         raise DatasetError(f"{root}: holds no study; allowed: the dataset of one; {mend}")
     dataset, doubts = beliefs.doubted(root)

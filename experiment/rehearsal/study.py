@@ -9,6 +9,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from shlex import quote
 from typing import Literal
 
 from experiment import storage
@@ -191,7 +192,7 @@ def practise(
     # What ended the session may stand on an unfinished line.
     console.show(f"\n{onward}")
     if footer.answered:
-        console.show(f"To see tables of what you practised: palpate analyse {out}")
+        console.show(f"To see tables of what you practised: palpate analyse {quote(str(out))}")
     return footer
 
 

@@ -6,6 +6,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
+from shlex import quote
 
 from experiment import storage
 from experiment.apparatus import opening
@@ -325,7 +326,7 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
 
     Return False, and do neither, if nothing was added since the last anchor.
     """
-    again = f"palpate anchor {root}"
+    again = f"palpate anchor {quote(str(root))}"
     try:
         anchor, is_new = beliefs.keep_anchor(root)
         if not is_new:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+from contextlib import suppress
 from datetime import date
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -199,6 +201,31 @@ def test_one_that_was_interrupted_before_its_tables_were_made_is_accused_of_noth
     assert found() == (set(), "note")
     build.build(root)
     assert found() == (set(), "holds"), "made of what there was"
+
+
+def test_one_that_was_interrupted_at_any_file_of_its_tables_is_accused_of_nothing(
+    tmp_path: Path, one: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    root, write = tmp_path / "rehearsal", storage.write
+
+    def has_room_for(files: int) -> None:
+        left = iter(range(files))
+        monkeypatch.setattr(storage, "write", lambda *of: write(*of) if next(left, None) is not None else interrupted())
+
+    for made in count():
+        shutil.copytree(one, root)
+        for path in (root / "sub-01", *root.glob("participants.*"), root / "README", root / "dataset_description.json"):
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
+        has_room_for(made)
+        with suppress(KeyboardInterrupt):
+            build.build(root)
+        monkeypatch.undo()
+        report = verify(root)
+        assert not report.refused, (made, report)
+        if not any("were not compared: a rehearsal" in finding.text for finding in report.findings):
+            break
+        shutil.rmtree(root)
+    assert made == 4 + 2 * 4, "study's files, then of each session trace and table, each with its sidecar"
 
 
 def test_tables_that_are_older_than_an_unfinished_rehearsal_are_no_doubt(tmp_path: Path, one: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import shutil
 from datetime import date
 from hashlib import sha256
@@ -464,6 +465,19 @@ def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
     assert verdict == "REFUSED: 1 finding speaks against this dataset. Do what the findings say."
     cut(study.journal(), 9)
     assert verify(study.root).verdict[0].endswith("Keep the folder as it is, and compare it with a backup.")
+
+
+def test_the_command_that_mends_a_dataset_can_be_pasted_whatever_its_folder_is_called(
+    study: MadeStudy, palpate: Palpate
+) -> None:
+    root = study.root.rename(study.root.with_name("Anna's study, 2nd try"))
+    table = next(root.glob("sub-*/beh/*_events.tsv"))
+    table.unlink()
+    told = refused(verify(root))[table.relative_to(root).as_posix()]
+    command, *words = shlex.split(told.partition("again (")[2].removesuffix(")"))
+    code, _, _ = palpate(*words)
+    assert (command, code) == ("palpate", 0)
+    assert not refused(verify(root))
 
 
 def test_a_study_whose_tables_are_all_gone_is_refused(study: MadeStudy) -> None:
