@@ -497,8 +497,13 @@ def _refuse_people(root: Path, journals: set[Path], tasks: dict[str, tuple[str, 
             raise DatasetError(
                 f"{min(wanted)}: is missing, and {table.name} has a session of participant {participant}; restore the "
                 f"journal from a backup; if no such session took place, {table.name} was edited: delete that, and make "
-                f"it again (palpate build {shlex.quote(str(root))})"
+                f"it again ({build_again(root)})"
             )
+
+
+def build_again(root: Path) -> str:
+    """Return the command that makes the tables of a dataset, as it is typed."""
+    return shlex.join(["palpate", "build", str(root)])
 
 
 def _check_withdrawals(roster: Roster, root: Path, marks: dict[str, Path]) -> None:

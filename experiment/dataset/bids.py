@@ -113,8 +113,8 @@ def new_dataset(out: Path) -> Iterator[Path]:
 
 
 def write_files(files: Files) -> None:
-    """Write every file whole, a table after its sidecar. Raises `DatasetError` if the file system refuses."""
-    for path, content in reversed(files.items()):
+    """Write every file whole, tables last. Raises `DatasetError` if the file system refuses."""
+    for path, content in sorted(files.items(), key=lambda file: file[0].suffix == ".tsv"):
         storage.write_bytes(path, content)
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
-from shlex import quote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,7 @@ from experiment.apparatus import rig as rigs
 from experiment.apparatus.tracker import frames
 from experiment.apparatus.tracker.clock_map import ClockMap
 from experiment.dataset import bids, comparison
-from experiment.dataset.beliefs import Believed, Each, believed, collected
+from experiment.dataset.beliefs import Believed, Each, believed, build_again, collected
 from experiment.errors import DatasetError, PalpateError
 from experiment.protocol.models import Protocol, Task
 from experiment.records import entries, journal
@@ -102,7 +101,7 @@ UNMADE = "a rehearsal makes its tables at its end, and not all are there yet; th
 
 
 def unmade(root: Path, dataset: Believed) -> bool:
-    """Return whether tables may be missing, or older than the journals, because a rehearsal was interrupted.
+    """Return whether tables may be missing because a rehearsal was interrupted, or older because it is not complete.
 
     A complete one that was analysed, as `derivatives` tells, had all of its tables.
     """
@@ -136,7 +135,7 @@ def check_tables(root: Path) -> Believed:
     if none:
         raise DatasetError(
             f"{root}: no session has ended yet, and no table has been made; end one, or have tables made of what was "
-            f"answered so far (palpate build {quote(str(root))})"
+            f"answered so far ({build_again(root)})"
         )
     return dataset
 
@@ -244,10 +243,10 @@ def _check_table(root: Path, path: Path, content: bytes) -> None:
     # A journal that was cut, its head too, leaves nothing else behind that knows of what is gone.
     remedy = (
         "it was edited, or the journals are newer, or were changed themselves; compare both with a backup, then make "
-        f"the tables again (palpate build {quote(str(root))})"
+        f"the tables again ({build_again(root)})"
     )
     if not path.exists():
-        raise DatasetError(f"{path}: is missing; make it again (palpate build {quote(str(root))})")
+        raise DatasetError(f"{path}: is missing; make it again ({build_again(root)})")
     read = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
     if read is None and path.suffix != ".tsv":
         return

@@ -13,7 +13,6 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from operator import ne
 from pathlib import Path
-from shlex import quote
 from typing import Literal
 
 from experiment import storage
@@ -201,7 +200,7 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():
-                yield DatasetError(f"{path}: is missing; make it again (palpate build {quote(str(root))})")
+                yield DatasetError(f"{path}: is missing; make it again ({beliefs.build_again(root)})")
 
 
 def _alone(root: Path) -> Iterator[Finding]:
@@ -472,7 +471,7 @@ def _verdict(
 ) -> Iterator[str]:
     if refused := [finding.text for finding in findings if finding.word == "refused"]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
-        again = "is finished by the same command", f"again (palpate build {quote(str(root))})"
+        again = "is finished by the same command", f"again ({beliefs.build_again(root)})"
         by_command = all(any(one in text for one in again) and "backup" not in text for text in refused)
         mend = "Do what the findings say" if by_command else "Keep the folder as it is, and compare it with a backup"
         yield f"REFUSED: {speak} against this dataset. {mend}."

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+import shlex
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
-from shlex import quote
 
 from experiment import storage
 from experiment.apparatus import opening
@@ -326,7 +326,7 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
 
     Return False, and do neither, if nothing was added since the last anchor.
     """
-    again = f"palpate anchor {quote(str(root))}"
+    again = ["palpate", "anchor", str(root)]
     try:
         anchor, is_new = beliefs.keep_anchor(root)
         if not is_new:
@@ -334,10 +334,10 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
         console.show(f"{LAB_BOOK}{anchor.line}")
         if anchored_in:
             to, key = anchored_in
-            again += f" --to {to}" + (f" --sign {key}" if key else "")
+            again += ["--to", str(to), *(["--sign", str(key)] if key else [])]
             console.show(register.enter(anchor, root, to, key))
     except PalpateError as error:
-        console.show(f"{NOT_ANCHORED}{error}. The session is on disk. Once that is mended, run: {again}")
+        console.show(f"{NOT_ANCHORED}{error}. The session is on disk. Once that is mended, run: {shlex.join(again)}")
     return True
 
 

@@ -142,15 +142,19 @@ class Life:
         self._at = 0
         self.status: int | None = None
         """As `os.waitpid` gives it; None while it lives."""
-        # Ctrl-C is for the command: it waits until that has begun, and the terminal until it knows the process.
+        # Ctrl-C is meant for the command: it is held back until that has begun, and nothing is typed before the
+        # terminal knows whom to interrupt.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-        self.pid, self._terminal = pty.fork()
-        if self.pid == 0:
-            if piped:
-                os.dup2(into, 1)
-            _child(run)
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        while os.tcgetpgrp(self._terminal) != self.pid:
+        try:
+            self.pid, self._terminal = pty.fork()
+            if self.pid == 0:
+                if piped:
+                    os.dup2(into, 1)
+                _child(run)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        ended = os.WEXITED | os.WNOHANG | os.WNOWAIT
+        while os.tcgetpgrp(self._terminal) != self.pid and os.waitid(os.P_PID, self.pid, ended) is None:
             time.sleep(0.0005)
         if piped:
             os.close(into)
@@ -228,8 +232,9 @@ def _child(run: Callable[[], object]) -> NoReturn:
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, 1, closefd=False) for n, mode in enumerate("rww"))
         # A library that crashes says where, on the screen that is kept.
         faulthandler.enable()
+        # From within `experiment.__main__`, which tells of an interrupt.
         command = import_module("experiment.cli.app")
-        vars(command)["main"] = partial(_begun, command.main)
+        vars(command)["main"] = partial(_interruptible, command.main)
         run()
         code = 0
     except SystemExit as end:
@@ -244,7 +249,7 @@ def _child(run: Callable[[], object]) -> NoReturn:
         os._exit(code)
 
 
-def _begun(command: Callable[[], None]) -> None:
+def _interruptible(command: Callable[[], None]) -> None:
     signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])
     command()
 

@@ -208,7 +208,7 @@ def test_one_that_was_interrupted_at_any_file_of_its_tables_is_accused_of_nothin
 ) -> None:
     root, write = tmp_path / "rehearsal", storage.write
 
-    def has_room_for(files: int) -> None:
+    def interrupt_after(files: int) -> None:
         left = iter(range(files))
         monkeypatch.setattr(storage, "write", lambda *of: write(*of) if next(left, None) is not None else interrupted())
 
@@ -216,7 +216,7 @@ def test_one_that_was_interrupted_at_any_file_of_its_tables_is_accused_of_nothin
         shutil.copytree(one, root)
         for path in (root / "sub-01", *root.glob("participants.*"), root / "README", root / "dataset_description.json"):
             shutil.rmtree(path) if path.is_dir() else path.unlink()
-        has_room_for(made)
+        interrupt_after(made)
         with suppress(KeyboardInterrupt):
             build.build(root)
         monkeypatch.undo()

@@ -292,7 +292,7 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     palpate: Palpate,
 ) -> None:
     rig = tmp_path / "rig.toml"
-    rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "~/share/register"\n', "utf-8")
+    rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "~/lab share/register"\n', "utf-8")
     monkeypatch.setenv("HOME", str(tmp_path))
     typed = iter("ccqqaanntt")
     monkeypatch.setattr(
@@ -303,19 +303,19 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     code, out, _ = palpate(*session)
     assert (code, "The session is paused by the experimenter, with 1 answer on disk. The" in out) == (0, True)
     assert "For the lab book: " in out
-    assert f"NOT ANCHORED: {tmp_path}/share/register: the anchor cannot be written" in out
-    assert f"run: palpate anchor dataset --to {tmp_path}/share/register" in out
-    (tmp_path / "share").mkdir()
+    assert f"NOT ANCHORED: {tmp_path}/lab share/register: the anchor cannot be written" in out
+    assert f"run: palpate anchor dataset --to '{tmp_path}/lab share/register'" in out
+    (tmp_path / "lab share").mkdir()
     shutil.copytree("dataset", "backup")
     code, out, _ = palpate(*session)
     assert (code, "The session is complete: 4 answers." in out) == (0, True)
-    assert f"Anchored in {tmp_path}/share/register. This register is a new file." in out
+    assert f"Anchored in {tmp_path}/lab share/register. This register is a new file." in out
     number = re.findall(r"For the lab book: .* (\S+)\n", out)[0]
     assert re.search(r"This session goes on from \S+: 1 of 4 trials are answered; trial 2 comes again", out)
     code, out, _ = palpate(*session)
     assert (code, "For the lab book" in out) == (0, False)
     assert "already; nothing was added to it.\nThe session is complete: 4 answers.\n" in out
-    code, out, _ = palpate("verify", "dataset", "--register", "share/register", "--number", number)
+    code, out, _ = palpate("verify", "dataset", "--register", "lab share/register", "--number", number)
     assert (code, out.count("PROVEN by"), "NOT PROVEN" in out) == (0, 2, False)
     # A backup that was restored does not put to anybody again what the newer state has answered.
     code, _, err = palpate(*session[:-1], "backup")

@@ -202,7 +202,8 @@ class Decoder(NamedTuple):
         lost = damaged_here = repeated = 0
         end = -len(self.tail)
         # A few frames come at a time: a loop of few calls takes less time over them than numpy does. Many that nothing
-        # is wrong with are read at once; where that finds few, it is tried again later and later.
+        # is wrong with are read at once; where that finds few, it is tried again later and later. The first one after a
+        # gap follows none, and is read alone.
         at, try_at, wait = 0, 0, frame_runs.FEWEST
         while at < len(pieces):
             tried = at >= try_at and len(pieces) - at >= frame_runs.FEWEST
@@ -218,7 +219,7 @@ class Decoder(NamedTuple):
                     readings += run.readings[: run_us.size].ravel().tolist()
                     ends += range(end + each, end + each * run_us.size + 1, each)
                     sequence, us, end = int(run.number[run_us.size - 1]), device_us[-1], ends[-1]
-                    aligned, gap_expected, damaged = True, False, 0
+                    aligned, damaged = True, 0
                     continue
             piece = pieces[at]
             at += 1

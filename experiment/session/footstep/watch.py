@@ -1,12 +1,12 @@
 """One step of the foot, from arming to just after contact, and the stimulus it sets off.
 
 When the foot crosses the gate's bottom, its stimulus is synthesised and prepared before the gate is given. While the
-foot moves on, contact is predicted from every sample and the stimulus is aimed at it, until it can no longer be moved.
-When the foot lands, a stimulus that could not be scheduled sounds at once. Contact goes on record as the whole approach
-has it, with its standard error, and predictions and onsets are held against that. If the foot stops, turns back or
-hesitates between gate and contact, the stimulus is withdrawn and the step ends. What one attempt leaves over of the
-tracker's samples belongs to the next. A step whose tracker contradicts itself, or the session's clock, breaks off once
-its tail is on file: it was felt, and does not count.
+foot moves on, every sample is followed, and with each read the stimulus is aimed at the contact that the newest sample
+with time left for it predicts. When the foot lands, a stimulus that could not be scheduled sounds at once. Contact goes
+on record as the whole approach has it, with its standard error, and predictions and onsets are held against that. If
+the foot stops, turns back or hesitates between gate and contact, the stimulus is withdrawn and the step ends. What one
+attempt leaves over of the tracker's samples belongs to the next. A step whose tracker contradicts itself, or the
+session's clock, breaks off once its tail is on file: it was felt, and does not count.
 """
 
 from __future__ import annotations
@@ -281,7 +281,7 @@ class _Step:
             over = detector.passes_over(state, samples) if self._gate is None else 0
             state, events = detector.step(state, samples)
             upcoming = deque(events)
-            expected: list[Falling] = []
+            followed: list[Falling] = []
             if over:
                 # What a loop over them would leave behind.
                 self._falling = falling = predictor.init()
@@ -299,10 +299,10 @@ class _Step:
                 if reason := predictor.hesitates(falling, self._gate):
                     return self._blamed(us, self._gate) or reason
                 if falling is not None:
-                    expected.append(falling)
+                    followed.append(falling)
             if sounding is not None:
-                # Of a read the latest word that comes in time is the one that counts.
-                landings = (predictor.landing(one) for one in reversed(expected))
+                # The newest prediction that still comes in time counts.
+                landings = (predictor.landing(one) for one in reversed(followed))
                 aim_at = next((one for one in landings if one is not None and sounding.in_time(one)), None)
                 # A read that comes late could not take back what may no longer be felt.
                 if aim_at is not None and self._taken.session_ns(aim_at.us) <= self._parts.limits.ends_ns:

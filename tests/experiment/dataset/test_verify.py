@@ -473,7 +473,9 @@ def test_the_command_that_mends_a_dataset_can_be_pasted_whatever_its_folder_is_c
     root = study.root.rename(study.root.with_name("Anna's study, 2nd try"))
     table = next(root.glob("sub-*/beh/*_events.tsv"))
     table.unlink()
-    told = refused(verify(root))[table.relative_to(root).as_posix()]
+    report = verify(root)
+    assert report.verdict[0].endswith("Do what the findings say.")
+    told = refused(report)[table.relative_to(root).as_posix()]
     command, *words = shlex.split(told.partition("again (")[2].removesuffix(")"))
     code, _, _ = palpate(*words)
     assert (command, code) == ("palpate", 0)

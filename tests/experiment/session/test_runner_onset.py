@@ -77,7 +77,7 @@ def test_what_can_no_longer_be_withdrawn_has_its_trial_put_off(protocol: Protoco
     assert one.console.rearmed == []
 
 
-@pytest.mark.parametrize("lead_ms", [5, 12])
+@pytest.mark.parametrize("lead_ms", [5, 6, 7, 12])
 def test_the_onset_is_aimed_at_the_predicted_contact_until_it_cannot_be_moved(
     protocol: Protocol, tmp_path: Path, lead_ms: int
 ) -> None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import re
 import struct
 from itertools import pairwise
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiment.apparatus.tracker import frames as tracker_frames
 from experiment.apparatus.tracker.frames import FRAME_BYTES, LONGEST_PAUSE_US, Decoder, Frames, LinkCounts, encode
 
 WRAP_US = 2**32
@@ -246,6 +248,15 @@ def test_what_was_thrown_away_is_not_lost_but_what_is_lost_after_it_is() -> None
     _, times, _, link = read(decoder.skipped(), [frames[49][6:], *frames[50:60], *frames[63:70]])
     assert link == LinkCounts(received=17, lost=3)
     assert times[0] == 50_000
+
+
+def test_after_a_gap_all_frames_but_the_first_are_read_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = stream(700)
+    decoder, *_ = read(Decoder(), frames[:10])
+    alone = Mock(wraps=tracker_frames._sample)
+    monkeypatch.setattr(tracker_frames, "_sample", alone)
+    _, times, *_ = read(decoder.skipped(), [b"".join(frames[50:])])
+    assert (len(times), alone.call_count) == (650, 1)
 
 
 def test_throwing_away_before_the_first_frame_changes_nothing() -> None:
