@@ -508,7 +508,7 @@ class Numerics:
         claimed = sum(one.claimed is not None for one in self.measured)
         every = f"{claimed} claimed bounds on errors, {len(self.outcomes)} invariants and {len(self.played)} budgets"
         if not self.failed:
-            return f"All of {every} hold."
+            return f"All {every} hold."
         return "\n".join([f"{len(self.broken)} of {every} do not hold:", *(f"  {line}" for line in self.broken)])
 
 

@@ -81,8 +81,9 @@ def left_out(study: Study) -> tuple[str, ...]:
     ] * less
     if changed >= MUCH:
         what = "The limits of panel and amplifier, and the response table"
-        told.append(f"{what}, changed up to another {_percent(changed)} % of a vibration.")
-    about = "What participants felt and answered is about what was played."
+        off = _percent(known["stimulus_error"].max())
+        told.append(f"{what}, changed up to {_percent(changed)} %; all together, up to {off} % of a vibration was off.")
+    about = "Participants felt what was played, and their answers are about that."
     practised = PRACTISED * (less and study.origin == "PRACTICE")
     return (" ".join([*told, about]) + practised,) if told else ()
 

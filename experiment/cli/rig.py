@@ -71,7 +71,8 @@ def devices(as_json: Json = False) -> None:
 def doctor(
     rig: RigFile,
     protocol: Annotated[
-        Path | None, typer.Option("--protocol", help="Protocol file of the study that is about to run.")
+        Path | None,
+        typer.Option("--protocol", parser=options.a_protocol, help="Protocol file of the study that is about to run."),
     ] = None,
     dataset: StudyFolder = None,
     recordings: Annotated[
@@ -108,7 +109,7 @@ def doctor(
                 typer.echo(line)
     red = sum(check.verdict == "red" for check in found)
     document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
-    told = f"{red} of {len(found)} checks are red." if red else "Nothing is red."
+    told = f"{red} of {len(found)} checks {'is' if red == 1 else 'are'} red." if red else "Nothing is red."
     options.put(document if as_json else told)
     if red:
         raise typer.Exit(2)

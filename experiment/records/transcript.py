@@ -168,6 +168,8 @@ def _played(stimulus: Stimulus | None, onset: Onset | None) -> str:
     said = f"a stimulus was played, with a peak of at most {stimulus.reached_peak_m_s2:.3g} m/s^2"
     if stimulus.handed_unit == "V":
         said += f" at the panel for {stimulus.handed_peak:.3g} V"
+    if stimulus.shaping is not None and stimulus.shaping.scale < 1:
+        said += f", taken down to {stimulus.shaping.scale:.1%} as a whole"
     if stimulus.computed.left_out is not None:
         said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
     said += ", at a speed beyond those recorded" * stimulus.extrapolated

@@ -284,7 +284,7 @@ LEAVING_OUT = 5
 
 def causes(carries_hz: tuple[float, float] | None) -> tuple[tuple[str, str, str], ...]:
     """Return each share of a budget by its field, what it is called, and what would lower it."""
-    low, high = (f"{end:g} Hz" for end in carries_hz or (0.0, inf))
+    low, high = [f"{end:g} Hz" for end in carries_hz] if carries_hz else ["band, unknown"] * 2
     return (
         ("scene", "left out by the scene", "a wider band, or a lower floor, in [footstep.tactile] of the protocol"),
         ("rate", "output rate", "an actuator.rate_hz of twice the highest frequency recorded"),

@@ -59,7 +59,7 @@ def result() -> Numerics:
 def test_everything_holds(result: Numerics) -> None:
     assert result.broken == ()
     assert not result.failed
-    assert result.verdict.startswith("All of ")
+    assert result.verdict.startswith("All ")
 
 
 def test_the_command_ends_with_1_where_an_invariant_is_broken(

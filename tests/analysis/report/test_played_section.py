@@ -53,11 +53,16 @@ def test_what_limits_took_off_is_told_beside_what_was_left_out(tmp_path: Path) -
         rows = [played(trial, "sand", off, out, 1.0) for trial, (off, out) in enumerate(stimuli, start=1)]
         return left_out(read(write_dataset(tmp_path / name, {"1": {"virtual": rows}})))
 
-    changed = "The limits of panel and amplifier, and the response table, changed up to another {} % of a vibration."
-    assert changed.format("94.76") in told("both", (0.98, 0.25), (0.25, 0.25))[0]
-    assert changed.format("25.00") in told("another", (0.3464, 0.3464), (0.32015, 0.2))[0], "of a stimulus of its own"
+    changed = (
+        "The limits of panel and amplifier, and the response table, changed up to {} %; all together, up to {} % of a "
+        "vibration was off."
+    )
+    assert changed.format("94.76", "98.00") in told("both", (0.98, 0.25), (0.25, 0.25))[0]
+    assert changed.format("25.00", "34.64") in told("another", (0.3464, 0.3464), (0.32015, 0.2))[0], (
+        "of a stimulus of its own"
+    )
     (limits,) = told("limits", (0.98, 0.0))
-    assert limits.startswith(changed.format("98.00"))
+    assert limits.startswith(changed.format("98.00", "98.00"))
     assert "changed" not in told("band", (0.2501, 0.25))[0]
     assert told("table", (0.002, 0.0)) == ()
     rows = {"1": {"virtual": [played(1, "sand", 0.3, 0.0, 1.0)]}}

@@ -10,7 +10,7 @@ from experiment.errors import JournalError
 from experiment.records import chain, journal, transcript
 from experiment.records.entries import Entry, Footer, MaskerSet, Phase, Shown, Withdrawal
 from experiment.records.footstep import FootStep, TrackerClock, Zeroed
-from experiment.records.stimulus import Computed, Onset, Stimulus
+from experiment.records.stimulus import Computed, Onset, Shaping, Stimulus
 from tests.experiment.records.test_resume import broken_off, step
 from tests.experiment.session.bench import COMPUTED, DELIVERED, HEADER
 
@@ -69,6 +69,16 @@ def told_alone(folder: Path, trial: int) -> str:
     return transcript.text(journal.read(folder / "sub-01_task-virtual_journal.jsonl"), trial)
 
 
+TAKEN_DOWN = Shaping(
+    saturated_bins=0,
+    saturated_cost_m_s2=0.0,
+    outside_bins=0,
+    outside_cost_m_s2=0.0,
+    bounded_bins=0,
+    bounded_cost_m_s2=0.0,
+    scale=0.746,
+)
+
 OLD = Computed(method="basis waveforms", relative_error=1e-13)
 """Of a journal from before a stimulus had its budget."""
 
@@ -85,6 +95,11 @@ def stepped(stimulus: Stimulus | None, onset: Onset | None) -> FootStep:
             STIMULUS,
             ONSET,
             "12.3 m/s^2 at the panel for 0.5 V, off by 39.10% (rms) with 34.58% left out; frames",
+        ),
+        (
+            STIMULUS.model_copy(update={"shaping": TAKEN_DOWN}),
+            ONSET,
+            "for 0.5 V, taken down to 74.6% as a whole, off by 39.10% (rms) with 34.58% left out; frames",
         ),
         (STIMULUS.model_copy(update={"computed": OLD}), None, "for 0.5 V; delivery was not measured; frames"),
         (

@@ -247,6 +247,7 @@ def test_what_a_perfect_rig_leaves_is_said_without_advice() -> None:
     lines = ErrorBudget({"felt": silent}, (None, None), None, schedules=False, refused="").lines()
     assert "  Nobody measured which frequencies its actuator carries: this counts as if it carried all." in lines
     assert "  all of it                      <0.001" in lines
+    assert "  below the rig's band, unknown  0" in lines
     assert "  a speed from its neighbours    unknown" in lines
     assert "  timing: the stimulus sounds after contact, for this actuator cannot be told when to begin" in lines
     after = lines[lines.index("what would lower it") + 1 :]
