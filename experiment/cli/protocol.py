@@ -318,7 +318,8 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
         told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
     except PalpateError as refused:
         return "", refused
-    return f"{name}: {told}. The protocol {allowed}. The recordings are those in {folder}.", None
+    mend = "palpate plan says what would lower this"
+    return f"{name}: {told}. The protocol {allowed}; {mend}. The recordings are those in {folder}.", None
 
 
 @commands.command(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+import shlex
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -118,7 +119,8 @@ def verify(
     findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
     findings += _leftovers(root)
     if (root / "derivatives").exists():
-        text = "was not compared: to trust a result there, make it anew (palpate analyse)"
+        anew = shlex.join(["palpate", "analyse", str(root)])
+        text = f"was not compared: to trust a result there, make it anew ({anew})"
         findings.append(Finding("note", "derivatives", text))
     findings += [*_erased(root, people), *told, *unlike]
     findings += _without_session(people, {*(name for name, lines in files.items() if lines), *(x.item for x in unlike)})

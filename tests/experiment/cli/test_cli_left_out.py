@@ -131,7 +131,8 @@ def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> N
     assert result.exit_code == 0
     told = re.search(
         r"Rig 'rehearsal': at most 34\.\d\d% \(rms\) of copy .* is left out of these SIMULATED recordings; limits of "
-        r"panel and amplifier take up to \d+\.\d% \(rms\) off .*\. The protocol allows 50%\. The recordings are those "
+        r"panel and amplifier take up to \d+\.\d% \(rms\) off .*\. The protocol allows 50%; "
+        r"palpate plan says what would lower this\. The recordings are those "
         r"in (.*)\.\n$",
         result.stdout,
     )
@@ -140,7 +141,10 @@ def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> N
     result = call("check", allowing(tmp_path, None), "--rig", RIG)
     assert (result.exit_code, "the protocol sets no limit" in result.stdout) == (0, True)
     result = call("check", allowing(tmp_path, None), "--rig", RIG, "--recordings", recordings)
-    assert "The protocol sets no limit. The recordings are those in" in result.stdout
+    assert (
+        "The protocol sets no limit; palpate plan says what would lower this. The recordings are those in"
+        in result.stdout
+    )
 
 
 def test_check_of_a_rig_without_recordings_says_that_there_are_none(tmp_path: Path) -> None:
