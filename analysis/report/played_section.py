@@ -82,7 +82,7 @@ def left_out(study: Study) -> tuple[str, ...]:
     if changed >= MUCH:
         what = "The limits of panel and amplifier, and the response table"
         off = _percent(known["stimulus_error"].max())
-        told.append(f"{what}, changed up to {_percent(changed)} %; all together, up to {off} % of a vibration was off.")
+        told.append(f"{what}, changed up to {_percent(changed)} %; in all, a vibration was off by up to {off} %.")
     about = "Participants felt what was played, and their answers are about that."
     practised = PRACTISED * (less and study.origin == "PRACTICE")
     return (" ".join([*told, about]) + practised,) if told else ()

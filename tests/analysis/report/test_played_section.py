@@ -54,8 +54,8 @@ def test_what_limits_took_off_is_told_beside_what_was_left_out(tmp_path: Path) -
         return left_out(read(write_dataset(tmp_path / name, {"1": {"virtual": rows}})))
 
     changed = (
-        "The limits of panel and amplifier, and the response table, changed up to {} %; all together, up to {} % of a "
-        "vibration was off."
+        "The limits of panel and amplifier, and the response table, changed up to {} %; in all, a vibration was off by "
+        "up to {} %."
     )
     assert changed.format("94.76", "98.00") in told("both", (0.98, 0.25), (0.25, 0.25))[0]
     assert changed.format("25.00", "34.64") in told("another", (0.3464, 0.3464), (0.32015, 0.2))[0], (
