@@ -11,24 +11,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from analysis import published
-from analysis.audit.audit import Comparison, compare
-from analysis.documents import page
-from analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
-from analysis.documents.tables import WIDTH, Section, text
-from analysis.identification.results import Results, TaskResult, compute
-from analysis.identification.time_course import TimeCourse
-from analysis.reading.dataset import read_pooled
-from analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
-from analysis.reading.study import Study, nothing_left
-from analysis.report.sections import methods, sections
-from analysis.statistics.anova import Anova
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
+from palpate.analysis import published
+from palpate.analysis.audit.audit import Comparison, compare
+from palpate.analysis.documents import page
+from palpate.analysis.documents.output import DERIVATIVES, MANIFEST, check, publish
+from palpate.analysis.documents.tables import WIDTH, Section, text
+from palpate.analysis.identification.results import Results, TaskResult, compute
+from palpate.analysis.identification.time_course import TimeCourse
+from palpate.analysis.reading.dataset import read_pooled
+from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, from_file, printed_dissimilarities
+from palpate.analysis.reading.study import Study, nothing_left
+from palpate.analysis.report.sections import methods, sections
+from palpate.analysis.statistics.anova import Anova
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
 
 if TYPE_CHECKING:
-    from analysis.comparison.results import Compared
-    from analysis.documents.drawing import Sheet
+    from palpate.analysis.comparison.results import Compared
+    from palpate.analysis.documents.drawing import Sheet
 
 FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
 """Sections that a terminal shows first, so that matrices and tests stay on the screen; what was found comes last."""
@@ -132,14 +132,14 @@ def analyse(
         if dissimilarities is not None:
             raise DatasetError(f"{study.id}: got --dissimilarities and comparisons; allowed: one of them; leave it out")
         # Its scales need statsmodels, which no other analysis does.
-        from analysis.comparison import results as comparisons
-        from analysis.report import comparison_sections
+        from palpate.analysis.comparison import results as comparisons
+        from palpate.analysis.report import comparison_sections
 
         found = compared = comparisons.compute(study, printed)
         parts = comparison_sections.sections(study, compared, printed)
         formulas, numbers = comparison_sections.methods(), _compared(study, compared)
         if figures:
-            from analysis.report import comparison_figures
+            from palpate.analysis.report import comparison_figures
 
             drawn = comparison_figures.sheets(compared, study.label, titles=titles)
     else:
@@ -153,7 +153,7 @@ def analyse(
         formulas, numbers, further = methods(), _numbers(study, results, comparison), (_counts(results),)
         say("Drawing figures and writing the report" if figures else "Writing the report")
         if figures:
-            from analysis.report.figures import sheets
+            from palpate.analysis.report.figures import sheets
 
             drawn = sheets(results, study.label, titles=titles)
     # With the study in its caption each figure can stand alone.

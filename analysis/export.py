@@ -18,13 +18,13 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from analysis.documents.output import check, publish
-from analysis.documents.tables import cell
-from analysis.identification.confusion import confusion_of
-from analysis.reading.dataset import MISSING, read_pooled
-from analysis.reading.study import Study
-from experiment.records import tapping
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.documents.output import check, publish
+from palpate.analysis.documents.tables import cell
+from palpate.analysis.identification.confusion import confusion_of
+from palpate.analysis.reading.dataset import MISSING, read_pooled
+from palpate.analysis.reading.study import Study
+from palpate.experiment.records import tapping
+from palpate.experiment.records.events import NO_ANSWER
 
 DICTIONARY = "data_dictionary.csv"
 

@@ -1,4 +1,4 @@
-"""`palpate`, and `python -m experiment`: from the first import on, Ctrl-C is one line and exit code 130."""
+"""`palpate`, and `python -m palpate.experiment`: from the first import on, Ctrl-C is one line and exit code 130."""
 
 from __future__ import annotations
 
@@ -36,15 +36,15 @@ def main() -> None:
         # The system frees what is left at once; searching it for garbage takes a tenth of a second.
         atexit.register(gc.freeze)
         if sys.stdout is not None and sys.argv[1:] in ([], ["-h"], ["--help"]):
-            from experiment.cli import overview
+            from palpate.experiment.cli import overview
 
             sys.stdout.write(overview())
             return
-        from experiment.cli.app import main as command
+        from palpate.experiment.cli.app import main as command
 
         command()
     except (Exception, KeyboardInterrupt) as error:
-        from experiment.cli import tell, was_interrupted
+        from palpate.experiment.cli import tell, was_interrupted
 
         if not was_interrupted(error):
             raise

@@ -21,7 +21,7 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
-from experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError
 
 if sys.platform != "win32":
     import fcntl

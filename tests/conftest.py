@@ -109,7 +109,7 @@ Palpate = Callable[..., tuple[int, str, str]]
 @pytest.fixture
 def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> Palpate:
     """The command, in this process."""
-    from experiment import __main__
+    from palpate.experiment import __main__
 
     def call(*arguments: object) -> tuple[int, str, str]:
         monkeypatch.setattr("sys.argv", ["palpate", *map(str, arguments)])
@@ -124,8 +124,8 @@ def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 @pytest.fixture
 def seed_for() -> Callable[[Path, str], int]:
     """A seed under which participant 01 of a protocol does a task first."""
-    from experiment.protocol import files
-    from experiment.study.allocation import allocate
+    from palpate.experiment.protocol import files
+    from palpate.experiment.study.allocation import allocate
 
     def find(protocol_file: Path, task: str) -> int:
         protocol = files.load(protocol_file)

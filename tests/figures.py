@@ -44,7 +44,7 @@ def figures() -> tuple[Figure, ...]:
     rooms = _rooms()
     largest = sorted(rooms, key=lambda room: rooms[room], reverse=True)
     inner = [room for room in largest if room not in PACKAGES]
-    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
+    graph = grimp.build_graph("palpate", cache_dir=None)
     imports = {(one, other) for one in graph.modules for other in graph.find_modules_directly_imported_by(one)}
     return (
         Figure("modules of source", len(sources), 268),
@@ -116,12 +116,12 @@ def _upward(imports: set[tuple[str, str]]) -> set[str]:
                     beside |= {(one, other) for one in names for other in names if one != other}
 
     def room(module: str) -> str:
-        return ".".join(module.split(".")[:2])
+        return ".".join(module.split(".")[:3])
 
     return {
         f"{one} -> {other}"
         for one, other in imports
-        if one.partition(".")[0] == other.partition(".")[0]
+        if one.split(".")[1:2] == other.split(".")[1:2]
         if room(one) in floor and room(other) in floor
         if floor[room(other)] < floor[room(one)] or (room(one), room(other)) in beside
     }

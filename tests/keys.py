@@ -13,10 +13,10 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
-from experiment.apparatus.rig import Rig
-from experiment.protocol.models import Protocol
-from experiment.settings import load
-from experiment.settings.load import Confined, none
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings import load
+from palpate.experiment.settings.load import Confined, none
 
 README = Path(__file__).parent.parent / "protocols" / "README.md"
 BEGIN, END = "<!-- keys: written by python -m tests.keys -->", "<!-- end of keys -->"

@@ -50,7 +50,7 @@ def test_a_trial_flows_one_way(repository_root: Path) -> None:
 def test_help_imports_nothing_heavy(repository_root: Path, command: list[str]) -> None:
     code = f"""
 import sys
-from experiment.cli.app import app
+from palpate.experiment.cli.app import app
 try:
     app({command!r})
 except SystemExit as end:
@@ -69,7 +69,7 @@ def test_the_house_is_no_larger_than_its_plan() -> None:
 @pytest.fixture(scope="module")
 def through_typer(repository_root: Path) -> str:
     """The overview as typer writes it."""
-    done = run("-c", "from experiment.cli.app import app; app(['--help'])", cwd=repository_root)
+    done = run("-c", "from palpate.experiment.cli.app import app; app(['--help'])", cwd=repository_root)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -82,7 +82,7 @@ def test_the_overview_is_there_at_once_and_the_same_through_typer(
     asked = f"""
 import sys
 sys.argv[1:] = {arguments!r}
-from experiment.__main__ import main
+from palpate.experiment.__main__ import main
 main()
 print(sorted({{"typer", "pydantic", *{HEAVY!r}}} & set(sys.modules)), file=sys.stderr)
 """
@@ -91,7 +91,16 @@ print(sorted({{"typer", "pydantic", *{HEAVY!r}}} & set(sys.modules)), file=sys.s
     assert done.stdout == through_typer
 
 
-@pytest.mark.parametrize("package", ["experiment", "analysis", "experiment.protocol", "experiment.rehearsal"])
+@pytest.mark.parametrize(
+    "package",
+    [
+        "palpate",
+        "palpate.experiment",
+        "palpate.analysis",
+        "palpate.experiment.protocol",
+        "palpate.experiment.rehearsal",
+    ],
+)
 def test_packages_import_light(repository_root: Path, package: str) -> None:
     done = run("-c", f"import sys, {package}; print(sorted(set({HEAVY!r}) & set(sys.modules)))", cwd=repository_root)
     assert done.stdout.strip() == "[]", done.stderr
@@ -132,8 +141,8 @@ def test_the_readme_of_the_experiment_names_every_module(repository_root: Path) 
 def test_every_command_has_help_with_an_example() -> None:
     import typer
 
-    from experiment.cli import COMMANDS
-    from experiment.cli.app import app
+    from palpate.experiment.cli import COMMANDS
+    from palpate.experiment.cli.app import app
 
     group = typer.main.get_command(app)
     assert isinstance(group, typer.core.TyperGroup)

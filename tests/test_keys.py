@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from experiment.apparatus.rig import Rig
-from experiment.protocol import rules
-from experiment.protocol.models import Protocol
-from experiment.settings.load import Confined
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.protocol import rules
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.load import Confined
 from tests import keys
 
 

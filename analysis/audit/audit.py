@@ -16,19 +16,19 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from analysis import published
-from analysis.audit.checks import Checks
-from analysis.audit.evidence import FromResults
-from analysis.audit.mistakes import Citation, Line
-from analysis.audit.print_lines import print_lines
-from analysis.documents.tables import Section, Table, plural, text
-from analysis.identification.results import Results, TaskResult, compute
-from analysis.published import paper
-from analysis.published.numbers import PrintedIcc, Published
-from analysis.published.paper import Stated
-from analysis.reading.dataset import read
-from analysis.reading.study import nothing_left
-from experiment.errors import DatasetError, PublishedError
+from palpate.analysis import published
+from palpate.analysis.audit.checks import Checks
+from palpate.analysis.audit.evidence import FromResults
+from palpate.analysis.audit.mistakes import Citation, Line
+from palpate.analysis.audit.print_lines import print_lines
+from palpate.analysis.documents.tables import Section, Table, plural, text
+from palpate.analysis.identification.results import Results, TaskResult, compute
+from palpate.analysis.published import paper
+from palpate.analysis.published.numbers import PrintedIcc, Published
+from palpate.analysis.published.paper import Stated
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import nothing_left
+from palpate.experiment.errors import DatasetError, PublishedError
 
 PRINT = "PRINT"
 """Stands for an origin where printed numbers are compared with one another, not with a dataset."""

@@ -14,13 +14,13 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import combinations
 
-from analysis.audit.checks import Checks
-from analysis.audit.evidence import FromPrint
-from analysis.audit.granularity import Work, totals
-from analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, slips, told
-from analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedTable, Published
-from analysis.published.printed import Interval, Printed, outward, sum_of
-from experiment.errors import PublishedError
+from palpate.analysis.audit.checks import Checks
+from palpate.analysis.audit.evidence import FromPrint
+from palpate.analysis.audit.granularity import Work, totals
+from palpate.analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, slips, told
+from palpate.analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedTable, Published
+from palpate.analysis.published.printed import Interval, Printed, outward, sum_of
+from palpate.experiment.errors import PublishedError
 
 CONFLICTS: tuple[Verdict, ...] = ("differs", "impossible")
 

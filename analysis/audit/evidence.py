@@ -14,15 +14,15 @@ from itertools import product
 from statistics import mean, variance
 from typing import Literal
 
-from analysis.audit.granularity import ANY, Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
-from analysis.audit.mistakes import Verdict
-from analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
-from analysis.identification.confusion import shared
-from analysis.identification.results import Results
-from analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale
-from analysis.published.printed import Interval, Printed, point
-from analysis.statistics.anova import TYPES
-from experiment.errors import PublishedError
+from palpate.analysis.audit.granularity import ANY, Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
+from palpate.analysis.audit.mistakes import Verdict
+from palpate.analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
+from palpate.analysis.identification.confusion import shared
+from palpate.analysis.identification.results import Results
+from palpate.analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale
+from palpate.analysis.published.printed import Interval, Printed, point
+from palpate.analysis.statistics.anova import TYPES
+from palpate.experiment.errors import PublishedError
 
 Misreading = Literal["the population SD", "the standard error"]
 """What may be printed in the place of an SD."""

@@ -24,8 +24,8 @@ from operator import or_
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.published.numbers import PrintedCell, Scale
-from analysis.published.printed import Interval, point
+from palpate.analysis.published.numbers import PrintedCell, Scale
+from palpate.analysis.published.printed import Interval, point
 
 EXACT_STEPS = 500_000
 """Steps up to which sums of squares are found one by one; beyond, only parity and bounds are checked."""

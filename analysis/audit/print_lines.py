@@ -21,15 +21,26 @@ from operator import attrgetter
 
 import numpy as np
 
-from analysis.audit import causes
-from analysis.audit.causes import CONFLICTS
-from analysis.audit.checks import Checks
-from analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
-from analysis.audit.granularity import MOST_COLUMNS, Row, Undecided, Work, examine
-from analysis.audit.mistakes import AGREES, SWAPPED, TENFOLD, Citation, Line, Mistake, Verdict, judge, of_any_f, slips
-from analysis.audit.recomputed import p_of_f, quotient
-from analysis.documents.tables import plural
-from analysis.published.numbers import (
+from palpate.analysis.audit import causes
+from palpate.analysis.audit.causes import CONFLICTS
+from palpate.analysis.audit.checks import Checks
+from palpate.analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
+from palpate.analysis.audit.granularity import MOST_COLUMNS, Row, Undecided, Work, examine
+from palpate.analysis.audit.mistakes import (
+    AGREES,
+    SWAPPED,
+    TENFOLD,
+    Citation,
+    Line,
+    Mistake,
+    Verdict,
+    judge,
+    of_any_f,
+    slips,
+)
+from palpate.analysis.audit.recomputed import p_of_f, quotient
+from palpate.analysis.documents.tables import plural
+from palpate.analysis.published.numbers import (
     PrintedCell,
     PrintedChoices,
     PrintedSource,
@@ -37,7 +48,7 @@ from analysis.published.numbers import (
     PrintedTable,
     Published,
 )
-from analysis.published.printed import Interval, Printed, hull, sum_of
+from palpate.analysis.published.printed import Interval, Printed, hull, sum_of
 
 
 def read_print(published: Published) -> FromPrint:

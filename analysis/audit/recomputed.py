@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from fractions import Fraction
 from itertools import pairwise
 
-from analysis.audit.granularity import Moments
-from analysis.published.printed import Interval, hull, image, outward, point, sum_of
-from analysis.statistics.inference import p_two_tailed
+from palpate.analysis.audit.granularity import Moments
+from palpate.analysis.published.printed import Interval, hull, image, outward, point, sum_of
+from palpate.analysis.statistics.inference import p_two_tailed
 
 
 @dataclass(frozen=True)

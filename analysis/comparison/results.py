@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtrc, stdtrit
 
-from analysis.published.numbers import Published
-from analysis.reading.study import Study, Task
-from analysis.statistics.exact import defined
-from analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
-from analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
-from experiment.records import tapping
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.study import Study, Task
+from palpate.analysis.statistics.exact import defined
+from palpate.analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
+from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
+from palpate.experiment.records import tapping
+from palpate.experiment.records.events import NO_ANSWER
 
 CHOSEN = {tapping.FIRST: FIRST, tapping.SECOND: SECOND, tapping.TIE: TIE}
 

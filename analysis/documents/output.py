@@ -15,8 +15,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Literal
 
-from experiment import storage
-from experiment.errors import DatasetError
+from palpate.experiment import storage
+from palpate.experiment.errors import DatasetError
 
 MANIFEST = "manifest.json"
 

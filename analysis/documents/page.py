@@ -13,11 +13,11 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from analysis.documents.tables import Section, Table, comma_separated, latex, markdown
-from analysis.forked import forked
+from palpate.analysis.documents.tables import Section, Table, comma_separated, latex, markdown
+from palpate.analysis.forked import forked
 
 if TYPE_CHECKING:
-    from analysis.documents.drawing import Sheet
+    from palpate.analysis.documents.drawing import Sheet
 
 COLUMN_POINTS = 300.0
 """A figure wider than this takes the whole width of the page."""
@@ -183,7 +183,7 @@ def drawings(sheets: Iterable[Sheet], folder: str = "", *, pictures: bool = True
     A fork of this process draws half of them. SVG and PNG of one figure are drawn by the same process, because drawing
     is what lays a figure out.
     """
-    from analysis.documents import drawing
+    from palpate.analysis.documents import drawing
 
     kinds = {"svg": drawing.svg, **({"png": drawing.png} if pictures else {})}
 

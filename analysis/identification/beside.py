@@ -16,12 +16,12 @@ from itertools import combinations
 import numpy as np
 from scipy.special import fdtrc
 
-from analysis.identification.confusion import Confusion, in_every, shared
-from analysis.reading.study import Study
-from analysis.statistics import mixed_logit
-from analysis.statistics.exact import Floats, Integers, NotDefined, Statements
-from analysis.statistics.inference import EffectSize, TTest, cohens_d, t_against_chance
-from analysis.statistics.participants import Repeated, SignFlip, repeated, sign_flip
+from palpate.analysis.identification.confusion import Confusion, in_every, shared
+from palpate.analysis.reading.study import Study
+from palpate.analysis.statistics import mixed_logit
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements
+from palpate.analysis.statistics.inference import EffectSize, TTest, cohens_d, t_against_chance
+from palpate.analysis.statistics.participants import Repeated, SignFlip, repeated, sign_flip
 
 LEAST = 6
 """The fewest participants of a logit in which they differ by material and task."""

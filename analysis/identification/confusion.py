@@ -21,9 +21,9 @@ from statistics import mean, variance
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.reading.study import Study
-from analysis.statistics.exact import NotDefined
-from experiment.errors import DatasetError
+from palpate.analysis.reading.study import Study
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.experiment.errors import DatasetError
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ from itertools import combinations
 import numpy as np
 from scipy.special import stdtr, stdtrit
 
-from analysis.identification.beside import LEAST, LINKED, right_answers
-from analysis.identification.confusion import Confusion, shared
-from analysis.reading.study import Study
-from analysis.statistics import mixed_logit
-from analysis.statistics.exact import Floats, NotDefined
-from analysis.statistics.inference import CONFIDENCE, holm
-from analysis.statistics.participants import Equivalence, equivalence
+from palpate.analysis.identification.beside import LEAST, LINKED, right_answers
+from palpate.analysis.identification.confusion import Confusion, shared
+from palpate.analysis.reading.study import Study
+from palpate.analysis.statistics import mixed_logit
+from palpate.analysis.statistics.exact import Floats, NotDefined
+from palpate.analysis.statistics.inference import CONFIDENCE, holm
+from palpate.analysis.statistics.participants import Equivalence, equivalence
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,19 @@ from statistics import mean
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.identification import maps
-from analysis.identification.confusion import Confusion, Information, corrected, d_prime, information, transmitted
-from analysis.identification.maps import Choice, Mantel, Scaling
-from analysis.statistics import lapses
-from analysis.statistics.exact import NotDefined, Statements, defined
-from analysis.statistics.inference import (
+from palpate.analysis.identification import maps
+from palpate.analysis.identification.confusion import (
+    Confusion,
+    Information,
+    corrected,
+    d_prime,
+    information,
+    transmitted,
+)
+from palpate.analysis.identification.maps import Choice, Mantel, Scaling
+from palpate.analysis.statistics import lapses
+from palpate.analysis.statistics.exact import NotDefined, Statements, defined
+from palpate.analysis.statistics.inference import (
     CONFIDENCE,
     RESAMPLES,
     ConfidenceInterval,
@@ -24,7 +31,7 @@ from analysis.statistics.inference import (
     resamples,
     wilson,
 )
-from analysis.statistics.participants import Jackknife, jackknife
+from palpate.analysis.statistics.participants import Jackknife, jackknife
 
 CHOICE_RESAMPLES = 999
 CHOICE_TOLERANCE = 1e-3

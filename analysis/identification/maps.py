@@ -17,7 +17,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.statistics.exact import Floats, NotDefined
+from palpate.analysis.statistics.exact import Floats, NotDefined
 
 TOLERANCE = 1e-10
 """Largest relative difference between a fitted sum and the counts' in the last round."""

@@ -9,17 +9,17 @@ from functools import partial
 
 import numpy as np
 
-from analysis.documents.tables import plural
-from analysis.forked import forked
-from analysis.identification.beside import Beside, beside
-from analysis.identification.confusion import Confusion, confusion_of, in_every, shared
-from analysis.identification.contrasts import Equivalences, Marginal, equivalences, marginal
-from analysis.identification.identify import Identification, identify
-from analysis.identification.time_course import TimeCourse, course_of
-from analysis.identification.trial_models import TrialLevel, trial_level
-from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities
-from analysis.reading.study import Study, Task, chance, correction
-from analysis.statistics.anova import (
+from palpate.analysis.documents.tables import plural
+from palpate.analysis.forked import forked
+from palpate.analysis.identification.beside import Beside, beside
+from palpate.analysis.identification.confusion import Confusion, confusion_of, in_every, shared
+from palpate.analysis.identification.contrasts import Equivalences, Marginal, equivalences, marginal
+from palpate.analysis.identification.identify import Identification, identify
+from palpate.analysis.identification.time_course import TimeCourse, course_of
+from palpate.analysis.identification.trial_models import TrialLevel, trial_level
+from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities
+from palpate.analysis.reading.study import Study, Task, chance, correction
+from palpate.analysis.statistics.anova import (
     TYPES,
     Anova,
     Cells,
@@ -30,10 +30,18 @@ from analysis.statistics.anova import (
     two_way,
     variance_components,
 )
-from analysis.statistics.exact import defined
-from analysis.statistics.icc import Icc, icc
-from analysis.statistics.inference import STARS, EffectSize, TTest, cohens_d, holm, log_bayes_factor, t_against_chance
-from analysis.statistics.participants import SignFlip, sign_flip
+from palpate.analysis.statistics.exact import defined
+from palpate.analysis.statistics.icc import Icc, icc
+from palpate.analysis.statistics.inference import (
+    STARS,
+    EffectSize,
+    TTest,
+    cohens_d,
+    holm,
+    log_bayes_factor,
+    t_against_chance,
+)
+from palpate.analysis.statistics.participants import SignFlip, sign_flip
 
 TASK, MATERIAL = "task", "material"
 

@@ -13,10 +13,10 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.documents.tables import plural
-from analysis.reading.study import Study
-from analysis.statistics.exact import NotDefined
-from analysis.statistics.inference import RESAMPLES, ConfidenceInterval, bca, resamples, wilson
+from palpate.analysis.documents.tables import plural
+from palpate.analysis.reading.study import Study
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.inference import RESAMPLES, ConfidenceInterval, bca, resamples, wilson
 
 QUANTITIES = {
     "contact, predicted minus actual": "prediction_error_s",

@@ -23,8 +23,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from analysis.reading.study import Study
-from analysis.statistics.exact import Floats, NotDefined, Statements, defined
+from palpate.analysis.reading.study import Study
+from palpate.analysis.statistics.exact import Floats, NotDefined, Statements, defined
 
 TRIAL, FASTER, LATER = "10 trials on", "foot 100 mm/s faster", "a task after the first"
 COVARIATES = {"trial": (TRIAL, 10.0), "foot_speed_mm_s": (FASTER, 100.0)}

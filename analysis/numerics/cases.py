@@ -11,13 +11,13 @@ from math import floor, log2, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.numerics import oracle
-from analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
-from experiment.errors import SynthesisError
-from experiment.synthesis import waveforms
-from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
-from experiment.synthesis.spectra import Grid, inverse, inverse_on, spectrum, transformable
-from experiment.synthesis.waveforms import ROUNDING, denormal_error_m_s2, transform_error
+from palpate.analysis.numerics import oracle
+from palpate.analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis import waveforms
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
+from palpate.experiment.synthesis.spectra import Grid, inverse, inverse_on, spectrum, transformable
+from palpate.experiment.synthesis.waveforms import ROUNDING, denormal_error_m_s2, transform_error
 
 OUTPUT_RATES_HZ = (48_000, 44_100, 2_000)
 """A whole multiple of the recordings' rate, a rate that is none, and one that cannot carry every bin."""

@@ -14,15 +14,15 @@ from math import inf, pi, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.numerics import oracle
-from analysis.numerics.cases import Case, Seen
-from analysis.numerics.played import Condition
-from experiment.synthesis.contact.block import ENTERING, FREE, RETURNING, Advance, Block, Motion, Switch
-from experiment.synthesis.contact.exact import advance
-from experiment.synthesis.contact.path import Trajectory, trajectory
-from experiment.synthesis.stepping import stability
-from experiment.synthesis.stepping.impact import Collision, closed_form, condition
-from experiment.synthesis.stepping.steppers import STEPPERS
+from palpate.analysis.numerics import oracle
+from palpate.analysis.numerics.cases import Case, Seen
+from palpate.analysis.numerics.played import Condition
+from palpate.experiment.synthesis.contact.block import ENTERING, FREE, RETURNING, Advance, Block, Motion, Switch
+from palpate.experiment.synthesis.contact.exact import advance
+from palpate.experiment.synthesis.contact.path import Trajectory, trajectory
+from palpate.experiment.synthesis.stepping import stability
+from palpate.experiment.synthesis.stepping.impact import Collision, closed_form, condition
+from palpate.experiment.synthesis.stepping.steppers import STEPPERS
 
 SERVO_S = 400e-6
 """The period of the paper's servo."""

@@ -14,9 +14,9 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from analysis.documents.drawing import COLOURS, STYLE, colour, marker, pdf, png, svg
-from analysis.numerics import contact
-from analysis.numerics.numerics import (
+from palpate.analysis.documents.drawing import COLOURS, STYLE, colour, marker, pdf, png, svg
+from palpate.analysis.numerics import contact
+from palpate.analysis.numerics.numerics import (
     BETWEEN_MM_S,
     LABEL,
     NO_ANSWER,
@@ -26,11 +26,11 @@ from analysis.numerics.numerics import (
     dominated,
     order,
 )
-from analysis.numerics.played import PREPARED, Played
-from experiment.errors import SynthesisError
-from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
-from experiment.synthesis.stepping.impact import Collision, Course, closed_form, in_steps
-from experiment.synthesis.stepping.steppers import EXACT, STEPPERS
+from palpate.analysis.numerics.played import PREPARED, Played
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S
+from palpate.experiment.synthesis.stepping.impact import Collision, Course, closed_form, in_steps
+from palpate.experiment.synthesis.stepping.steppers import EXACT, STEPPERS
 
 KINDS: dict[str, Callable[[Figure], bytes]] = {".svg": svg, ".png": png, ".pdf": pdf}
 """What a figure can be written as."""

@@ -14,16 +14,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
-from analysis.numerics import cases, contact, oracle, played
-from analysis.numerics.cases import PRINTED_SUM, WAYS, Outcome, Way, settle
-from analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
-from analysis.numerics.played import Condition, Played
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
-from experiment.synthesis.shaping import Response, shape
-from experiment.synthesis.spectra import bin_frequencies_hz, grid, inverse, inverse_on
-from experiment.synthesis.stepping.steppers import EXACT, STEPPERS
-from experiment.synthesis.waveforms import transform_error
+from palpate.analysis.numerics import cases, contact, oracle, played
+from palpate.analysis.numerics.cases import PRINTED_SUM, WAYS, Outcome, Way, settle
+from palpate.analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
+from palpate.analysis.numerics.played import Condition, Played
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.noise import CLAIMED_DB, CLAIMED_FROM_S, Colour, noise
+from palpate.experiment.synthesis.shaping import Response, shape
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, grid, inverse, inverse_on
+from palpate.experiment.synthesis.stepping.steppers import EXACT, STEPPERS
+from palpate.experiment.synthesis.waveforms import transform_error
 
 LABEL = "SIMULATED spectra"
 """The label on everything: no recording is measured here."""

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.shaping import Response
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.shaping import Response
 
 Extended = NDArray[np.longdouble]
 

@@ -17,15 +17,15 @@ from math import inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.numerics import oracle
-from analysis.numerics.cases import AT_SPEED_ROUNDINGS, Case, Seen, material, refused, some
-from analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
-from experiment.synthesis.budget import Budget, of_accelerations, of_voltages
-from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.shaping import Response, response_at, shape_at
-from experiment.synthesis.spectra import bin_frequencies_hz, spectrum
-from experiment.synthesis.voltages import MISSED, WASTE, Drive, Driven
-from experiment.synthesis.waveforms import ROUNDING, Basis, denormal_error_m_s2, prepare, transform_error
+from palpate.analysis.numerics import oracle
+from palpate.analysis.numerics.cases import AT_SPEED_ROUNDINGS, Case, Seen, material, refused, some
+from palpate.analysis.numerics.oracle import PAPER_SAMPLES, RATE_HZ, SPEEDS_MM_S
+from palpate.experiment.synthesis.budget import Budget, of_accelerations, of_voltages
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
+from palpate.experiment.synthesis.shaping import Response, response_at, shape_at
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, spectrum
+from palpate.experiment.synthesis.voltages import MISSED, WASTE, Drive, Driven
+from palpate.experiment.synthesis.waveforms import ROUNDING, Basis, denormal_error_m_s2, prepare, transform_error
 
 FREQUENCIES_HZ = (*range(10, 30, 2), *range(30, 605, 5))
 LEVELS_V = tuple(sqrt(2) * rms for rms in (0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5))

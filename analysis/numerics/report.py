@@ -9,14 +9,14 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from analysis.documents.drawing import png, svg
-from analysis.documents.output import check, publish
-from analysis.documents.tables import WIDTH, Section, Table, comma_separated, markdown
-from analysis.documents.tables import text as section_text
-from analysis.numerics import contact, figures, played
-from analysis.numerics.cases import Outcome
-from analysis.numerics.figures import time_text
-from analysis.numerics.numerics import (
+from palpate.analysis.documents.drawing import png, svg
+from palpate.analysis.documents.output import check, publish
+from palpate.analysis.documents.tables import WIDTH, Section, Table, comma_separated, markdown
+from palpate.analysis.documents.tables import text as section_text
+from palpate.analysis.numerics import contact, figures, played
+from palpate.analysis.numerics.cases import Outcome
+from palpate.analysis.numerics.figures import time_text
+from palpate.analysis.numerics.numerics import (
     AS_GOOD,
     BETWEEN_MM_S,
     LABEL,
@@ -31,11 +31,11 @@ from analysis.numerics.numerics import (
     shaping_order,
     usual_length,
 )
-from analysis.numerics.oracle import PAPER_SAMPLES
-from analysis.numerics.played import FULL_SCALE_M_S2, Played
-from experiment.errors import DatasetError
-from experiment.synthesis.noise import CLAIMED_FROM_S
-from experiment.synthesis.stepping.stability import of_the_paper
+from palpate.analysis.numerics.oracle import PAPER_SAMPLES
+from palpate.analysis.numerics.played import FULL_SCALE_M_S2, Played
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.synthesis.noise import CLAIMED_FROM_S
+from palpate.experiment.synthesis.stepping.stability import of_the_paper
 
 TITLES = {
     "synthesis": "Synthesis: equations (3) to (5)",

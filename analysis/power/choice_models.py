@@ -18,16 +18,16 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from analysis import published
-from analysis.documents.tables import plural
-from analysis.identification.confusion import confusion
-from analysis.published.numbers import Published
-from analysis.reading import dataset
-from analysis.statistics.exact import Floats, Integers
-from experiment.errors import PowerError
-from experiment.protocol.models import Protocol
-from experiment.settings import load
-from experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
+from palpate.analysis import published
+from palpate.analysis.documents.tables import plural
+from palpate.analysis.identification.confusion import confusion
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading import dataset
+from palpate.analysis.statistics.exact import Floats, Integers
+from palpate.experiment.errors import PowerError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings import load
+from palpate.experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
 
 MOST_SPREAD = 0.999
 """The largest intraclass correlation that is fitted; beyond it every participant always gives the same answer."""

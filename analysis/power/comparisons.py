@@ -17,16 +17,16 @@ import numpy as np
 from pydantic import Field
 from scipy.special import expit, stdtr
 
-from analysis import published
-from analysis.comparison.results import CHOSEN
-from analysis.power.planned_tests import Answer, Design, Question
-from analysis.reading import dataset
-from analysis.statistics.exact import Floats, Integers
-from analysis.statistics.scaling import FIRST, SECOND
-from experiment.errors import PowerError
-from experiment.protocol.models import Protocol
-from experiment.settings import load
-from experiment.settings.load import Confined, Label, Name, Text
+from palpate.analysis import published
+from palpate.analysis.comparison.results import CHOSEN
+from palpate.analysis.power.planned_tests import Answer, Design, Question
+from palpate.analysis.reading import dataset
+from palpate.analysis.statistics.exact import Floats, Integers
+from palpate.analysis.statistics.scaling import FIRST, SECOND
+from palpate.experiment.errors import PowerError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings import load
+from palpate.experiment.settings.load import Confined, Label, Name, Text
 
 STEPS, FAR = 40, 15.0
 """The most of Newton's steps, and the value in logits beyond which a scale counts as one without limit."""

@@ -9,14 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
-from analysis.identification.confusion import most_confused
-from analysis.identification.results import EVERY
-from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
-from analysis.statistics.exact import Floats, Integers, Ratios, of_counts
-from analysis.statistics.icc import NAMES, icc_tests
-from analysis.statistics.inference import holm, t_tests
-from analysis.statistics.participants import repeated_tests, sign_flip_tests
-from experiment.protocol.models import PlannedTest, Protocol, Task
+from palpate.analysis.identification.confusion import most_confused
+from palpate.analysis.identification.results import EVERY
+from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
+from palpate.analysis.statistics.exact import Floats, Integers, Ratios, of_counts
+from palpate.analysis.statistics.icc import NAMES, icc_tests
+from palpate.analysis.statistics.inference import holm, t_tests
+from palpate.analysis.statistics.participants import repeated_tests, sign_flip_tests
+from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 
 ADJUSTED = "Holm"
 FLIPS = ", sign flips (ours)"

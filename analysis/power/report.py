@@ -12,14 +12,14 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.axes import Axes
 
-from analysis.documents import page
-from analysis.documents.drawing import COLUMN_STYLE, LINES, Sheet, colour, key, marker, sheet
-from analysis.documents.output import publish
-from analysis.documents.tables import WIDTH, Section, Table, number
-from analysis.documents.tables import text as in_terminal
-from analysis.power.comparisons import PairModel
-from analysis.power.planned_tests import ADJUSTED, Question
-from analysis.power.simulate import Kind, Power, Row, software
+from palpate.analysis.documents import page
+from palpate.analysis.documents.drawing import COLUMN_STYLE, LINES, Sheet, colour, key, marker, sheet
+from palpate.analysis.documents.output import publish
+from palpate.analysis.documents.tables import WIDTH, Section, Table, number
+from palpate.analysis.documents.tables import text as in_terminal
+from palpate.analysis.power.comparisons import PairModel
+from palpate.analysis.power.planned_tests import ADJUSTED, Question
+from palpate.analysis.power.simulate import Kind, Power, Row, software
 
 ABOUT_POWER = (
     "Power is the share of SIMULATED studies in which the two-tailed P lies below alpha. A study whose values define "

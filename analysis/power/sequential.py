@@ -22,13 +22,13 @@ from typing import Any, Literal
 import numpy as np
 from scipy.special import betaincinv, ndtr, ndtri, stdtr
 
-from analysis.documents.tables import Section, Table, number
-from analysis.power.choice_models import ChoiceModel
-from analysis.power.planned_tests import FLIPS, Design
-from analysis.statistics.exact import Floats, Integers
-from analysis.statistics.inference import log_bayes_factor, wilson
-from analysis.statistics.participants import sign_flip_tests
-from experiment.errors import PowerError
+from palpate.analysis.documents.tables import Section, Table, number
+from palpate.analysis.power.choice_models import ChoiceModel
+from palpate.analysis.power.planned_tests import FLIPS, Design
+from palpate.analysis.statistics.exact import Floats, Integers
+from palpate.analysis.statistics.inference import log_bayes_factor, wilson
+from palpate.analysis.statistics.participants import sign_flip_tests
+from palpate.experiment.errors import PowerError
 
 Rule = Literal["obrien-fleming", "pocock", "bayes"]
 

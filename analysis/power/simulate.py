@@ -19,13 +19,13 @@ from typing import Any, Literal, TypeVar
 
 import numpy as np
 
-from analysis.power import comparisons
-from analysis.power.choice_models import ChoiceModel, draw, guessing
-from analysis.power.comparisons import PairModel
-from analysis.power.planned_tests import Answer, Design, Question, answer, fewest, not_simulated, starred
-from analysis.statistics.inference import wilson
-from experiment.errors import PowerError
-from experiment.protocol.models import Protocol
+from palpate.analysis.power import comparisons
+from palpate.analysis.power.choice_models import ChoiceModel, draw, guessing
+from palpate.analysis.power.comparisons import PairModel
+from palpate.analysis.power.planned_tests import Answer, Design, Question, answer, fewest, not_simulated, starred
+from palpate.analysis.statistics.inference import wilson
+from palpate.experiment.errors import PowerError
+from palpate.experiment.protocol.models import Protocol
 
 LABEL = "SIMULATED studies"
 """The label on everything: no participant took part in any of these studies."""

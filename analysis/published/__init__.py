@@ -10,8 +10,8 @@ from __future__ import annotations
 from importlib import resources
 from pathlib import Path
 
-from analysis.published.numbers import Published
-from experiment.errors import ProtocolError, PublishedError
+from palpate.analysis.published.numbers import Published
+from palpate.experiment.errors import ProtocolError, PublishedError
 
 
 def shipped() -> dict[str, Path]:
@@ -31,7 +31,7 @@ def read(path: Path) -> Published:
 
     Raises `PublishedError` with every problem of the file at once.
     """
-    from experiment.settings import load as files
+    from palpate.experiment.settings import load as files
 
     try:
         return files.read(path, Published)

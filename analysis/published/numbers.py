@@ -11,8 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal, TypeVar
 from pydantic import AfterValidator, Field, GetCoreSchemaHandler
 from pydantic_core import CoreSchema, core_schema
 
-from analysis.published.printed import POSITIVE, Printed
-from experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
+from palpate.analysis.published.printed import POSITIVE, Printed
+from palpate.experiment.settings.load import Broken, Confined, Label, Name, Rules, Text
 
 
 @dataclass(frozen=True)

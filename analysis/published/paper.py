@@ -19,11 +19,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from analysis.published.numbers import Published
-from analysis.published.printed import POSITIVE
-from experiment import storage
-from experiment.errors import ProtocolError, PublishedError
-from experiment.settings import load
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.published.printed import POSITIVE
+from palpate.experiment import storage
+from palpate.experiment.errors import ProtocolError, PublishedError
+from palpate.experiment.settings import load
 
 SUFFIXES = (".html", ".htm", ".xhtml", ".csv", ".tsv")
 LARGEST = 2 * 2**20

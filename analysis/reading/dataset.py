@@ -21,16 +21,16 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from analysis.documents.tables import plural
-from analysis.reading.study import Part, Study, Task, check_chances, exclude
-from experiment import storage
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER, columns_of
-from experiment.records.tapping import FIRST, SECOND, TIE
-from experiment.settings.characters import JOINERS, hidden, quoted
+from palpate.analysis.documents.tables import plural
+from palpate.analysis.reading.study import Part, Study, Task, check_chances, exclude
+from palpate.experiment import storage
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER, columns_of
+from palpate.experiment.records.tapping import FIRST, SECOND, TIE
+from palpate.experiment.settings.characters import JOINERS, hidden, quoted
 
 if TYPE_CHECKING:
-    from experiment.protocol.models import Protocol
+    from palpate.experiment.protocol.models import Protocol
 
 MISSING = "n/a"
 FURTHER = {
@@ -107,7 +107,7 @@ def read(root: Path) -> Study:
         raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
     protocol, sealed = None, ""
     if (plan := root / "sourcedata" / "protocol.toml").exists():
-        from experiment.protocol import files
+        from palpate.experiment.protocol import files
 
         protocol = files.load_kept(plan)
         sealed = _sealed(plan, protocol)
@@ -137,7 +137,7 @@ def read(root: Path) -> Study:
 
 def _sealed(plan: Path, protocol: Protocol) -> str:
     """Return what the seal beside the copy of a protocol says of it."""
-    from experiment.protocol import approval
+    from palpate.experiment.protocol import approval
 
     if not approval.seal_path(plan).exists():
         return "no seal stands beside it"

@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.published.printed import Printed
-from experiment import storage
-from experiment.errors import DatasetError
+from palpate.analysis.published.printed import Printed
+from palpate.experiment import storage
+from palpate.experiment.errors import DatasetError
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class PrintedSpectra:
 
 def load() -> PrintedSpectra:
     """Return the numbers of Okamoto et al., Table 3 and section 3.3."""
-    file = resources.files("analysis.published").joinpath("okamoto2012_spectra.toml")
+    file = resources.files("palpate.analysis.published").joinpath("okamoto2012_spectra.toml")
     content = tomllib.loads(file.read_text(encoding="utf-8"))
     return PrintedSpectra(
         speed_mm_s=float(content["table_3"]["speed_mm_s"]),

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
-from analysis.documents.tables import plural
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.documents.tables import plural
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
 
 if TYPE_CHECKING:
-    from experiment.protocol.models import ExclusionRule, PlannedTest, Protocol
+    from palpate.experiment.protocol.models import ExclusionRule, PlannedTest, Protocol
 
 ALL_TASKS = "all"
 

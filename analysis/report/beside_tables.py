@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from analysis.documents.tables import Section, Table, interval, number, p_is, probability
-from analysis.identification.beside import Beside, Paired, SlopesLogit
-from analysis.report.plan import TWO_WAY, Standing, marked
-from analysis.statistics.participants import Repeated
+from palpate.analysis.documents.tables import Section, Table, interval, number, p_is, probability
+from palpate.analysis.identification.beside import Beside, Paired, SlopesLogit
+from palpate.analysis.report.plan import TWO_WAY, Standing, marked
+from palpate.analysis.statistics.participants import Repeated
 
 
 def beside_section(found: Beside, stands: Standing, common: tuple[str, ...] = ()) -> Section:

@@ -9,10 +9,20 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from analysis.comparison.results import Compared, Scaled, TaskComparisons
-from analysis.documents.drawing import COLUMN_STYLE, PAGE_INCHES, SHADES, Sheet, colour, marker, pages, sheet, short
-from analysis.report.comparison_sections import LAWS, percent
-from analysis.report.found import more
+from palpate.analysis.comparison.results import Compared, Scaled, TaskComparisons
+from palpate.analysis.documents.drawing import (
+    COLUMN_STYLE,
+    PAGE_INCHES,
+    SHADES,
+    Sheet,
+    colour,
+    marker,
+    pages,
+    sheet,
+    short,
+)
+from palpate.analysis.report.comparison_sections import LAWS, percent
+from palpate.analysis.report.found import more
 
 DARK = 0.6
 """The text of a cell above this share is white."""

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
 
-from analysis.comparison.results import Beside, Compared, Scaled, Share, TaskComparisons
-from analysis.documents.tables import Section, Table, interval, number, p_is, plural
-from analysis.published.numbers import Published
-from analysis.reading.study import Study
-from analysis.report import plan
-from analysis.report.found import UNNAMED, compared_section, more
-from analysis.report.sections import formulas
+from palpate.analysis.comparison.results import Beside, Compared, Scaled, Share, TaskComparisons
+from palpate.analysis.documents.tables import Section, Table, interval, number, p_is, plural
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.study import Study
+from palpate.analysis.report import plan
+from palpate.analysis.report.found import UNNAMED, compared_section, more
+from palpate.analysis.report.sections import formulas
 
 LAWS = {
     "bradley-terry": "Bradley-Terry, in logits",

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.ticker import FuncFormatter
 from scipy.special import expit, logit
 
-from analysis.documents.drawing import (
+from palpate.analysis.documents.drawing import (
     COLUMN_MM,
     COLUMN_STYLE,
     PAGE_MM,
@@ -21,7 +21,7 @@ from analysis.documents.drawing import (
     sheet,
     width_inches,
 )
-from analysis.identification.contrasts import Marginal
+from palpate.analysis.identification.contrasts import Marginal
 
 FEW = 5
 """The most materials beside one another within a column of a journal; more take the width of two."""

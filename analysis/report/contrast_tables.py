@@ -8,10 +8,10 @@ from dataclasses import asdict
 
 from scipy.special import expit
 
-from analysis.documents.tables import Section, Table, bayes_factor, interval, number, probability
-from analysis.identification.contrasts import MARGIN, Contrast, Equivalences, Equivalent, Marginal
-from analysis.identification.results import Results
-from analysis.statistics.participants import Jackknife
+from palpate.analysis.documents.tables import Section, Table, bayes_factor, interval, number, probability
+from palpate.analysis.identification.contrasts import MARGIN, Contrast, Equivalences, Equivalent, Marginal
+from palpate.analysis.identification.results import Results
+from palpate.analysis.statistics.participants import Jackknife
 
 
 def contrasts_section(results: Results) -> Section:

@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from analysis.documents.drawing import (
+from palpate.analysis.documents.drawing import (
     COLUMN_MM,
     COLUMN_STYLE,
     HATCHES,
@@ -33,12 +33,12 @@ from analysis.documents.drawing import (
     told_apart,
     width_inches,
 )
-from analysis.documents.tables import plural
-from analysis.identification.identify import Identification
-from analysis.identification.results import Results, TaskResult, bracketed
-from analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window
-from analysis.report.contrast_figure import FEW, contrast_sheet
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.documents.tables import plural
+from palpate.analysis.identification.identify import Identification
+from palpate.analysis.identification.results import Results, TaskResult, bracketed
+from palpate.analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window
+from palpate.analysis.report.contrast_figure import FEW, contrast_sheet
+from palpate.experiment.records.events import NO_ANSWER
 
 ACROSS = 5
 """The number of participants beside one another on a page of panels."""

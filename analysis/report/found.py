@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
-from analysis.identification.identify import Cell, Identification
-from analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
-from analysis.reading.study import Study
-from analysis.report.plan import TWO_WAY, Standing, T, alpha
+from palpate.analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
+from palpate.analysis.identification.identify import Cell, Identification
+from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
+from palpate.analysis.reading.study import Study
+from palpate.analysis.report.plan import TWO_WAY, Standing, T, alpha
 
 if TYPE_CHECKING:
-    from analysis.comparison.results import Compared, Estimate, Scaled, TaskComparisons
+    from palpate.analysis.comparison.results import Compared, Estimate, Scaled, TaskComparisons
 
 FOUND = "What was found"
 

@@ -9,13 +9,13 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
-from analysis.identification.identify import CHOICE_RESAMPLES, ChoiceIntervals, Identification
-from analysis.identification.results import Results
-from analysis.identification.time_course import WINDOW, TimeCourse
-from analysis.identification.trial_models import Term, TrialLevel, TrialModel
-from analysis.statistics.inference import RESAMPLES, ConfidenceInterval
-from analysis.statistics.participants import Jackknife
+from palpate.analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
+from palpate.analysis.identification.identify import CHOICE_RESAMPLES, ChoiceIntervals, Identification
+from palpate.analysis.identification.results import Results
+from palpate.analysis.identification.time_course import WINDOW, TimeCourse
+from palpate.analysis.identification.trial_models import Term, TrialLevel, TrialModel
+from palpate.analysis.statistics.inference import RESAMPLES, ConfidenceInterval
+from palpate.analysis.statistics.participants import Jackknife
 
 ARBITRARY = (
     "In a reconstruction it is arbitrary which rows form one participant. Values by participant, and intervals that "

@@ -7,15 +7,15 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from typing import TYPE_CHECKING
 
-from analysis.documents.tables import Section, Table, number, p_is, plural
-from analysis.published.numbers import Published
-from analysis.reading.study import Exclusion, Study, sentences
+from palpate.analysis.documents.tables import Section, Table, number, p_is, plural
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.study import Exclusion, Study, sentences
 
 if TYPE_CHECKING:
-    from analysis.comparison.results import Compared
-    from analysis.identification.results import PairTest, Results, TaskResult
-    from analysis.statistics.anova import Anova
-    from experiment.protocol.models import ExclusionRule, PlannedTest
+    from palpate.analysis.comparison.results import Compared
+    from palpate.analysis.identification.results import PairTest, Results, TaskResult
+    from palpate.analysis.statistics.anova import Anova
+    from palpate.experiment.protocol.models import ExclusionRule, PlannedTest
 
 PLANNED, PUBLISHED, OURS, EXPLORATORY, DESCRIPTIVE = "planned", "published", "ours", "exploratory", "descriptive"
 

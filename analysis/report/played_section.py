@@ -7,9 +7,9 @@ from collections.abc import Mapping
 
 import pandas as pd
 
-from analysis.documents.tables import Section, Table, number, plural
-from analysis.reading.dataset import MISSING
-from analysis.reading.study import Study
+from palpate.analysis.documents.tables import Section, Table, number, plural
+from palpate.analysis.reading.dataset import MISSING
+from palpate.analysis.reading.study import Study
 
 UNHEARD = (
     "Nothing measured what reached the panel, for the rig has no loopback: a stimulus could count as undelivered only "

@@ -9,11 +9,20 @@ from functools import partial
 from pathlib import Path
 from string import Template
 
-from analysis.audit.audit import Comparison, comparison_section
-from analysis.documents.tables import Section, Table, bayes_factor, interval, lacks_a_limit, number, plural, probability
-from analysis.identification.identify import CHOICE_RESAMPLES
-from analysis.identification.maps import MOST, ORDERS
-from analysis.identification.results import (
+from palpate.analysis.audit.audit import Comparison, comparison_section
+from palpate.analysis.documents.tables import (
+    Section,
+    Table,
+    bayes_factor,
+    interval,
+    lacks_a_limit,
+    number,
+    plural,
+    probability,
+)
+from palpate.analysis.identification.identify import CHOICE_RESAMPLES
+from palpate.analysis.identification.maps import MOST, ORDERS
+from palpate.analysis.identification.results import (
     SEED,
     ComponentReliability,
     PairTest,
@@ -22,20 +31,20 @@ from analysis.identification.results import (
     TaskResult,
     bracketed,
 )
-from analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
-from analysis.published.numbers import Published
-from analysis.reading.study import Study
-from analysis.report.beside_tables import beside_section
-from analysis.report.contrast_tables import contrasts_section, equivalence_section, lapses_section
-from analysis.report.found import found_section, joined
-from analysis.report.identification_sections import (
+from palpate.analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.study import Study
+from palpate.analysis.report.beside_tables import beside_section
+from palpate.analysis.report.contrast_tables import contrasts_section, equivalence_section, lapses_section
+from palpate.analysis.report.found import found_section, joined
+from palpate.analysis.report.identification_sections import (
     ARBITRARY,
     confusions_section,
     course_section,
     intervals_section,
     trials_section,
 )
-from analysis.report.plan import (
+from palpate.analysis.report.plan import (
     DESCRIPTIVE,
     EXPLORATORY,
     NEVER,
@@ -50,11 +59,11 @@ from analysis.report.plan import (
     overview,
     standing,
 )
-from analysis.report.played_section import left_out, played_sections
-from analysis.statistics.anova import Anova, Effect
-from analysis.statistics.icc import NAMES
-from analysis.statistics.inference import RESAMPLES, EffectSize
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.report.played_section import left_out, played_sections
+from palpate.analysis.statistics.anova import Anova, Effect
+from palpate.analysis.statistics.icc import NAMES
+from palpate.analysis.statistics.inference import RESAMPLES, EffectSize
+from palpate.experiment.records.events import NO_ANSWER
 
 FEW = 10
 """The most participants left out of a matrix that a terminal names; it counts the others."""

@@ -18,7 +18,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from analysis.statistics.exact import (
+from palpate.analysis.statistics.exact import (
     Floats,
     NotDefined,
     Number,
@@ -32,7 +32,7 @@ from analysis.statistics.exact import (
     ratio,
     undefined,
 )
-from analysis.statistics.inference import EffectSize, partial_eta_squared
+from palpate.analysis.statistics.inference import EffectSize, partial_eta_squared
 
 SumsOfSquares = Literal["I", "II", "III"]
 TYPES: tuple[SumsOfSquares, ...] = ("I", "II", "III")

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.special import fdtri
 
-from analysis.statistics import exact
+from palpate.analysis.statistics import exact
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from fractions import Fraction
 import numpy as np
 from scipy.special import betaincinv, ncfdtr, nctdtr, ndtr, ndtri, stdtr
 
-from analysis.statistics.exact import (
+from palpate.analysis.statistics.exact import (
     Floats,
     Integers,
     NotDefined,

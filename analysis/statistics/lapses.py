@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import xlogy
 
-from analysis.statistics.exact import Floats, Integers, NotDefined
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
 
 TOLERANCE, STEPS = 1e-13, 2000
 """The relative change of a bias at which fitting ends, and the most of its steps."""

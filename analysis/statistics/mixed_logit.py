@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from analysis.statistics.exact import Floats, Integers, NotDefined
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
 
 STEPS, MODE_TOLERANCE = 100, 1e-11
 """The most of Newton's steps to the modes of u, and the step at which they end."""

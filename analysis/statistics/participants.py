@@ -18,8 +18,8 @@ import numpy as np
 from scipy.linalg import helmert
 from scipy.special import fdtrc, stdtr, stdtrit
 
-from analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
-from analysis.statistics.inference import CONFIDENCE, log_bayes_factor
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
+from palpate.analysis.statistics.inference import CONFIDENCE, log_bayes_factor
 
 MOST_STEPS = 200_000_000
 """Participants times the steps of their sum beyond which sign flips are not counted."""

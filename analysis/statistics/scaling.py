@@ -20,7 +20,7 @@ from scipy.special import log_softmax
 from statsmodels.genmod.families import Binomial, links
 from statsmodels.genmod.generalized_linear_model import GLM
 
-from analysis.statistics.exact import Floats, Integers, NotDefined
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
 
 Law = Literal["bradley-terry", "thurstone", "davidson"]
 

@@ -12,15 +12,25 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from analysis.documents import page
-from analysis.documents.drawing import COLUMN_STYLE, HATCHES, LINES, Sheet, colour, common_key, key, sheet, short
-from analysis.documents.output import check, publish
-from analysis.documents.tables import WIDTH, Section, Table, number, text
-from analysis.reading import dissimilarities
-from analysis.report.figures import against_dissimilarity
-from analysis.validation.validate import Classified, Overlay, Recorded, Validation, compute
-from experiment.synthesis.crinkle import Average
-from experiment.synthesis.spectra import BAND_HZ
+from palpate.analysis.documents import page
+from palpate.analysis.documents.drawing import (
+    COLUMN_STYLE,
+    HATCHES,
+    LINES,
+    Sheet,
+    colour,
+    common_key,
+    key,
+    sheet,
+    short,
+)
+from palpate.analysis.documents.output import check, publish
+from palpate.analysis.documents.tables import WIDTH, Section, Table, number, text
+from palpate.analysis.reading import dissimilarities
+from palpate.analysis.report.figures import against_dissimilarity
+from palpate.analysis.validation.validate import Classified, Overlay, Recorded, Validation, compute
+from palpate.experiment.synthesis.crinkle import Average
+from palpate.experiment.synthesis.spectra import BAND_HZ
 
 METHODS = (
     ("Spectrum", "C_k = (2/N) sum of y_i cos(pi k (i + 1/2) / N), at F k / (2 N) hertz. Equation (1)."),

@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis import published
-from analysis.reading import dissimilarities
-from experiment.errors import RecordingError
-from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
-from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity, dissimilarity_matrix, spectrum
+from palpate.analysis import published
+from palpate.analysis.reading import dissimilarities
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity, dissimilarity_matrix, spectrum
 
 
 class Recorded(Protocol):

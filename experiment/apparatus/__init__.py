@@ -14,15 +14,15 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from experiment.apparatus.host import elsewhere
-    from experiment.apparatus.ports import Tracker
-    from experiment.apparatus.rig import TrackerRig
-    from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
-    from experiment.apparatus.tracker.clock_map import init as begin_clock
-    from experiment.apparatus.tracker.clock_map import step as step_clock
-    from experiment.apparatus.tracker.frames import LinkCounts, Samples, encode
-    from experiment.clock import Clock
-    from experiment.errors import TrackerError, TrackerStopped
+    from palpate.experiment.apparatus.host import elsewhere
+    from palpate.experiment.apparatus.ports import Tracker
+    from palpate.experiment.apparatus.rig import TrackerRig
+    from palpate.experiment.apparatus.tracker.clock_map import ClockMap, ClockState
+    from palpate.experiment.apparatus.tracker.clock_map import init as begin_clock
+    from palpate.experiment.apparatus.tracker.clock_map import step as step_clock
+    from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples, encode
+    from palpate.experiment.clock import Clock
+    from palpate.experiment.errors import TrackerError, TrackerStopped
 
 __all__ = [
     "Clock",
@@ -41,19 +41,19 @@ __all__ = [
 ]
 
 _PLACES = {
-    "Clock": "experiment.clock:Clock",
-    "ClockMap": "experiment.apparatus.tracker.clock_map:ClockMap",
-    "ClockState": "experiment.apparatus.tracker.clock_map:ClockState",
-    "LinkCounts": "experiment.apparatus.tracker.frames:LinkCounts",
-    "Samples": "experiment.apparatus.tracker.frames:Samples",
-    "Tracker": "experiment.apparatus.ports:Tracker",
-    "TrackerError": "experiment.errors:TrackerError",
-    "TrackerRig": "experiment.apparatus.rig:TrackerRig",
-    "TrackerStopped": "experiment.errors:TrackerStopped",
-    "begin_clock": "experiment.apparatus.tracker.clock_map:init",
-    "elsewhere": "experiment.apparatus.host:elsewhere",
-    "encode": "experiment.apparatus.tracker.frames:encode",
-    "step_clock": "experiment.apparatus.tracker.clock_map:step",
+    "Clock": "palpate.experiment.clock:Clock",
+    "ClockMap": "palpate.experiment.apparatus.tracker.clock_map:ClockMap",
+    "ClockState": "palpate.experiment.apparatus.tracker.clock_map:ClockState",
+    "LinkCounts": "palpate.experiment.apparatus.tracker.frames:LinkCounts",
+    "Samples": "palpate.experiment.apparatus.tracker.frames:Samples",
+    "Tracker": "palpate.experiment.apparatus.ports:Tracker",
+    "TrackerError": "palpate.experiment.errors:TrackerError",
+    "TrackerRig": "palpate.experiment.apparatus.rig:TrackerRig",
+    "TrackerStopped": "palpate.experiment.errors:TrackerStopped",
+    "begin_clock": "palpate.experiment.apparatus.tracker.clock_map:init",
+    "elsewhere": "palpate.experiment.apparatus.host:elsewhere",
+    "encode": "palpate.experiment.apparatus.tracker.frames:encode",
+    "step_clock": "palpate.experiment.apparatus.tracker.clock_map:step",
 }
 
 

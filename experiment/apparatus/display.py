@@ -8,7 +8,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from experiment.settings.load import ONE_LINE, Broken, Confined, Line, Rules
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Rules
 
 Pixels = Annotated[int, Field(ge=320, le=16_384)]
 KeyName = Annotated[

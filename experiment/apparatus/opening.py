@@ -10,19 +10,19 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiment import storage
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Servo, Tracker
-from experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.clock import Clock
-from experiment.errors import ActuatorError, RigError, TrackerError
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Servo, Tracker
+from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import ActuatorError, RigError, TrackerError
 
 if TYPE_CHECKING:
-    from experiment.apparatus.audio.masker import MaskerNoise
-    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-    from experiment.apparatus.servo.settings import ServoRig
-    from experiment.synthesis.voltages import Drive
+    from palpate.experiment.apparatus.audio.masker import MaskerNoise
+    from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+    from palpate.experiment.apparatus.servo.settings import ServoRig
+    from palpate.experiment.synthesis.voltages import Drive
 
 
 def audio_of(rig: Rig) -> AudioRig:
@@ -51,7 +51,7 @@ def open_audio(
     that the rig names. Raises `RigError` if the rig has no audio device, a calibration is too old, or the device exists
     in simulation alone, and `AudioError` if the device cannot be opened.
     """
-    from experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.apparatus.audio.stream import AudioStream
 
     audio = audio_of(rig)
     if device is None and audio.device == REHEARSAL:
@@ -78,7 +78,7 @@ def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker:
     for channel in channels.headphones:
         ceilings[channel - 1] = masker.ceiling if masker is not None else 0.0
     if plays and limit_m_s2 is not None:
-        from experiment.apparatus.panel.conditioning import Conditioner
+        from palpate.experiment.apparatus.panel.conditioning import Conditioner
 
         volts = rig.actuator.shaping is not None
         ceilings[channels.actuator - 1] = (
@@ -92,7 +92,7 @@ def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = No
 
     A probe on the actuator's channel is at most `peak` in magnitude, 1.0 being full scale; other channels are silent.
     """
-    from experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.apparatus.audio.stream import AudioStream
 
     audio = audio_of(rig)
     channels = audio.channels
@@ -104,7 +104,7 @@ def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = No
 
 def _settings(audio: AudioRig, ceilings: list[float], *, inputs: int, sent: bool, stimuli: bool) -> StreamSettings:
     """Return how a stream is opened; `sent` has what leaves to the first of the headphones kept."""
-    from experiment.apparatus.audio.stream import StreamSettings
+    from palpate.experiment.apparatus.audio.stream import StreamSettings
 
     return StreamSettings(
         host_api=audio.host_api,
@@ -120,7 +120,7 @@ def _settings(audio: AudioRig, ceilings: list[float], *, inputs: int, sent: bool
 
 def open_microphone(rig: Rig, *, stream: AudioStream) -> Microphone | None:
     """Return the rig's microphone, an input of the session's stream; None where the rig has none."""
-    from experiment.apparatus.audio.microphone import AudioMicrophone
+    from palpate.experiment.apparatus.audio.microphone import AudioMicrophone
 
     audio = audio_of(rig)
     return AudioMicrophone(stream, audio) if audio.channels.microphone is not None else None
@@ -178,17 +178,17 @@ def open_tracker(
     where = port or rig.tracker.port
     tracker: Tracker
     if rig.tracker.driver == FRAMES:
-        from experiment.apparatus.tracker.serial_tracker import SerialTracker
+        from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 
         tracker = SerialTracker(where, rig.tracker, clock=clock, clock_map=clock_map)
     else:
-        from experiment.apparatus.tracker.guarded import open_guarded
+        from palpate.experiment.apparatus.tracker.guarded import open_guarded
 
         tracker = open_guarded(rig, where, clock=clock, clock_map=clock_map)
     farthest_mm = rig.tracker.zeroing_mm
     if contact_mm is None or farthest_mm is None:
         return tracker
-    from experiment.apparatus.tracker.calibration import REST_S, ZeroedTracker
+    from palpate.experiment.apparatus.tracker.calibration import REST_S, ZeroedTracker
 
     samples = round(REST_S * rig.tracker.rate_hz)
     return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)
@@ -227,8 +227,8 @@ def open_servo(
     the rig has no force device, or one that exists in simulation alone, and `ServoError` if tracker or device cannot be
     opened.
     """
-    from experiment.apparatus.servo.link import ServoHere, ServoProcess
-    from experiment.apparatus.servo.process import Orders
+    from palpate.experiment.apparatus.servo.link import ServoHere, ServoProcess
+    from palpate.experiment.apparatus.servo.process import Orders
 
     device = servo_of(rig)
     where, hand = address or device.address, port or rig.tracker.port
@@ -280,18 +280,18 @@ def open_actuator(
             f"rig '{rig.rig.name}': got {got} frequency shaping for its actuator; allowed: {allowed}, as the rig file "
             "says; correct [actuator.shaping] there"
         )
-    from experiment.apparatus.panel.conditioning import Conditioner
+    from palpate.experiment.apparatus.panel.conditioning import Conditioner
 
     condition = Conditioner(
         full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=settings.carries_hz
     )
     if where is not None:
-        from experiment.apparatus.panel.pcm import PcmActuator
+        from palpate.experiment.apparatus.panel.pcm import PcmActuator
 
         server = PcmActuator(where, condition, rate_hz=settings.rate_hz)
         server.reach()
         return server
-    from experiment.apparatus.audio.actuator import AudioActuator
+    from palpate.experiment.apparatus.audio.actuator import AudioActuator
 
     if stream is None:
         raise ActuatorError(
@@ -317,7 +317,7 @@ def open_accelerometer(
 
     Raises `RigError` if the rig has none, it samples at another rate, or it exists in simulation alone.
     """
-    from experiment.apparatus.panel.pcm import PcmAccelerometer
+    from palpate.experiment.apparatus.panel.pcm import PcmAccelerometer
 
     settings = accelerometer_of(rig)
     if settings.rate_hz != rate_hz:

@@ -8,16 +8,16 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.records.stimulus import Delivered
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.records.stimulus import Delivered
 
 if TYPE_CHECKING:
-    from experiment.apparatus.panel.conditioning import Played
-    from experiment.apparatus.servo.rendering import Felt
-    from experiment.synthesis.contact.block import Block
-    from experiment.synthesis.tap import Ring
-    from experiment.synthesis.waveforms import Stimulus
+    from palpate.experiment.apparatus.panel.conditioning import Played
+    from palpate.experiment.apparatus.servo.rendering import Felt
+    from palpate.experiment.synthesis.contact.block import Block
+    from palpate.experiment.synthesis.tap import Ring
+    from palpate.experiment.synthesis.waveforms import Stimulus
 
 
 class Tracker(Protocol):

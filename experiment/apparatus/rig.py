@@ -24,14 +24,14 @@ import rfc8785
 from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
-from experiment import storage
-from experiment.apparatus.display import ScreenRig
-from experiment.apparatus.servo.settings import ServoRig
-from experiment.apparatus.tracker.frames import FRAME_BYTES
-from experiment.errors import ProtocolError, RigError
-from experiment.protocol.models import Step
-from experiment.settings import load as files
-from experiment.settings.load import ONE_LINE, Address, Broken, Confined, Line, Name, Rules, port_rules
+from palpate.experiment import storage
+from palpate.experiment.apparatus.display import ScreenRig
+from palpate.experiment.apparatus.servo.settings import ServoRig
+from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
+from palpate.experiment.errors import ProtocolError, RigError
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.settings import load as files
+from palpate.experiment.settings.load import ONE_LINE, Address, Broken, Confined, Line, Name, Rules, port_rules
 
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""

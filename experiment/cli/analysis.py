@@ -7,16 +7,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from experiment.cli import options
-from experiment.cli.options import Json, ProtocolFile
-from experiment.errors import Interrupted, PalpateError, PowerError, PublishedError
+from palpate.experiment.cli import options
+from palpate.experiment.cli.options import Json, ProtocolFile
+from palpate.experiment.errors import Interrupted, PalpateError, PowerError, PublishedError
 
 if TYPE_CHECKING:
-    from analysis.power.choice_models import ChoiceModel
-    from analysis.power.comparisons import PairModel
-    from analysis.power.planned_tests import Design
-    from experiment.dataset.status import Status
-    from experiment.protocol.models import Protocol
+    from palpate.analysis.power.choice_models import ChoiceModel
+    from palpate.analysis.power.comparisons import PairModel
+    from palpate.analysis.power.planned_tests import Design
+    from palpate.experiment.dataset.status import Status
+    from palpate.experiment.protocol.models import Protocol
 
 commands = options.room()
 
@@ -70,7 +70,7 @@ def export(
     The tables are tidy trials, counts in the long layout, one row a participant in the wide layout, trials with
     PsychoPy's columns, everything that was left out, and a dictionary of every column.
     """
-    from analysis import export as exports
+    from palpate.analysis import export as exports
 
     _believe(*datasets)
     for path in exports.export(datasets, out):
@@ -122,8 +122,8 @@ def audit(
     was not read is told. A TOML file holds more: analysis/published/README.md says how to write one. A disagreement is
     a finding and not an error, so the exit code is 0.
     """
-    from analysis.audit import audit as audits
-    from analysis.published.paper import Stated
+    from palpate.analysis.audit import audit as audits
+    from palpate.analysis.published.paper import Stated
 
     _believe(Path(target))
     people = tuple(_sizes(participants, PublishedError)) if participants else ()
@@ -191,10 +191,10 @@ def power(
     With --looks the answers are looked at more than once, and power, type I error and the participants on average are
     those of stopping early.
     """
-    from analysis import published
-    from analysis.documents import output
-    from analysis.power import choice_models, comparisons, planned_tests, report, simulate
-    from experiment.protocol import files
+    from palpate.analysis import published
+    from palpate.analysis.documents import output
+    from palpate.analysis.power import choice_models, comparisons, planned_tests, report, simulate
+    from palpate.experiment.protocol import files
 
     for name, share in (("--alpha", alpha), ("--target", target)):
         if share is not None and not 0 < share < 1:
@@ -251,10 +251,10 @@ def _look(
     """Simulate a design with looks, and show or write it."""
     from typing import cast, get_args
 
-    from analysis.documents import output, page
-    from analysis.documents.tables import text
-    from analysis.power import sequential, simulate
-    from analysis.power.choice_models import ChoiceModel
+    from palpate.analysis.documents import output, page
+    from palpate.analysis.documents.tables import text
+    from palpate.analysis.power import sequential, simulate
+    from palpate.analysis.power.choice_models import ChoiceModel
 
     if not isinstance(model, ChoiceModel):
         raise PowerError(
@@ -307,8 +307,8 @@ def numerics(
     hold, and the error budget of what a rig plays is held against the truth. The exit code is 1 if an invariant, a
     claimed bound or a budget does not hold.
     """
-    from analysis.numerics import numerics as measured
-    from analysis.numerics import report
+    from palpate.analysis.numerics import numerics as measured
+    from palpate.analysis.numerics import report
 
     if out is not None:
         report.check_out(out)
@@ -347,7 +347,7 @@ def import_counts(
     labelled IMPORTED: answers that a laboratory measured elsewhere, where a participant's number is the same person in
     every task. The order of trials is not known of either. --source is then needed, and says where they were measured.
     """
-    from experiment.dataset import reconstruction
+    from palpate.experiment.dataset import reconstruction
 
     pairs = dict(map(reconstruction.parse_task, task))
     text = reconstruction.study_text(study, pairs, source, measured=measured)
@@ -399,7 +399,7 @@ def import_trials(
     is labelled IMPORTED: a laboratory's own answers, measured elsewhere. The files are not copied into it, for they may
     say who took part; it holds the line of each trial and the hash of each file.
     """
-    from experiment.dataset import imported, trial_files
+    from palpate.experiment.dataset import imported, trial_files
 
     if seconds is not None and milliseconds is not None:
         raise PalpateError("got --seconds and --milliseconds; allowed: one of them; give the one that the file has")
@@ -433,7 +433,7 @@ def status(
     code is 1 if anything speaks against the evidence.
     """
     options.at_once("Reading the study; that takes some seconds.")
-    from analysis.documents import drawing
+    from palpate.analysis.documents import drawing
 
     drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
     if figure is not None and figure.suffix.lower() not in drawn:
@@ -455,11 +455,11 @@ def status_of(study: Path) -> "Status":
     """
     from dataclasses import replace
 
-    from analysis.reading import dataset as reading
-    from experiment.clock import day, wall_ns
-    from experiment.dataset import build
-    from experiment.dataset import status as statuses
-    from experiment.protocol import files
+    from palpate.analysis.reading import dataset as reading
+    from palpate.experiment.clock import day, wall_ns
+    from palpate.experiment.dataset import build
+    from palpate.experiment.dataset import status as statuses
+    from palpate.experiment.protocol import files
 
     if study.is_file():
         own, practised = (options.default_folder(files.load(study), practice=one) for one in (False, True))
@@ -491,8 +491,8 @@ def analysed(
     dissimilarities: Path | None = None,
 ) -> object:
     """Analyse datasets, and return what was found, in the width of the terminal or as a document for JSON."""
-    from analysis import analyse as analyses
-    from analysis.documents.tables import WIDTH
+    from palpate.analysis import analyse as analyses
+    from palpate.analysis.documents.tables import WIDTH
 
     drawn = {"figures": figures, "pictures": pictures, "titles": titles}
     with options.working("Reading the dataset") as say:
@@ -502,8 +502,8 @@ def analysed(
 
 def _believe(*datasets: Path) -> None:
     """Refuse a dataset whose journals are not all its own, or do not give its tables; tell where there are none."""
-    from experiment.cli import tell
-    from experiment.dataset import beliefs, build
+    from palpate.experiment.cli import tell
+    from palpate.experiment.dataset import beliefs, build
 
     for dataset in datasets:
         if beliefs.has_journals(dataset):

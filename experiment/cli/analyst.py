@@ -14,8 +14,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 MEANWHILE = (
-    "analysis.analyse",
-    "analysis.report.figures",
+    "palpate.analysis.analyse",
+    "palpate.analysis.report.figures",
     "matplotlib.backends.backend_svg",
     "rich.console",
     "statsmodels.genmod.generalized_estimating_equations",
@@ -74,7 +74,7 @@ def _wait(ours: Connection, theirs: Connection, analysed: Callable[[Path], objec
     """Analyse the dataset that is asked for, and send what was found; send nothing of what fails."""
     ours.close()
     with suppress(Exception, KeyboardInterrupt):
-        from experiment.apparatus import host
+        from palpate.experiment.apparatus import host
 
         host.end_with_parent()
         for module in MEANWHILE:
@@ -87,7 +87,7 @@ def _wait(ours: Connection, theirs: Connection, analysed: Callable[[Path], objec
 
 
 def _analyse(dataset: Path, *, as_json: bool) -> object:
-    from experiment.cli.analysis import analysed
+    from palpate.experiment.cli.analysis import analysed
 
     # Its tables were made of its journals just now, so that nothing is left to be verified.
     return analysed([dataset], None, as_json=as_json, figures=True, pictures=False)

@@ -11,10 +11,10 @@ from typing import Annotated, Any, TextIO, cast
 import typer
 import typer.main
 
-from experiment import __version__
-from experiment.cli import COMMANDS, overview, tell, was_interrupted
-from experiment.errors import Interrupted, LinkError, PalpateError, ProtocolError
-from experiment.settings.characters import plain
+from palpate import __version__
+from palpate.experiment.cli import COMMANDS, overview, tell, was_interrupted
+from palpate.experiment.errors import Interrupted, LinkError, PalpateError, ProtocolError
+from palpate.experiment.settings.characters import plain
 
 
 class Commands(typer.core.TyperGroup):
@@ -35,7 +35,7 @@ class _Built(Mapping[str, Any]):
         room = next((part[name][0] for part in COMMANDS.values() if name in part), None)
         if room is None:
             raise KeyError(name)
-        return typer.main.get_group(import_module(f"experiment.cli.{room}").commands).commands[name]
+        return typer.main.get_group(import_module(f"palpate.experiment.cli.{room}").commands).commands[name]
 
     def __iter__(self) -> Iterator[str]:
         return (name for part in COMMANDS.values() for name in part)

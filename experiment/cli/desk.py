@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from experiment.cli import options
-from experiment.cli.options import AtConsole, Participant, ProtocolFile, StudyFolder
-from experiment.errors import LinkError
+from palpate.experiment.cli import options
+from palpate.experiment.cli.options import AtConsole, Participant, ProtocolFile, StudyFolder
+from palpate.experiment.errors import LinkError
 
 commands = options.room()
 
@@ -31,8 +31,8 @@ def desk(
     and --rig, Enter begins or resumes the session of the participant who is chosen, and the desk comes back after it.
     Without them the page only shows. What is concealed stays so.
     """
-    from experiment.cli.analysis import status_of
-    from experiment.desk.console.study import StudyPage
+    from palpate.experiment.cli.analysis import status_of
+    from palpate.experiment.desk.console.study import StudyPage
 
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise LinkError("the desk needs a terminal; palpate status prints the same as lines of text")
@@ -47,7 +47,8 @@ def desk(
     while (label := StudyPage(lambda: status_of(place), refuses=refuses).run()) is not None:
         run = ["run", str(study), "--participant", label, "--rig", str(rig), "--by", by]
         ended = subprocess.run(  # noqa: S603
-            [sys.executable, "-m", "experiment", *run, *(("--dataset", str(dataset)) if dataset else ())], check=False
+            [sys.executable, "-m", "palpate.experiment", *run, *(("--dataset", str(dataset)) if dataset else ())],
+            check=False,
         )
         if ended.returncode:
             typer.prompt("Enter goes back to the study", default="", show_default=False, prompt_suffix=". ")
@@ -74,11 +75,11 @@ def screen(
     palpate[lab] installs.
     """
     options.at_once("The participant's screen opens; that takes some seconds.")
-    from experiment.apparatus import rig as rigs
-    from experiment.apparatus.display import ScreenRig
-    from experiment.desk import link
-    from experiment.desk import screen as screens
-    from experiment.protocol import files
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.display import ScreenRig
+    from palpate.experiment.desk import link
+    from palpate.experiment.desk import screen as screens
+    from palpate.experiment.protocol import files
 
     settings = (rigs.load(rig).screen if rig else None) or ScreenRig()
     folder = dataset or options.default_folder(files.load(protocol_file), practice=practice)
@@ -99,12 +100,12 @@ def beside(path: Path, protocol_file: Path, rig: Path | None) -> Iterator[bool]:
     It ends by itself after a session that ended well; after a fault it is ended, so that it covers no screen. What it
     says stands beside the socket. Raises `RigError`.
     """
-    from experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus import rig as rigs
 
     if rig is None or rigs.load(rig).screen is None:
         yield False
         return
-    command = [sys.executable, "-m", "experiment", "screen", str(protocol_file), "--rig", str(rig)]
+    command = [sys.executable, "-m", "palpate.experiment", "screen", str(protocol_file), "--rig", str(rig)]
     with path.with_suffix(".screen.log").open("wb") as log:
         process = subprocess.Popen(  # noqa: S603
             [*command, "--session-at", str(path)], stdin=subprocess.DEVNULL, stdout=log, stderr=log

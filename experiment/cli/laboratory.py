@@ -9,9 +9,9 @@ from typing import Annotated, Literal
 
 import typer
 
-from experiment.cli import options
-from experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
-from experiment.errors import RosterError
+from palpate.experiment.cli import options
+from palpate.experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
+from palpate.experiment.errors import RosterError
 
 commands = options.room()
 answers = typer.Typer(
@@ -35,10 +35,10 @@ ConsentOn = Annotated[
 
 def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = False) -> None:
     """Return when nothing in the dataset contradicts its roster, to which a line is about to be added."""
-    from experiment.clock import day, wall_ns
-    from experiment.dataset import beliefs
-    from experiment.protocol import files
-    from experiment.study import enrolment
+    from palpate.experiment.clock import day, wall_ns
+    from palpate.experiment.dataset import beliefs
+    from palpate.experiment.protocol import files
+    from palpate.experiment.study import enrolment
 
     last_ns = beliefs.check_roster(dataset or enrolment.default_root(files.load(protocol_file), pilot=pilot))
     if wall_ns() < last_ns:
@@ -75,7 +75,7 @@ def enrol(
     --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
     before completing, in the same order of tasks.
     """
-    from experiment.study import enrolment
+    from palpate.experiment.study import enrolment
 
     _check_roster(protocol_file, dataset, pilot=pilot)
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
@@ -106,7 +106,7 @@ def consent(
     that keeps the sound of spoken answers, --voices records that a participant agrees to that, and --no-voices that
     they do not: what was kept of it is then deleted. Copies and backups have to be deleted by hand.
     """
-    from experiment.study import enrolment
+    from palpate.experiment.study import enrolment
 
     if correct != (reason is not None):
         raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
@@ -139,8 +139,8 @@ def person(
     dataset, journal or table holds any. `palpate run` asks by the name that stands there whether it is they, and
     `palpate withdraw` deletes it. Without options it is printed.
     """
-    from experiment.protocol import files
-    from experiment.study import enrolment, people
+    from palpate.experiment.protocol import files
+    from palpate.experiment.study import enrolment, people
 
     protocol = files.load(protocol_file)
     root = dataset or enrolment.default_root(protocol)
@@ -184,14 +184,14 @@ def schedule(
     Once somebody is enrolled, the order is the study's own, and each task of it is concealed until its session has
     begun. Before, it is an example of another seed.
     """
-    from experiment import storage
-    from experiment.clock import day, wall_ns
-    from experiment.dataset import beliefs
-    from experiment.protocol import files
-    from experiment.records import journal
-    from experiment.study import enrolment, roster
-    from experiment.study import schedule as schedules
-    from experiment.study.allocation import allocated, find
+    from palpate.experiment import storage
+    from palpate.experiment.clock import day, wall_ns
+    from palpate.experiment.dataset import beliefs
+    from palpate.experiment.protocol import files
+    from palpate.experiment.records import journal
+    from palpate.experiment.study import enrolment, roster
+    from palpate.experiment.study import schedule as schedules
+    from palpate.experiment.study.allocation import allocated, find
 
     protocol = files.load(protocol_file)
     root = dataset or enrolment.default_root(protocol)
@@ -269,7 +269,7 @@ def rehearse(
     """
     if not as_json:
         options.at_once("REHEARSAL: the simulated laboratory is being set up ...")
-    from experiment.protocol import files
+    from palpate.experiment.protocol import files
 
     file = protocol_file or files.shipped("okamoto2012.toml")
     protocol = files.load(file)
@@ -277,11 +277,11 @@ def rehearse(
     if at_once:
         # Little of what the modules and tables hold ever becomes garbage, and searching it takes time.
         gc.set_threshold(20_000)
-    from experiment.cli.analyst import analyst
+    from palpate.experiment.cli.analyst import analyst
 
     with analyst(elsewhere=at_once, as_json=as_json) as analyse:
-        from experiment.desk.terminal import TerminalConsole
-        from experiment.rehearsal import study
+        from palpate.experiment.desk.terminal import TerminalConsole
+        from palpate.experiment.rehearsal import study
 
         if at_once:
             # No process has to search what all of them share.
@@ -319,8 +319,8 @@ def journal(
     as_json: Json = False,
 ) -> None:
     """Verify a journal and print it as text."""
-    from experiment.records import journal as journals
-    from experiment.records import transcript
+    from palpate.experiment.records import journal as journals
+    from palpate.experiment.records import transcript
 
     contents = journals.read(file)
     if as_json:
@@ -351,11 +351,11 @@ def withdraw(
     deleted, once their label was typed again; the roster keeps it, their consent, the withdrawal, and that their data
     were erased. To finish what was interrupted, run the same command again. An anchor is kept in the dataset.
     """
-    from experiment.dataset import beliefs
-    from experiment.dataset import build as datasets
-    from experiment.protocol import files
-    from experiment.protocol.page import count
-    from experiment.study import enrolment, people
+    from palpate.experiment.dataset import beliefs
+    from palpate.experiment.dataset import build as datasets
+    from palpate.experiment.protocol import files
+    from palpate.experiment.protocol.page import count
+    from palpate.experiment.study import enrolment, people
 
     if yes and not erase:
         raise RosterError("got --yes without --erase; allowed: both, or neither; nothing is asked without --erase")
@@ -388,7 +388,7 @@ def withdraw(
 @commands.command(epilog="Example: palpate build participants/study")
 def build(dataset: Dataset) -> None:
     """Rebuild a dataset's tables from its journals."""
-    from experiment.dataset import build as datasets
+    from palpate.experiment.dataset import build as datasets
 
     datasets.build(dataset)
     typer.echo(f"Dataset: {dataset}")
@@ -408,8 +408,8 @@ def anchor(
     kept in the dataset alone, and its number belongs in the lab book. `palpate run` does the same at each session's
     end, with the register that the rig file names.
     """
-    from experiment.dataset import beliefs, register
-    from experiment.errors import DatasetError
+    from palpate.experiment.dataset import beliefs, register
+    from palpate.experiment.errors import DatasetError
 
     if key and not to:
         raise DatasetError("got --sign without --to; allowed: both, or --to alone; name the register too")
@@ -443,9 +443,9 @@ def verify(
     """
     from dataclasses import asdict
 
-    from experiment.dataset import verify as verifying
-    from experiment.dataset.register import Signer
-    from experiment.settings.characters import plain
+    from palpate.experiment.dataset import verify as verifying
+    from palpate.experiment.dataset.register import Signer
+    from palpate.experiment.settings.characters import plain
 
     report = verifying.verify(dataset, registers or (), numbers or (), Signer(signer) if signer else None)
     if as_json:
@@ -487,11 +487,11 @@ def review(
     """
     from dataclasses import asdict
 
-    from experiment.dataset.beliefs import origin_of
-    from experiment.dataset.bids import LABELS
-    from experiment.desk.voice import review as reviews
-    from experiment.protocol import files
-    from experiment.storage import protocol_path
+    from palpate.experiment.dataset.beliefs import origin_of
+    from palpate.experiment.dataset.bids import LABELS
+    from palpate.experiment.desk.voice import review as reviews
+    from palpate.experiment.protocol import files
+    from palpate.experiment.storage import protocol_path
 
     protocol = files.load_kept(protocol_path(dataset))
     found, known = reviews.utterances(dataset, share=share, seed=seed), reviews.rated(dataset, by)

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from experiment.errors import PalpateError
-from experiment.settings.characters import hidden, quoted
+from palpate.experiment.errors import PalpateError
+from palpate.experiment.settings.characters import hidden, quoted
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-    from experiment.protocol.models import Protocol
+    from palpate.experiment.protocol.models import Protocol
 
 
 def a_protocol(name: str) -> Path:
     """Return the protocol file that is named, by its path or its id. Raises `PalpateError` for what is neither."""
-    from experiment.protocol.files import named
+    from palpate.experiment.protocol.files import named
 
     return named(name)
 
@@ -65,7 +65,7 @@ def put_file(path: Path, content: bytes) -> None:
 
     Raises `PalpateError` for any other file that stands there, and `DatasetError` if the file system refuses.
     """
-    from experiment import storage
+    from palpate.experiment import storage
 
     if path.exists() and not (path.is_file() and any(mark in storage.read_bytes(path) for mark in MADE_BY_PALPATE)):
         raise PalpateError(f"{path}: stands there already, and palpate did not make it; name another file")
@@ -84,8 +84,8 @@ def a_day(text: str) -> date:
 
 def default_folder(protocol: "Protocol", *, practice: bool) -> Path:
     """Return where the dataset of a study stands, or that of its practice."""
-    from experiment.rehearsal.study import practice_folder
-    from experiment.study import enrolment
+    from palpate.experiment.rehearsal.study import practice_folder
+    from palpate.experiment.study import enrolment
 
     return practice_folder(protocol) if practice else enrolment.default_root(protocol)
 

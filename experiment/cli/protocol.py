@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 import typer
 
-from experiment.cli import options
-from experiment.cli.options import Json, ProtocolFile, a_day, a_protocol
-from experiment.errors import Interrupted, PalpateError, RecordingError, RigError
-from experiment.settings.characters import quoted
+from palpate.experiment.cli import options
+from palpate.experiment.cli.options import Json, ProtocolFile, a_day, a_protocol
+from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError
+from palpate.experiment.settings.characters import quoted
 
 if TYPE_CHECKING:
-    from experiment.protocol.models import Protocol
-    from experiment.protocol.new import NewStudy
+    from palpate.experiment.protocol.models import Protocol
+    from palpate.experiment.protocol.new import NewStudy
 
 commands = options.room()
 
@@ -65,9 +65,9 @@ def new(
     ask = not yes
     if ask:
         options.at_once("A new protocol. Enter takes an answer in brackets; after Ctrl-C nothing is written.")
-    from experiment import storage
-    from experiment.protocol import files
-    from experiment.protocol import new as writing
+    from palpate.experiment import storage
+    from palpate.experiment.protocol import files
+    from palpate.experiment.protocol import new as writing
 
     if like and (participants, materials, tasks, repetitions) != (None, None, None, None):
         raise PalpateError(
@@ -120,7 +120,7 @@ def _asked(
     ask: bool,
 ) -> "NewStudy":
     """Return a study with what the options say, or with what is answered; `numbers`: of participants, repetitions."""
-    from experiment.protocol import new as writing
+    from palpate.experiment.protocol import new as writing
 
     def answered(
         study: "NewStudy", name: str, asks: str, default: str, given: str | None, read: Callable[[str], object] = str
@@ -181,9 +181,9 @@ def _free_for_a_rig(rig: Path) -> Path:
     """Return where a new rig file goes. Raises `PalpateError` as `new.free`, and if its name is none for a rig."""
     import tomllib
 
-    from experiment.apparatus.rig import Rig
-    from experiment.protocol import new as writing
-    from experiment.settings import load
+    from palpate.experiment.apparatus.rig import Rig
+    from palpate.experiment.protocol import new as writing
+    from palpate.experiment.settings import load
 
     path = writing.free(rig)
     load.checked(path, Rig, tomllib.loads(_a_rig(path)))
@@ -192,8 +192,8 @@ def _free_for_a_rig(rig: Path) -> Path:
 
 def _a_rig(rig: Path) -> str:
     """Return the text of a new rig file: the shipped one, under the name of its file."""
-    from experiment.protocol.files import shipped
-    from experiment.settings import load
+    from palpate.experiment.protocol.files import shipped
+    from palpate.experiment.settings import load
 
     text = shipped("rigs/laboratory.toml").read_text("utf-8")
     return text.replace('name = "laboratory"', f"name = {load.toml(rig.stem)}", 1)
@@ -228,10 +228,10 @@ def check(
     """
     from dataclasses import asdict
 
-    from experiment.apparatus import rig as rigs
-    from experiment.clock import day, wall_ns
-    from experiment.errors import ProtocolError
-    from experiment.protocol import advice, approval, files, page
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.clock import day, wall_ns
+    from palpate.experiment.errors import ProtocolError
+    from palpate.experiment.protocol import advice, approval, files, page
 
     try:
         protocol = files.load(protocol_file)
@@ -250,7 +250,7 @@ def check(
         said = "The participant's screen says in words of this rig, which no approval of the protocol holds:"
         of_screen = [page.Said(said), page.facts(*((name, page.Free(text)) for name, text in words.items()))]
     if page_file is not None:
-        from experiment.protocol.html import html
+        from palpate.experiment.protocol.html import html
 
         if page_file.suffix != ".html":
             raise PalpateError(f"got the file {quoted(str(page_file))}; allowed: a name that ends in .html")
@@ -286,12 +286,12 @@ def check(
 
 def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tuple[str, PalpateError | None]:
     """Return what is said of a rig for a study, and why it is refused for participants."""
-    from experiment import storage
-    from experiment.apparatus import opening
-    from experiment.apparatus import rig as rigs
-    from experiment.apparatus.servo import settings
-    from experiment.session.footstep.fidelity import judged, refuse_simulated_table
-    from experiment.study.enrolment import default_root
+    from palpate.experiment import storage
+    from palpate.experiment.apparatus import opening
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.servo import settings
+    from palpate.experiment.session.footstep.fidelity import judged, refuse_simulated_table
+    from palpate.experiment.study.enrolment import default_root
 
     rig = rigs.load(rig_file)
     if not protocol.renders:
@@ -351,7 +351,7 @@ def seal(
     refuses a protocol that is not sealed, that has changed since, or whose approval has expired. Before an earlier seal
     is replaced, it is told, and asked for.
     """
-    from experiment.protocol import approval, files
+    from palpate.experiment.protocol import approval, files
 
     protocol = files.load(protocol_file)
     path = approval.seal_path(protocol_file)

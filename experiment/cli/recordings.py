@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from experiment.cli import options
-from experiment.cli.options import Json, ProtocolFile
-from experiment.errors import Interrupted, PalpateError, RecordingError, RigError
+from palpate.experiment.cli import options
+from palpate.experiment.cli.options import Json, ProtocolFile
+from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError
 
 if TYPE_CHECKING:
-    from experiment.apparatus.rig import Rig
+    from palpate.experiment.apparatus.rig import Rig
 
 commands = options.room()
 
@@ -42,13 +42,13 @@ def record(
     key keeps or repeats the take. A knock before the foot's contact is left out. Ctrl-C stops, and the same command
     continues. The rig's actuator is not used, so its response table is not read.
     """
-    from experiment.recordings import workflow
+    from palpate.experiment.recordings import workflow
 
     wanted = _speeds(speeds)
     try:
         if simulated:
-            from experiment.protocol.files import shipped
-            from experiment.rehearsal.footstep import recorder
+            from palpate.experiment.protocol.files import shipped
+            from palpate.experiment.rehearsal.footstep import recorder
 
             manifest = recorder.record_simulated(
                 protocol_file=protocol_file,
@@ -59,7 +59,7 @@ def record(
                 takes=takes,
             )
         else:
-            from experiment.desk.terminal import TerminalTakes, typed_ahead
+            from palpate.experiment.desk.terminal import TerminalTakes, typed_ahead
 
             if rig is None:
                 raise RecordingError(
@@ -103,9 +103,9 @@ def validate(
     a neighbouring speed are counted, and the materials are compared with one another. Takes are averaged as the
     protocol says, and the result of the other way to average is given beside it.
     """
-    from analysis.validation import report
-    from experiment.protocol import files
-    from experiment.recordings import manifest
+    from palpate.analysis.validation import report
+    from palpate.experiment.protocol import files
+    from palpate.experiment.recordings import manifest
 
     average = files.load(protocol_file).footsteps.synthesis.average if protocol_file is not None else "magnitude"
     recorded = manifest.load_all(folder)
@@ -114,7 +114,7 @@ def validate(
             raise RecordingError(f"--fresh {fresh}: got the recordings themselves; allowed: other takes; record them")
         others = manifest.load_all(fresh)
     else:
-        from experiment.rehearsal.footstep import recorder
+        from palpate.experiment.rehearsal.footstep import recorder
 
         others = recorder.fresh_takes(recorded, seed=seed)
     folder_out = out or folder / "validation"
@@ -138,7 +138,7 @@ def spectrum(
     The peaks of the amplitude spectrum are listed. The sampling rate of text and LabVIEW columns is taken from their
     time column and not from a header.
     """
-    from experiment.recordings import spectrum as spectra
+    from palpate.experiment.recordings import spectrum as spectra
 
     if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
         raise PalpateError(f"--plot {plot}: this is the recording itself; name another file")
@@ -169,11 +169,11 @@ def plan(
     import tempfile
     from functools import partial
 
-    from experiment.apparatus import rig as rigs
-    from experiment.apparatus.panel.conditioning import open_drive
-    from experiment.errors import ScheduleError
-    from experiment.protocol import files
-    from experiment.session.footstep import scene_cost
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.panel.conditioning import open_drive
+    from palpate.experiment.errors import ScheduleError
+    from palpate.experiment.protocol import files
+    from palpate.experiment.session.footstep import scene_cost
 
     protocol = files.load(protocol_file)
     if protocol.footstep is None:
@@ -192,12 +192,12 @@ def plan(
     with tempfile.TemporaryDirectory() as folder, options.progress("plan", quiet=as_json) as (total, tick):
         total(len(tasks))
         if recordings is None:
-            from experiment.rehearsal.footstep import recorded_takes
+            from palpate.experiment.rehearsal.footstep import recorded_takes
 
             recordings = recorded_takes.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
             source = "SIMULATED recordings, made for this plan"
         else:
-            from experiment.recordings import manifest
+            from palpate.experiment.recordings import manifest
 
             source = f"SIMULATED recordings, {recordings}" if manifest.is_simulated(recordings) else str(recordings)
         of_task = partial(scene_cost.plan, protocol=protocol, rig=opened, rig_folder=rig.parent, recordings=recordings)
@@ -217,8 +217,8 @@ def plan(
 
 def _process(protocol_file: Path, rig_file: Path, rig: "Rig", task: str, recordings: Path) -> str:
     """Return in words what a process of one task holds, with all of a simulated rig open."""
-    from experiment.cli.rig import simulated_far_ends
-    from experiment.rehearsal import held
+    from palpate.experiment.cli.rig import simulated_far_ends
+    from palpate.experiment.rehearsal import held
 
     if not rig.rig.simulated:
         return "not measured, for the devices of this rig stay closed while it is planned for"

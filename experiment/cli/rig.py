@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from experiment.cli import options
-from experiment.cli.options import Json, StudyFolder
+from palpate.experiment.cli import options
+from palpate.experiment.cli.options import Json, StudyFolder
 
 if TYPE_CHECKING:
-    from experiment.apparatus.doctor.checks import Check
-    from experiment.apparatus.doctor.doctor import SimulatedPorts
-    from experiment.apparatus.rig import Rig
+    from palpate.experiment.apparatus.doctor.checks import Check
+    from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
+    from palpate.experiment.apparatus.rig import Rig
 
 commands = options.room()
 calibrate = typer.Typer(
@@ -36,9 +36,9 @@ def devices(as_json: Json = False) -> None:
     Serial ports, with the programs that hold them, and audio devices are listed under the names that a rig file uses.
     Without an audio library only serial ports are listed, with what is to be installed; in JSON "audio" is null then.
     """
-    from experiment.apparatus.audio import stream
-    from experiment.apparatus.tracker import serial_port
-    from experiment.errors import AudioError
+    from palpate.experiment.apparatus.audio import stream
+    from palpate.experiment.apparatus.tracker import serial_port
+    from palpate.experiment.errors import AudioError
 
     serial, unheard = serial_port.devices(), ""
     try:
@@ -88,10 +88,10 @@ def doctor(
     than the protocol allows, and so is a rig that renders no virtual block, or does not bear it. Each check is
     green, or red with its remedy. The exit code is 2 if any check is red.
     """
-    from experiment.apparatus import rig as rigs
-    from experiment.apparatus.doctor import doctor as doctors
-    from experiment.clock import MonotonicClock
-    from experiment.errors import RigError
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.doctor import doctor as doctors
+    from palpate.experiment.clock import MonotonicClock
+    from palpate.experiment.errors import RigError
 
     options.at_once("The checks take 5 to 15 s. Each is shown as soon as it has ended.")
     # A check of its own is red for a rig file that cannot be used.
@@ -119,13 +119,13 @@ def left_out(
     rig_file: Path, protocol_file: Path | None, dataset: Path | None, recordings: Path | None
 ) -> Iterator["Check"]:
     """Yield what the rig leaves out of a footstep study's recordings, and whether the protocol allows that."""
-    from experiment import storage
-    from experiment.apparatus import rig as rigs
-    from experiment.apparatus.doctor import checks
-    from experiment.errors import PalpateError, RigError
-    from experiment.protocol import files
-    from experiment.session.footstep.fidelity import judged
-    from experiment.study.enrolment import default_root
+    from palpate.experiment import storage
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.doctor import checks
+    from palpate.experiment.errors import PalpateError, RigError
+    from palpate.experiment.protocol import files
+    from palpate.experiment.session.footstep.fidelity import judged
+    from palpate.experiment.study.enrolment import default_root
 
     protocol, name = files.load(protocol_file) if protocol_file is not None else None, "left out"
     if protocol is not None and (protocol.footstep is None or not protocol.renders):
@@ -155,12 +155,12 @@ def left_out(
 
 def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
     """Start what stands at the far ends of a simulated rig, closed with `opened`: foot, panel, forces, sound card."""
-    from experiment.apparatus.doctor.doctor import SimulatedPorts
-    from experiment.rehearsal.footstep.panel import Panel
-    from experiment.rehearsal.session import foot
-    from experiment.rehearsal.wires.force_device import ForceDeviceProcess
-    from experiment.rehearsal.wires.serial_line import SerialLine
-    from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
+    from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
+    from palpate.experiment.rehearsal.footstep.panel import Panel
+    from palpate.experiment.rehearsal.session import foot
+    from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
+    from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+    from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 
     line = opened.enter_context(SerialLine())
     opened.callback(foot(line, rig, real_time=True, taps=rig.servo is not None).close)
@@ -207,13 +207,13 @@ def calibrate_tracker(
     question. Heights that do not reach past the gate of --protocol, or that readings contradict, are refused. It never
     changes the rig file itself: write a new one with --out, or replace the lines under [tracker] with those printed.
     """
-    from experiment import storage
-    from experiment.apparatus import opening
-    from experiment.apparatus import rig as rigs
-    from experiment.apparatus.tracker import calibration as calibrating
-    from experiment.clock import MonotonicClock
-    from experiment.errors import Interrupted, RigError
-    from experiment.protocol import files
+    from palpate.experiment import storage
+    from palpate.experiment.apparatus import opening
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.tracker import calibration as calibrating
+    from palpate.experiment.clock import MonotonicClock
+    from palpate.experiment.errors import Interrupted, RigError
+    from palpate.experiment.protocol import files
 
     heights_mm = calibrating.heights_asked(points)
     step = files.load(protocol).footsteps.step if protocol is not None else None
@@ -258,11 +258,11 @@ def calibrate_audio(
     """
     from datetime import UTC, datetime
 
-    from experiment.apparatus import host, opening
-    from experiment.apparatus import rig as rigs
-    from experiment.apparatus.audio import calibration
-    from experiment.clock import MonotonicClock
-    from experiment.errors import RigError
+    from palpate.experiment.apparatus import host, opening
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.audio import calibration
+    from palpate.experiment.clock import MonotonicClock
+    from palpate.experiment.errors import RigError
 
     loaded = rigs.load(rig_file)
     audio = opening.audio_of(loaded)
@@ -276,7 +276,7 @@ def calibrate_audio(
         opened.enter_context(host.raised())
         card = None
         if loaded.rig.simulated:
-            from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+            from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 
             typer.echo("SIMULATED: this sound card is software and not a device", err=True)
             card = SoundCard(
@@ -306,7 +306,7 @@ def calibrate_audio(
     )
     typer.echo(found.table(today, days), nl=False)
     if out is not None:
-        from experiment import storage
+        from palpate.experiment import storage
 
         text = calibration.rewritten(rig_file.read_text("utf-8"), found.values(today, days))
         storage.write(out, text.encode())

@@ -14,16 +14,16 @@ from typing import IO, TYPE_CHECKING, Annotated
 
 import typer
 
-from experiment.cli import options
-from experiment.cli.options import AtConsole, ProtocolFile, StudyFolder
-from experiment.errors import LinkError, PalpateError, PauseAsked, SessionError
+from palpate.experiment.cli import options
+from palpate.experiment.cli.options import AtConsole, ProtocolFile, StudyFolder
+from palpate.experiment.errors import LinkError, PalpateError, PauseAsked, SessionError
 
 if TYPE_CHECKING:
-    from experiment.desk.linked import LinkedConsole
-    from experiment.desk.messages import View
-    from experiment.desk.port import Console
-    from experiment.protocol.models import Protocol
-    from experiment.records.entries import Footer
+    from palpate.experiment.desk.linked import LinkedConsole
+    from palpate.experiment.desk.messages import View
+    from palpate.experiment.desk.port import Console
+    from palpate.experiment.protocol.models import Protocol
+    from palpate.experiment.records.entries import Footer
 
 commands = options.room()
 
@@ -88,8 +88,8 @@ def run(
     at_console = not lines and session_at is None and sys.stdin.isatty() and sys.stdout.isatty()
     if session_at is None and not served and serve is None:
         options.at_once(f"Opening the session{' of PRACTICE, with a simulated laboratory' if practice else ''} ...")
-    from experiment.protocol import files
-    from experiment.session.visit import told
+    from palpate.experiment.protocol import files
+    from palpate.experiment.session.visit import told
 
     if practice and recordings is not None:
         raise SessionError("got --recordings with --practice; allowed: one of them; practice simulates recordings")
@@ -103,7 +103,7 @@ def run(
 
     def once(console: "Console") -> "Footer":
         if practice or rig is None:
-            from experiment.rehearsal import study
+            from palpate.experiment.rehearsal import study
 
             return study.practise(
                 protocol_file=protocol_file,
@@ -113,7 +113,7 @@ def run(
                 out=dataset,
                 console=console,
             )
-        from experiment.session import run as visits
+        from palpate.experiment.session import run as visits
 
         return visits.run(
             protocol_file=protocol_file,
@@ -126,9 +126,9 @@ def run(
         )
 
     if session_at is not None:
-        from experiment.cli import desk
-        from experiment.desk import prompts
-        from experiment.desk.linked import LinkedConsole
+        from palpate.experiment.cli import desk
+        from palpate.experiment.desk import prompts
+        from palpate.experiment.desk.linked import LinkedConsole
 
         view = _first_view(protocol, who, folder, practice=practice)
         with desk.beside(session_at, protocol_file, rig) as opened:
@@ -140,7 +140,7 @@ def run(
     elif serve is not None:
         _serve(serve, port)
     elif not at_console:
-        from experiment.desk.terminal import TerminalConsole, typed_ahead
+        from palpate.experiment.desk.terminal import TerminalConsole, typed_ahead
 
         heading = "PRACTICE" if practice else f"Participant {participant}."
         console = TerminalConsole(write=sys.stdout, ask=input, heading=heading, early=lambda: typed_ahead(sys.stdin))
@@ -150,9 +150,9 @@ def run(
 
 
 def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practice: bool) -> "View":
-    from experiment import storage
-    from experiment.desk.messages import View
-    from experiment.study import enrolment
+    from palpate.experiment import storage
+    from palpate.experiment.desk.messages import View
+    from palpate.experiment.study import enrolment
 
     label = "PRACTICE" if practice else ""
     if not practice and storage.seed_path(folder).exists() and enrolment.purpose_of(folder) == "PILOT":
@@ -162,8 +162,8 @@ def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practic
 
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"], *, last: bool) -> None:
     """Run a session for consoles that connect at `path`, until it is complete or nobody wants it to go on."""
-    from experiment.desk.link import Link
-    from experiment.session.visit import BETWEEN, told
+    from palpate.experiment.desk.link import Link
+    from palpate.experiment.session.visit import BETWEEN, told
 
     with closing(Link(path, console)) as link:
         console.wake = link.wake
@@ -180,8 +180,8 @@ def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole
 
 def _attend(folder: Path, participant: str, by: str) -> None:
     """Show the console of a session; begin the session if none is under way, and again if its process was lost."""
-    from experiment.desk import link
-    from experiment.desk.messages import Hello
+    from palpate.experiment.desk import link
+    from palpate.experiment.desk.messages import Hello
 
     path = link.place(folder, participant)
     while True:
@@ -190,7 +190,7 @@ def _attend(folder: Path, participant: str, by: str) -> None:
             begun = None if link.answers(path) else _begin(path, said)
             try:
                 # Loaded while the session's process loads.
-                from experiment.desk.console.app import attend
+                from palpate.experiment.desk.console.app import attend
 
                 if begun is not None:
                     _wait_for(begun, path, said)
@@ -216,10 +216,10 @@ def _attend(folder: Path, participant: str, by: str) -> None:
 def _serve(host: str, port: int) -> None:
     """Serve the console of a session to browsers: each visitor's is this same command."""
     try:
-        from experiment.desk.console import serve
+        from palpate.experiment.desk.console import serve
     except ImportError as error:
         raise LinkError(f"a console in a browser needs {error.name}; install palpate with its extra 'serve'") from error
-    serve.served([sys.executable, "-m", "experiment", *sys.argv[1:], "--served"], host=host, port=port).serve()
+    serve.served([sys.executable, "-m", "palpate.experiment", *sys.argv[1:], "--served"], host=host, port=port).serve()
 
 
 def _end_with(server: int) -> None:
@@ -231,7 +231,7 @@ def _end_with(server: int) -> None:
 
 def _begin(path: Path, said: IO[bytes]) -> "subprocess.Popen[bytes]":
     """Begin the session's process by the command that this one was given; what it prints goes into the file."""
-    command = [sys.executable, "-m", "experiment", *sys.argv[1:], "--session-at", str(path)]
+    command = [sys.executable, "-m", "palpate.experiment", *sys.argv[1:], "--session-at", str(path)]
     # A session of its own: what ends the terminal does not end it.
     return subprocess.Popen(  # noqa: S603
         command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True
@@ -240,7 +240,7 @@ def _begin(path: Path, said: IO[bytes]) -> "subprocess.Popen[bytes]":
 
 def _wait_for(process: "subprocess.Popen[bytes]", path: Path, said: IO[bytes]) -> None:
     """Wait until the session's process listens. Raises `LinkError` with its last words if it does not."""
-    from experiment.desk import link
+    from palpate.experiment.desk import link
 
     begun_s = time.monotonic()
     while not link.answers(path):

@@ -5,9 +5,9 @@ from typing import Annotated
 
 import typer
 
-from experiment.cli import options
-from experiment.cli.options import Json
-from experiment.errors import PalpateError
+from palpate.experiment.cli import options
+from palpate.experiment.cli.options import Json
+from palpate.experiment.errors import PalpateError
 
 commands = options.room()
 tap = typer.Typer(
@@ -42,7 +42,7 @@ def fit(
     """
     from dataclasses import asdict
 
-    from experiment.recordings import tap_fit
+    from palpate.experiment.recordings import tap_fit
 
     table = tap_fit.read_taps(taps) if taps is not None else None
     rings = [tap_fit.of_file(path, channel=channel) for path in recordings]
@@ -90,8 +90,8 @@ def contact(
     none; whether the method is stable at this rate, and sees the contact at all; and the condition number, by which
     errors of the input grow.
     """
-    from analysis.numerics import figures
-    from experiment.synthesis.stepping import impact
+    from palpate.analysis.numerics import figures
+    from palpate.experiment.synthesis.stepping import impact
 
     if law not in ("clamped", "printed"):
         raise PalpateError(f"--law: got {law!r}; allowed: clamped, printed; choose one of them")

@@ -19,20 +19,20 @@ from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from experiment import clock, storage
-from experiment.dataset import register
-from experiment.dataset.register import LOG, Anchor, Kept, Prefix
-from experiment.errors import DatasetError, PalpateError, RosterError
-from experiment.protocol import approval, files
-from experiment.protocol.approval import Seal
-from experiment.protocol.models import Protocol
-from experiment.records import chain, journal
-from experiment.records.entries import Armed, Header, Purpose, Withdrawal
-from experiment.records.progress import progress
-from experiment.study import enrolment, schedule
-from experiment.study import roster as rosters
-from experiment.study.allocation import allocate, allocated
-from experiment.study.roster import Roster
+from palpate.experiment import clock, storage
+from palpate.experiment.dataset import register
+from palpate.experiment.dataset.register import LOG, Anchor, Kept, Prefix
+from palpate.experiment.errors import DatasetError, PalpateError, RosterError
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.approval import Seal
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import chain, journal
+from palpate.experiment.records.entries import Armed, Header, Purpose, Withdrawal
+from palpate.experiment.records.progress import progress
+from palpate.experiment.study import enrolment, schedule
+from palpate.experiment.study import roster as rosters
+from palpate.experiment.study.allocation import allocate, allocated
+from palpate.experiment.study.roster import Roster
 
 FARTHEST_EAST = timedelta(hours=14)
 """The day of a session's beginning is at most this much ahead of UTC, wherever it was run."""

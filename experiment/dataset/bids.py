@@ -18,9 +18,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import storage
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER, Columns, columns_of
+from palpate.experiment import storage
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER, Columns, columns_of
 
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"

@@ -14,20 +14,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import __version__, storage
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.tracker import frames
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.dataset import bids, comparison
-from experiment.dataset.beliefs import Believed, Each, believed, build_again, collected
-from experiment.errors import DatasetError, PalpateError
-from experiment.protocol.models import Protocol, Task
-from experiment.records import entries, journal
-from experiment.records.events import NO_ANSWER
-from experiment.records.footstep import BrokenOff, FootStep, Zeroed
-from experiment.records.progress import progress
-from experiment.records.stimulus import Onset, Stimulus
-from experiment.storage import foot_path, rig_path
+from palpate import __version__
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.tracker import frames
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.dataset import bids, comparison
+from palpate.experiment.dataset.beliefs import Believed, Each, believed, build_again, collected
+from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.protocol.models import Protocol, Task
+from palpate.experiment.records import entries, journal
+from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from palpate.experiment.records.progress import progress
+from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.storage import foot_path, rig_path
 
 LONGEST_GAP_S = 600.0
 """After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same

@@ -17,13 +17,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from experiment import __version__, storage
-from experiment.dataset.bids import LABELS, DatasetText, TaskText, description, events, new_dataset, participants
-from experiment.dataset.bids import write_files as write
-from experiment.dataset.reconstruction import STUDIES, check_study_id, check_texts
-from experiment.dataset.trial_files import Layout, Row, Trials, read_trials
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
+from palpate import __version__
+from palpate.experiment import storage
+from palpate.experiment.dataset.bids import (
+    LABELS,
+    DatasetText,
+    TaskText,
+    description,
+    events,
+    new_dataset,
+    participants,
+)
+from palpate.experiment.dataset.bids import write_files as write
+from palpate.experiment.dataset.reconstruction import STUDIES, check_study_id, check_texts
+from palpate.experiment.dataset.trial_files import Layout, Row, Trials, read_trials
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
 
 TASK = "identification"
 """Id of the task where no column tells tasks apart."""

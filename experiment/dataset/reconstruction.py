@@ -19,13 +19,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from experiment import __version__, storage
-from experiment.dataset import bids
-from experiment.dataset.trial_files import text_of
-from experiment.errors import DatasetError, ProtocolError
-from experiment.records.events import NO_ANSWER
-from experiment.settings.characters import quoted
-from experiment.settings.load import MISSING, Confined, Name, Text, checked
+from palpate import __version__
+from palpate.experiment import storage
+from palpate.experiment.dataset import bids
+from palpate.experiment.dataset.trial_files import text_of
+from palpate.experiment.errors import DatasetError, ProtocolError
+from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.settings.characters import quoted
+from palpate.experiment.settings.load import MISSING, Confined, Name, Text, checked
 
 COLUMNS = ("participant", "presented", "answered", "count")
 """Header of a counts file."""

@@ -21,11 +21,11 @@ from typing import Annotated
 import rfc8785
 from pydantic import Field, ValidationError
 
-from experiment import storage
-from experiment.errors import DatasetError
-from experiment.records import chain
-from experiment.records.entries import Purpose, Record, Utc
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records import chain
+from palpate.experiment.records.entries import Purpose, Record, Utc
+from palpate.experiment.study.roster import Roster
 
 LOG = Path("sourcedata") / "anchors.log"
 """Every anchor of a dataset, inside it."""

@@ -17,17 +17,17 @@ from shlex import quote
 from textwrap import fill, shorten, wrap
 from typing import Literal
 
-from experiment import storage
-from experiment.dataset import beliefs
-from experiment.dataset.beliefs import Believed
-from experiment.dataset.bids import LABELS
-from experiment.dataset.build import ORIGINS
-from experiment.errors import DatasetError, ProtocolError
-from experiment.protocol import approval, files
-from experiment.records import chain, journal
-from experiment.records.entries import Purpose
-from experiment.records.progress import Progress, progress
-from experiment.study import enrolment
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs
+from palpate.experiment.dataset.beliefs import Believed
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.dataset.build import ORIGINS
+from palpate.experiment.errors import DatasetError, ProtocolError
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.records import chain, journal
+from palpate.experiment.records.entries import Purpose
+from palpate.experiment.records.progress import Progress, progress
+from palpate.experiment.study import enrolment
 
 COLUMNS = 80
 """Width of the screen, characters."""

@@ -15,10 +15,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from experiment import storage
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
-from experiment.settings.characters import quoted, skeleton
+from palpate.experiment import storage
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.settings.characters import quoted, skeleton
 
 ABSENT = ("", "None", "null", "NA")
 """Cells in which nothing stands: empty, and as PsychoPy and OpenSesame, jsPsych, and R write it."""

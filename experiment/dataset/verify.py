@@ -16,20 +16,20 @@ from operator import ne
 from pathlib import Path
 from typing import Literal
 
-from experiment import storage
-from experiment.apparatus import rig as rigs
-from experiment.dataset import beliefs, bids, build, register
-from experiment.dataset.beliefs import Believed
-from experiment.dataset.register import DIGITS, LOG, Anchor, Signer
-from experiment.errors import DatasetError, PalpateError, RecordingError, RosterError
-from experiment.protocol import approval
-from experiment.protocol.page import count
-from experiment.records import journal
-from experiment.records.entries import Header, Purpose
-from experiment.records.footstep import BrokenOff, FootStep
-from experiment.records.progress import progress
-from experiment.study import enrolment
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.dataset import beliefs, bids, build, register
+from palpate.experiment.dataset.beliefs import Believed
+from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Signer
+from palpate.experiment.errors import DatasetError, PalpateError, RecordingError, RosterError
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.page import count
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Header, Purpose
+from palpate.experiment.records.footstep import BrokenOff, FootStep
+from palpate.experiment.records.progress import progress
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.roster import Roster
 
 MISTYPED = 2
 """A number that differs from an anchor's in so many of its digits was meant to be that one."""

@@ -18,9 +18,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
 
-from experiment.apparatus import host
-from experiment.desk import messages
-from experiment.errors import LinkError
+from palpate.experiment.apparatus import host
+from palpate.experiment.desk import messages
+from palpate.experiment.errors import LinkError
 
 TICK_S = 0.1
 """What is measured is told so often, s."""

@@ -11,9 +11,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from math import inf
 
-from experiment.clock import Clock, monotonic_ns, wall_ns
-from experiment.desk import prompts
-from experiment.desk.messages import (
+from palpate.experiment.clock import Clock, monotonic_ns, wall_ns
+from palpate.experiment.desk import prompts
+from palpate.experiment.desk.messages import (
     CLOSED,
     ENTER,
     ESCAPE,
@@ -41,7 +41,7 @@ from experiment.desk.messages import (
     View,
     Write,
 )
-from experiment.desk.port import (
+from palpate.experiment.desk.port import (
     BY_EXPERIMENTER,
     DEBRIEFING,
     LAB_BOOK,
@@ -56,9 +56,9 @@ from experiment.desk.port import (
     laid_out,
     lasting,
 )
-from experiment.desk.prompts import NOTHING, Theirs
-from experiment.errors import LinkError, PalpateError, PauseAsked
-from experiment.settings import characters
+from palpate.experiment.desk.prompts import NOTHING, Theirs
+from palpate.experiment.errors import LinkError, PalpateError, PauseAsked
+from palpate.experiment.settings import characters
 
 ALONE_S = 600.0
 """After so long without a console the session pauses, s."""

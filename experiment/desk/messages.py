@@ -11,9 +11,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from experiment.errors import LinkError
-from experiment.protocol.rules import SOFTER_KEY
-from experiment.settings import characters
+from palpate.experiment.errors import LinkError
+from palpate.experiment.protocol.rules import SOFTER_KEY
+from palpate.experiment.settings import characters
 
 LONGEST = 65_536
 """No message is longer, bytes."""

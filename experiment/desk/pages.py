@@ -14,11 +14,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
-from experiment.desk.messages import ENTER, Prompt
-from experiment.errors import DisplayError
-from experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
-from experiment.settings import characters
+from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
+from palpate.experiment.desk.messages import ENTER, Prompt
+from palpate.experiment.errors import DisplayError
+from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
+from palpate.experiment.settings import characters
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from experiment.apparatus.ports import Rester
-from experiment.clock import Clock, minutes
-from experiment.desk.messages import Correct, Gauges, Prompt, Repeat, Standing, TakeNote
+from palpate.experiment.apparatus.ports import Rester
+from palpate.experiment.clock import Clock, minutes
+from palpate.experiment.desk.messages import Correct, Gauges, Prompt, Repeat, Standing, TakeNote
 
 Remark = TakeNote | Correct | Repeat
 """What the experimenter may say instead of answering a question."""

@@ -11,10 +11,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import get_args
 
-from experiment.desk.messages import ENTER, Label, Prompt, Show, View
-from experiment.desk.port import DEBRIEFING
-from experiment.protocol.models import Protocol
-from experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
+from palpate.experiment.desk.messages import ENTER, Label, Prompt, Show, View
+from palpate.experiment.desk.port import DEBRIEFING
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 
 KEYS = (LOUDER_KEY, HEARD_KEY, SOFTER_KEY, PROBE_KEY, ENTER)
 """The participant has these keys and no others."""

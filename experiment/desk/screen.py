@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 
 from filelock import FileLock, Timeout
 
-from experiment.apparatus.display import ScreenRig
-from experiment.clock import monotonic_ns, wall_ns
-from experiment.desk import pages
-from experiment.desk.link import Line
-from experiment.desk.messages import Choose, Deed, Hello, Prompt, Shown
-from experiment.desk.pages import Page
-from experiment.errors import DisplayError, LinkError
+from palpate.experiment.apparatus.display import ScreenRig
+from palpate.experiment.clock import monotonic_ns, wall_ns
+from palpate.experiment.desk import pages
+from palpate.experiment.desk.link import Line
+from palpate.experiment.desk.messages import Choose, Deed, Hello, Prompt, Shown
+from palpate.experiment.desk.pages import Page
+from palpate.experiment.errors import DisplayError, LinkError
 
 if TYPE_CHECKING:
     from PIL.Image import Image

@@ -8,16 +8,16 @@ import sys
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, TextIO
 
-from experiment.clock import minutes
-from experiment.desk.messages import Correct, Repeat, TakeNote
-from experiment.desk.port import NO, RESTS, WITHOUT, YES, Attended, Remark, laid_out, lasting
-from experiment.errors import ScreenGone
-from experiment.settings import characters
+from palpate.experiment.clock import minutes
+from palpate.experiment.desk.messages import Correct, Repeat, TakeNote
+from palpate.experiment.desk.port import NO, RESTS, WITHOUT, YES, Attended, Remark, laid_out, lasting
+from palpate.experiment.errors import ScreenGone
+from palpate.experiment.settings import characters
 
 if TYPE_CHECKING:
-    from experiment.clock import Clock
-    from experiment.recordings.store import Condition
-    from experiment.recordings.workflow import Step
+    from palpate.experiment.clock import Clock
+    from palpate.experiment.recordings.store import Condition
+    from palpate.experiment.recordings.workflow import Step
 
 
 GONE = "the screen is gone ({})"

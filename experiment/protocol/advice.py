@@ -11,9 +11,9 @@ from collections.abc import Iterator
 from itertools import pairwise
 from math import factorial
 
-from experiment.errors import Problem
-from experiment.protocol.models import Protocol
-from experiment.settings.load import written
+from palpate.experiment.errors import Problem
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.load import written
 
 ROUNDED = 0.025
 """A chance this near to that of a guess is one that was rounded, of itself: 0.17 for 1/6, 0.33 for 1/3."""

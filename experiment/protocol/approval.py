@@ -22,14 +22,14 @@ from typing import Annotated, Any, ClassVar
 import rfc8785
 from pydantic import Field
 
-from experiment import storage
-from experiment.errors import Problem, ProtocolError
-from experiment.protocol import rules
-from experiment.protocol.models import Protocol
-from experiment.settings import load
-from experiment.settings.characters import quoted
-from experiment.settings.load import Confined, Line, Rules, Text, written
-from experiment.storage import Place
+from palpate.experiment import storage
+from palpate.experiment.errors import Problem, ProtocolError
+from palpate.experiment.protocol import rules
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings import load
+from palpate.experiment.settings.characters import quoted
+from palpate.experiment.settings.load import Confined, Line, Rules, Text, written
+from palpate.experiment.storage import Place
 
 MOST_FIELDS = 5
 """So many changed fields are named."""

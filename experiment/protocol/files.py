@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from experiment.errors import DatasetError, PalpateError, Problem, ProtocolError
-from experiment.protocol.models import Protocol
-from experiment.settings.characters import quoted
-from experiment.settings.load import checked, locate, parsed
+from palpate.experiment.errors import DatasetError, PalpateError, Problem, ProtocolError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.characters import quoted
+from palpate.experiment.settings.load import checked, locate, parsed
 
 PACKAGE = Path(__file__).parent.parent
 

@@ -13,10 +13,10 @@ from datetime import date
 from html import escape
 from pathlib import Path
 
-from experiment.protocol import approval, page
-from experiment.protocol.approval import Seal
-from experiment.protocol.models import Protocol
-from experiment.settings.characters import plain
+from palpate.experiment.protocol import approval, page
+from palpate.experiment.protocol.approval import Seal
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.characters import plain
 
 NOTHING_RUNS = "default-src 'none'; style-src 'unsafe-inline'"
 """What a browser is told of the file, should an escape ever fail: nothing is fetched, and no script runs."""

@@ -14,10 +14,10 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from experiment.errors import Problem, ProtocolError
-from experiment.protocol import rules
-from experiment.records.tapping import FIRST, SECOND, TIE
-from experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
+from palpate.experiment.errors import Problem, ProtocolError
+from palpate.experiment.protocol import rules
+from palpate.experiment.records.tapping import FIRST, SECOND, TIE
+from palpate.experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
 
 
 class Study(Confined):

@@ -16,15 +16,15 @@ from pathlib import Path
 
 import tomlkit
 
-from experiment import storage
-from experiment.errors import PalpateError, ProtocolError
-from experiment.protocol import files
-from experiment.protocol.approval import UNFILLED
-from experiment.protocol.models import Protocol
-from experiment.settings import load
-from experiment.settings.characters import plain, quoted
-from experiment.settings.load import toml
-from experiment.storage import Place
+from palpate.experiment import storage
+from palpate.experiment.errors import PalpateError, ProtocolError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.approval import UNFILLED
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings import load
+from palpate.experiment.settings.characters import plain, quoted
+from palpate.experiment.settings.load import toml
+from palpate.experiment.storage import Place
 
 NO_ANSWER, REDO, PAUSE = "n", "r", "q"
 """The keys beside those of the materials."""

@@ -13,11 +13,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from math import log
 
-from experiment.protocol import approval
-from experiment.protocol.advice import advice
-from experiment.protocol.approval import Seal
-from experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Step, Task, Virtual
-from experiment.settings.characters import leftward, plain
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.advice import advice
+from palpate.experiment.protocol.approval import Seal
+from palpate.experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Step, Task, Virtual
+from palpate.experiment.settings.characters import leftward, plain
 
 WIDTH = 92
 """Columns of a line, at most."""

@@ -12,9 +12,9 @@ from itertools import pairwise
 from math import comb
 from typing import Any
 
-from experiment.settings.characters import looks, skeleton
-from experiment.settings.load import MISSING, Broken, Table, written
-from experiment.storage import Place
+from palpate.experiment.settings.characters import looks, skeleton
+from palpate.experiment.settings.load import MISSING, Broken, Table, written
+from palpate.experiment.storage import Place
 
 MAX_COUNTERBALANCED = 6
 """Tasks that may be counterbalanced; more have over 720 orders, and no study balances those."""

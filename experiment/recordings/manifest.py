@@ -34,12 +34,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from experiment import storage
-from experiment.errors import ProtocolError, RecordingError
-from experiment.protocol.models import Synthesis
-from experiment.recordings.readers import wav_samples
-from experiment.settings import load as settings
-from experiment.settings.load import ONE_LINE, Confined, Name, Remark
+from palpate.experiment import storage
+from palpate.experiment.errors import ProtocolError, RecordingError
+from palpate.experiment.protocol.models import Synthesis
+from palpate.experiment.recordings.readers import wav_samples
+from palpate.experiment.settings import load as settings
+from palpate.experiment.settings.load import ONE_LINE, Confined, Name, Remark
 
 MANIFEST = "manifest.toml"
 

@@ -30,8 +30,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.io import wavfile
 
-from experiment import storage
-from experiment.errors import RecordingError
+from palpate.experiment import storage
+from palpate.experiment.errors import RecordingError
 
 LARGEST_STEP_ERROR = 0.5
 """How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""

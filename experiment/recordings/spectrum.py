@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize, signal
 
-from experiment.errors import RecordingError
-from experiment.recordings.readers import Recording, read
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.readers import Recording, read
 
 PROMINENCE = 0.1
 MOST_PEAKS = 10

@@ -23,14 +23,14 @@ from filelock import FileLock, Timeout
 from numpy.typing import NDArray
 from scipy.io import wavfile
 
-from experiment import storage
-from experiment.apparatus.ports import Window
-from experiment.apparatus.tracker.calibration import Zero
-from experiment.errors import RecordingError
-from experiment.protocol import approval
-from experiment.protocol.models import FASTEST_MM_S, SLOWEST_MM_S, Protocol
-from experiment.recordings.manifest import MANIFEST
-from experiment.settings.load import toml
+from palpate.experiment import storage
+from palpate.experiment.apparatus.ports import Window
+from palpate.experiment.apparatus.tracker.calibration import Zero
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.models import FASTEST_MM_S, SLOWEST_MM_S, Protocol
+from palpate.experiment.recordings.manifest import MANIFEST
+from palpate.experiment.settings.load import toml
 
 PLAN = "plan.json"
 LOCK = "lock"

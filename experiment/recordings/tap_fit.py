@@ -25,10 +25,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize
 
-from experiment import storage
-from experiment.errors import RecordingError
-from experiment.recordings.readers import Recording, read
-from experiment.synthesis.tap import Exponential, Scaling, frequency_curve, scaling
+from palpate.experiment import storage
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.readers import Recording, read
+from palpate.experiment.synthesis.tap import Exponential, Scaling, frequency_curve, scaling
 
 UNTIL = 0.25
 """Part of the envelope at which the fit ends: -12 dB. Ours: by then the shock's other modes are small beside it, and

@@ -18,17 +18,17 @@ from itertools import count
 from pathlib import Path
 from typing import Protocol as Port
 
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Accelerometer, Rester, Tracker, Window
-from experiment.apparatus.tracker import calibration
-from experiment.apparatus.tracker.calibration import ZeroedTracker
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
-from experiment.clock import Clock, MonotonicClock, day
-from experiment.errors import RecordingError
-from experiment.protocol import files
-from experiment.recordings import store
-from experiment.recordings.store import Condition, Plan, plan
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.ports import Accelerometer, Rester, Tracker, Window
+from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from palpate.experiment.clock import Clock, MonotonicClock, day
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.protocol import files
+from palpate.experiment.recordings import store
+from palpate.experiment.recordings.store import Condition, Plan, plan
 
 SPEED_TOLERANCE = 0.10
 """A step is on target when its speed is off by this part at most: less than half the way to the next recorded speed."""

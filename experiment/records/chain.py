@@ -20,8 +20,8 @@ from dataclasses import dataclass
 from io import FileIO
 from pathlib import Path
 
-from experiment import storage
-from experiment.errors import PalpateError, SessionLocked
+from palpate.experiment import storage
+from palpate.experiment.errors import PalpateError, SessionLocked
 
 GENESIS = "0" * 64
 """`prev` of the first line."""

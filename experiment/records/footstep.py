@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from experiment.records.entries import Entry, OfAttempt, Record, Trace
-from experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.entries import Entry, OfAttempt, Record, Trace
+from palpate.experiment.records.stimulus import Onset, Stimulus
 
 MOST_US = 2**63 // 1000
 """No device time is farther from zero, microseconds: session times are 64-bit nanoseconds."""

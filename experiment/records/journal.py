@@ -16,13 +16,13 @@ from typing import Annotated
 from filelock import FileLock, Timeout
 from pydantic import Field, TypeAdapter, ValidationError
 
-from experiment.clock import Clock
-from experiment.errors import JournalError, SessionLocked
-from experiment.records import chain, entries
-from experiment.records.chain import End
-from experiment.records.entries import Header
-from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
-from experiment.records.tapping import Changed, PairLaidOut, Tapped
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import JournalError, SessionLocked
+from palpate.experiment.records import chain, entries
+from palpate.experiment.records.chain import End
+from palpate.experiment.records.entries import Header
+from palpate.experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
+from palpate.experiment.records.tapping import Changed, PairLaidOut, Tapped
 
 AnyEntry = Annotated[
     Header

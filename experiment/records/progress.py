@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 
-from experiment.records.entries import (
+from palpate.experiment.records.entries import (
     Answer,
     Armed,
     Commanded,
@@ -25,10 +25,10 @@ from experiment.records.entries import (
     Visited,
     Withdrawal,
 )
-from experiment.records.footstep import BrokenOff, FootStep, Probed
-from experiment.records.journal import AnyEntry
-from experiment.records.stimulus import Stimulus
-from experiment.records.tapping import PairLaidOut, Tapped
+from palpate.experiment.records.footstep import BrokenOff, FootStep, Probed
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.stimulus import Stimulus
+from palpate.experiment.records.tapping import PairLaidOut, Tapped
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from experiment.records.entries import Record
+from palpate.experiment.records.entries import Record
 
 
 class Shaping(Record):

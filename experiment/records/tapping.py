@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from experiment.records.entries import OfAttempt
-from experiment.records.footstep import DeviceUs
-from experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.entries import OfAttempt
+from palpate.experiment.records.footstep import DeviceUs
+from palpate.experiment.records.stimulus import Onset, Stimulus
 
 FIRST, SECOND, TIE = "first", "second", "tie"
 WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import textwrap
 
-from experiment.clock import utc
-from experiment.errors import JournalError
-from experiment.records import entries
-from experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
-from experiment.records.journal import AnyEntry, Contents
-from experiment.records.progress import progress
-from experiment.records.stimulus import Onset, Stimulus
-from experiment.records.tapping import Changed, PairLaidOut, Tapped
-from experiment.settings.characters import keyed, plain
+from palpate.experiment.clock import utc
+from palpate.experiment.errors import JournalError
+from palpate.experiment.records import entries
+from palpate.experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
+from palpate.experiment.records.journal import AnyEntry, Contents
+from palpate.experiment.records.progress import progress
+from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.tapping import Changed, PairLaidOut, Tapped
+from palpate.experiment.settings.characters import keyed, plain
 
 WIDTH = 100
 """No line of a transcript is wider, in characters."""

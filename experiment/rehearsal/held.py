@@ -1,6 +1,6 @@
 """What a process of one task holds of the machine, for `palpate plan`: it is started, opens everything, and says so.
 
-`python -m experiment.rehearsal.held` is that process. It opens what a session opens up to its first trial, with
+`python -m palpate.experiment.rehearsal.held` is that process. It opens what a session opens up to its first trial, with
 nobody in the room, and ends when its input does, so that others can look at its ports meanwhile.
 """
 
@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from experiment.errors import SessionError
+from palpate.experiment.errors import SessionError
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def started(asked: Asked, opened: ExitStack) -> Held:
 
     Raises `SessionError` if it cannot open something, or this is no system that tells what a process holds.
     """
-    command = [sys.executable, "-m", "experiment.rehearsal.held", json.dumps(asdict(asked))]
+    command = [sys.executable, "-m", "palpate.experiment.rehearsal.held", json.dumps(asdict(asked))]
     pipe = subprocess.PIPE
     process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True)  # noqa: S603
     opened.enter_context(process)
@@ -63,14 +63,14 @@ def started(asked: Asked, opened: ExitStack) -> Held:
 
 
 def _open(asked: Asked) -> None:
-    from experiment.apparatus import rig as rigs
-    from experiment.apparatus.ports import Tracker
-    from experiment.clock import MonotonicClock
-    from experiment.desk.terminal import TerminalConsole
-    from experiment.protocol import files
-    from experiment.session import scene
-    from experiment.session.laboratory import open_laboratory
-    from experiment.session.run import RealEnds
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.ports import Tracker
+    from palpate.experiment.clock import MonotonicClock
+    from palpate.experiment.desk.terminal import TerminalConsole
+    from palpate.experiment.protocol import files
+    from palpate.experiment.session import scene
+    from palpate.experiment.session.laboratory import open_laboratory
+    from palpate.experiment.session.run import RealEnds
 
     class Ends(RealEnds):
         # The process waits for nobody, so its priority is no matter.

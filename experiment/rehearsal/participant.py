@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiment.clock import Clock
-from experiment.desk.port import Attended, Console, Remark, laid_out
-from experiment.protocol.models import Protocol
-from experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
+from palpate.experiment.clock import Clock
+from palpate.experiment.desk.port import Attended, Console, Remark, laid_out
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
 
 Tick = Callable[[], None]
 """Called after each confirmed answer."""

@@ -19,37 +19,37 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment import storage
-from experiment.apparatus import host
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.clock import Clock, ManualClock, MonotonicClock
-from experiment.dataset.beliefs import Each
-from experiment.desk.port import Console
-from experiment.errors import Interrupted
-from experiment.protocol import files
-from experiment.protocol.models import Protocol
-from experiment.recordings.manifest import MANIFEST
-from experiment.records import journal
-from experiment.records.entries import Footer
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.panel import CardPanel, Panel
-from experiment.rehearsal.footstep.participant import SimulatedParticipant
-from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
-from experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
-from experiment.rehearsal.tapping import hand
-from experiment.rehearsal.tapping.participant import Fingers, SimulatedTapper
-from experiment.rehearsal.voice import Speaker
-from experiment.rehearsal.wires.force_device import ForceDeviceProcess
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
-from experiment.session import runner, scene
-from experiment.session.kind import Stimuli
-from experiment.session.laboratory import header, open_laboratory
-from experiment.synthesis import waveforms
-from experiment.synthesis.tap import Surface
-from experiment.synthesis.waveforms import Basis
+from palpate.experiment import storage
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
+from palpate.experiment.dataset.beliefs import Each
+from palpate.experiment.desk.port import Console
+from palpate.experiment.errors import Interrupted
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.recordings.manifest import MANIFEST
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
+from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
+from palpate.experiment.rehearsal.tapping import hand
+from palpate.experiment.rehearsal.tapping.participant import Fingers, SimulatedTapper
+from palpate.experiment.rehearsal.voice import Speaker
+from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
+from palpate.experiment.session import runner, scene
+from palpate.experiment.session.kind import Stimuli
+from palpate.experiment.session.laboratory import header, open_laboratory
+from palpate.experiment.synthesis import waveforms
+from palpate.experiment.synthesis.tap import Surface
+from palpate.experiment.synthesis.waveforms import Basis
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
@@ -133,7 +133,7 @@ def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: C
             keeps_voices=protocol.consent.voice_recordings,
         )
     if footer.reason == "complete" and task_id == job.tasks[-1] and protocol.answers.microphone:
-        from experiment.desk.voice import enrolling
+        from palpate.experiment.desk.voice import enrolling
 
         enrolling.forget(enrolling.place(job.dataset, job.participant))
     return footer

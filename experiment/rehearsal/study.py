@@ -12,28 +12,28 @@ from pathlib import Path
 from shlex import quote
 from typing import Literal
 
-from experiment import storage
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import open_drive
-from experiment.clock import MonotonicClock
-from experiment.dataset import build
-from experiment.dataset.beliefs import Plan
-from experiment.dataset.bids import LABELS
-from experiment.desk.port import Attended, Console
-from experiment.errors import DatasetError, RosterError
-from experiment.protocol import approval, files
-from experiment.protocol.models import Protocol
-from experiment.records import journal
-from experiment.records.entries import Footer
-from experiment.records.progress import progress
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.participant import Tick
-from experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
-from experiment.rehearsal.tapping import surfaces
-from experiment.session.remarks import paused
-from experiment.session.visit import visit_steps, walk
-from experiment.study.allocation import allocate, find
+from palpate.experiment import storage
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel.conditioning import open_drive
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.dataset import build
+from palpate.experiment.dataset.beliefs import Plan
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.desk.port import Attended, Console
+from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer
+from palpate.experiment.records.progress import progress
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.participant import Tick
+from palpate.experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
+from palpate.experiment.rehearsal.tapping import surfaces
+from palpate.experiment.session.remarks import paused
+from palpate.experiment.session.visit import visit_steps, walk
+from palpate.experiment.study.allocation import allocate, find
 
 OPTIONS = {"REHEARSAL": "--out", "PRACTICE": "--dataset"}
 """What names the folder of each on the command line."""

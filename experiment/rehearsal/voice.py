@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.rehearsal.wires.mouth import Mouth
+from palpate.experiment.rehearsal.wires.mouth import Mouth
 
 SOUNDS = 5
 """Of every word."""

@@ -9,23 +9,23 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from experiment.apparatus.ports import Masker, Microphone
-from experiment.clock import Clock
-from experiment.desk import interrupts
-from experiment.desk.messages import Repeat
-from experiment.desk.port import INTERRUPTED, NO_ANSWER, Console, Remark
-from experiment.errors import JournalError, SessionError, TrackerStopped
-from experiment.protocol.models import Protocol
-from experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
-from experiment.session.kind import KindDevices, Lent, Limits, Log
-from experiment.session.masker import KEYS, Masking
-from experiment.session.remarks import Remarks
+from palpate.experiment.apparatus.ports import Masker, Microphone
+from palpate.experiment.clock import Clock
+from palpate.experiment.desk import interrupts
+from palpate.experiment.desk.messages import Repeat
+from palpate.experiment.desk.port import INTERRUPTED, NO_ANSWER, Console, Remark
+from palpate.experiment.errors import JournalError, SessionError, TrackerStopped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
+from palpate.experiment.session.kind import KindDevices, Lent, Limits, Log
+from palpate.experiment.session.masker import KEYS, Masking
+from palpate.experiment.session.remarks import Remarks
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
 
-    from experiment.apparatus.audio.stream import AudioStream
-    from experiment.desk.voice.ear import Ear
+    from palpate.experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.desk.voice.ear import Ear
 
 
 FELT = "Trial {trial} was felt, and comes again at the end of its block."

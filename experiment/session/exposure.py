@@ -15,19 +15,19 @@ from contextlib import suppress
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
-from experiment.apparatus import host
-from experiment.errors import PalpateError
-from experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
-from experiment.session.kind import nothing_more
+from palpate.experiment.apparatus import host
+from palpate.experiment.errors import PalpateError
+from palpate.experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
+from palpate.experiment.session.kind import nothing_more
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
-    from experiment.clock import Clock
-    from experiment.desk.port import Console
-    from experiment.records.journal import Contents, Line
-    from experiment.session.kind import Log
-    from experiment.session.masker import Masking
+    from palpate.experiment.clock import Clock
+    from palpate.experiment.desk.port import Console
+    from palpate.experiment.records.journal import Contents, Line
+    from palpate.experiment.session.kind import Log
+    from palpate.experiment.session.masker import Masking
 
 LOOK_S = 0.5
 """Between two looks, s."""
@@ -231,7 +231,7 @@ def _played(lines: Sequence[Line], now_ns: int) -> float:
     since_ns = now_ns - lines[-1].t_ns
     if level_db_a is None or since_ns >= WINDOW_NS:
         return spent
-    from experiment.apparatus.audio import masker
+    from palpate.experiment.apparatus.audio import masker
 
     # It was killed while the masker played.
     played_ns = lines[-1].t_ns - told[-1][0] + min(max(since_ns, 0), KILLED_NS)

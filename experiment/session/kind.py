@@ -12,21 +12,21 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.rig import Rig
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.clock import Clock
-from experiment.desk.messages import Measured
-from experiment.desk.port import Console
-from experiment.protocol.models import Protocol as StudyProtocol
-from experiment.records.entries import Header, PlannedTrial, Trace
-from experiment.records.journal import AnyEntry
-from experiment.records.progress import Progress
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.clock import Clock
+from palpate.experiment.desk.messages import Measured
+from palpate.experiment.desk.port import Console
+from palpate.experiment.protocol.models import Protocol as StudyProtocol
+from palpate.experiment.records.entries import Header, PlannedTrial, Trace
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.progress import Progress
 
 if TYPE_CHECKING:
-    from experiment.synthesis.tap import Surface
-    from experiment.synthesis.voltages import Drive
-    from experiment.synthesis.waveforms import Basis
+    from palpate.experiment.synthesis.tap import Surface
+    from palpate.experiment.synthesis.voltages import Drive
+    from palpate.experiment.synthesis.waveforms import Basis
 
 
 @dataclass(frozen=True)

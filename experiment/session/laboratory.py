@@ -12,22 +12,23 @@ from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from experiment import __version__, storage
-from experiment.apparatus import host, opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Microphone
-from experiment.apparatus.rig import Rig
-from experiment.clock import Clock, utc
-from experiment.protocol import approval
-from experiment.protocol.models import Protocol
-from experiment.records import journal
-from experiment.records.entries import Header, Purpose
-from experiment.session import exposure, masker, scene
-from experiment.session.attempt import Devices
-from experiment.session.footstep.trials import open_footsteps
-from experiment.session.kind import FarEnds, KindDevices
-from experiment.session.tapping.trials import open_comparisons
-from experiment.study import schedule
+from palpate import __version__
+from palpate.experiment import storage
+from palpate.experiment.apparatus import host, opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.ports import Microphone
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import Clock, utc
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Header, Purpose
+from palpate.experiment.session import exposure, masker, scene
+from palpate.experiment.session.attempt import Devices
+from palpate.experiment.session.footstep.trials import open_footsteps
+from palpate.experiment.session.kind import FarEnds, KindDevices
+from palpate.experiment.session.tapping.trials import open_comparisons
+from palpate.experiment.study import schedule
 
 OPENS: Mapping[str, Callable[..., KindDevices]] = {"footstep": open_footsteps, "comparison": open_comparisons}
 """What opens the devices of each kind of trial; a task of the protocol names its kind."""
@@ -86,7 +87,7 @@ def open_laboratory(
             if microphone is None:
                 console.show("The rig names no microphone (audio.channels.microphone): no answer is proposed.")
             else:
-                from experiment.desk.voice import ear
+                from palpate.experiment.desk.voice import ear
 
                 computing = opened.enter_context(ear.computing())
         yield Devices(
@@ -121,7 +122,7 @@ def header(
     """
     recordings_sha256 = None
     if recordings is not None:
-        from experiment.recordings import manifest
+        from palpate.experiment.recordings import manifest
 
         recordings_sha256 = manifest.sha256(recordings)
     return Header(

@@ -12,18 +12,18 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
 
-from experiment.apparatus import opening
-from experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker, MaskerNoise, masker_noise
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.ports import Masker, MaskerExposure
-from experiment.apparatus.rig import Rig
-from experiment.clock import Clock, day
-from experiment.desk.port import Console
-from experiment.errors import DoseUsedUp
-from experiment.protocol.models import Protocol
-from experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
-from experiment.records.entries import MaskerSet, Note
-from experiment.session import scene
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.audio.masker import RESERVE_S, ROUND_S, AudioMasker, MaskerNoise, masker_noise
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.ports import Masker, MaskerExposure
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import Clock, day
+from palpate.experiment.desk.port import Console
+from palpate.experiment.errors import DoseUsedUp
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
+from palpate.experiment.records.entries import MaskerSet, Note
+from palpate.experiment.session import scene
 
 STEP_DB = 2.0
 """One key changes the level by this much, dB."""

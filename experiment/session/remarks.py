@@ -10,22 +10,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from experiment.clock import Clock
-from experiment.desk.messages import RECENT, Correct, Gauges, Lamp, Prompt, Repeat, Standing, TakeNote, Told
-from experiment.desk.port import Console, Remark
-from experiment.protocol.models import Answers
-from experiment.records import journal
-from experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Shown, Visited, Withdrawal
-from experiment.records.progress import Progress, progress
-from experiment.session.kind import Kind, Limits, Log
-from experiment.settings import characters
-from experiment.storage import journal_path
+from palpate.experiment.clock import Clock
+from palpate.experiment.desk.messages import RECENT, Correct, Gauges, Lamp, Prompt, Repeat, Standing, TakeNote, Told
+from palpate.experiment.desk.port import Console, Remark
+from palpate.experiment.protocol.models import Answers
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Shown, Visited, Withdrawal
+from palpate.experiment.records.progress import Progress, progress
+from palpate.experiment.session.kind import Kind, Limits, Log
+from palpate.experiment.settings import characters
+from palpate.experiment.storage import journal_path
 
 if TYPE_CHECKING:
-    from experiment.apparatus.audio.stream import AudioStream
-    from experiment.desk.voice.ear import Ear
-    from experiment.session.exposure import Exposed
-    from experiment.session.masker import Masking
+    from palpate.experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.desk.voice.ear import Ear
+    from palpate.experiment.session.exposure import Exposed
+    from palpate.experiment.session.masker import Masking
 
 LITTLE_BYTES = 500_000_000
 """Less free space than this on the dataset's disk is told, bytes."""

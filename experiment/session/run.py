@@ -8,30 +8,30 @@ from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
 
-from experiment import storage
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.rig import Rig
-from experiment.apparatus.servo import settings as servo
-from experiment.apparatus.tracker import calibration
-from experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
-from experiment.dataset import beliefs, build, register
-from experiment.dataset.bids import LABELS
-from experiment.desk.port import LAB_BOOK, NOT_ANCHORED, Attended, Console
-from experiment.errors import Interrupted, PalpateError, RecordingError, RigError, RosterError, SessionLocked
-from experiment.protocol import approval, files
-from experiment.protocol.models import Protocol
-from experiment.records import journal
-from experiment.records.entries import Footer, Purpose, Visited
-from experiment.records.progress import progress
-from experiment.session import exposure, remarks, runner, scene, visit
-from experiment.session.footstep import fidelity
-from experiment.session.kind import FarEnds
-from experiment.session.laboratory import header, open_laboratory
-from experiment.settings.characters import quoted
-from experiment.study import enrolment, people, roster
-from experiment.study.allocation import Allocation, allocated, find
+from palpate.experiment import storage
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.servo import settings as servo
+from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
+from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.desk.port import LAB_BOOK, NOT_ANCHORED, Attended, Console
+from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError, RosterError, SessionLocked
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer, Purpose, Visited
+from palpate.experiment.records.progress import progress
+from palpate.experiment.session import exposure, remarks, runner, scene, visit
+from palpate.experiment.session.footstep import fidelity
+from palpate.experiment.session.kind import FarEnds
+from palpate.experiment.session.laboratory import header, open_laboratory
+from palpate.experiment.settings.characters import quoted
+from palpate.experiment.study import enrolment, people, roster
+from palpate.experiment.study.allocation import Allocation, allocated, find
 
 
 class RealEnds(FarEnds):
@@ -235,7 +235,7 @@ class _Visit:
                     ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
                 raise
         if footer.reason == "complete" and task_id == tasks[-1] and protocol.answers.microphone:
-            from experiment.desk.voice import enrolling
+            from palpate.experiment.desk.voice import enrolling
 
             enrolling.forget(enrolling.place(root, participant))
         build.build(root)
@@ -373,7 +373,7 @@ def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path
 
     Raises `RecordingError` if they are simulated, not those that the study was begun with, or cannot be used.
     """
-    from experiment.recordings import manifest
+    from palpate.experiment.recordings import manifest
 
     kept = root / storage.RECORDINGS
     folder = given or kept

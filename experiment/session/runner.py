@@ -11,14 +11,14 @@ from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from experiment.apparatus import opening
-from experiment.clock import Clock, day
-from experiment.desk import interrupts
-from experiment.desk.port import BY_EXPERIMENTER, INTERRUPTED
-from experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
-from experiment.protocol.models import Protocol
-from experiment.records import chain, journal
-from experiment.records.entries import (
+from palpate.experiment.apparatus import opening
+from palpate.experiment.clock import Clock, day
+from palpate.experiment.desk import interrupts
+from palpate.experiment.desk.port import BY_EXPERIMENTER, INTERRUPTED
+from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import chain, journal
+from palpate.experiment.records.entries import (
     Footer,
     Header,
     Note,
@@ -30,17 +30,17 @@ from experiment.records.entries import (
     Visited,
     Withdrawal,
 )
-from experiment.records.journal import AnyEntry
-from experiment.records.progress import Progress, progress
-from experiment.session.attempt import FELT, Attempts, Devices, Event, State, follow
-from experiment.session.exposure import Exposed, spent_ns
-from experiment.session.masker import Masking
-from experiment.session.remarks import Attendance
-from experiment.storage import foot_path, journal_path, rig_path, roster_path, voices_folder
-from experiment.study.roster import Roster
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.progress import Progress, progress
+from palpate.experiment.session.attempt import FELT, Attempts, Devices, Event, State, follow
+from palpate.experiment.session.exposure import Exposed, spent_ns
+from palpate.experiment.session.masker import Masking
+from palpate.experiment.session.remarks import Attendance
+from palpate.experiment.storage import foot_path, journal_path, rig_path, roster_path, voices_folder
+from palpate.experiment.study.roster import Roster
 
 if TYPE_CHECKING:
-    from experiment.desk.voice.ear import Ear
+    from palpate.experiment.desk.voice.ear import Ear
 
 MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
@@ -141,7 +141,7 @@ def enrolling_file(dataset: Path, participant: str, devices: Devices) -> Path | 
     """Return where what the participant said is kept during the visit; None where no microphone listens."""
     if devices.microphone is None:
         return None
-    from experiment.desk.voice import enrolling
+    from palpate.experiment.desk.voice import enrolling
 
     return enrolling.place(dataset, participant)
 
@@ -149,7 +149,7 @@ def enrolling_file(dataset: Path, participant: str, devices: Devices) -> Path | 
 def _ear(devices: Devices, log: SessionLog, voices: Path | None) -> Ear | None:
     if devices.microphone is None or devices.computing is None:
         return None
-    from experiment.desk.voice.ear import Ear
+    from palpate.experiment.desk.voice.ear import Ear
 
     return Ear(
         microphone=devices.microphone,
@@ -324,7 +324,7 @@ class _Session:
             return
         if self._exposed.over():
             return
-        from experiment.desk.voice.enrolling import Enroller
+        from palpate.experiment.desk.voice.enrolling import Enroller
 
         ear.enrolment, how = Enroller(
             answers={material.id: material.spoken[0] for material in self._protocol.materials},

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiment.protocol.models import Protocol, Task
+from palpate.experiment.protocol.models import Protocol, Task
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from experiment.apparatus.rig import Rig
-    from experiment.synthesis.crinkle import CrinkleSpectra
-    from experiment.synthesis.noise import Colour
-    from experiment.synthesis.waveforms import Basis
+    from palpate.experiment.apparatus.rig import Rig
+    from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+    from palpate.experiment.synthesis.noise import Colour
+    from palpate.experiment.synthesis.waveforms import Basis
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ def _played(protocol: Protocol, tasks: Sequence[Task]) -> tuple[str, ...]:
 
 def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
     """Return a scene with the materials instead that are recorded and not its own; errors as `load_spectra`."""
-    from experiment.recordings import manifest
+    from palpate.experiment.recordings import manifest
 
     recorded = manifest.materials_of(recordings).difference(scene.materials)
     return replace(scene, materials=tuple(one.id for one in protocol.materials if one.id in recorded))
@@ -95,8 +95,8 @@ def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[
 
     Raises `RecordingError` if a recording is missing or unusable.
     """
-    from experiment.recordings import manifest
-    from experiment.synthesis import crinkle
+    from palpate.experiment.recordings import manifest
+    from palpate.experiment.synthesis import crinkle
 
     loaded = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
     return {
@@ -123,7 +123,7 @@ def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> t
     That is the largest rms of what lies outside, m/s^2; infinity if any speed counts. Raises `SynthesisError` if a
     speed that counts has no spectrum.
     """
-    from experiment.synthesis.crinkle import rms_outside
+    from palpate.experiment.synthesis.crinkle import rms_outside
 
     fastest, band_hz = fastest_mm_s(protocol), protocol.footsteps.tactile.band_hz
     if fastest == float("inf"):
@@ -152,7 +152,7 @@ def prepare_stimuli(
     That is decided for all materials together: if some were filtered and others not, participants could tell them apart
     by that. Errors are those of `open_stimuli`.
     """
-    from experiment.synthesis import crinkle, waveforms
+    from palpate.experiment.synthesis import crinkle, waveforms
 
     tactile = protocol.footsteps.tactile
     if felt_outside(spectra, protocol)[1] < tactile.floor_m_s2:
@@ -171,7 +171,7 @@ def masker_samples(*, colour: Colour, rate_hz: int, seconds: float) -> NDArray[n
     """
     import numpy as np
 
-    from experiment.synthesis.noise import noise
+    from palpate.experiment.synthesis.noise import noise
 
     drawn = np.random.default_rng(0)
     return noise(colour=colour, samples=round(seconds * rate_hz), rate_hz=rate_hz, rng=drawn)

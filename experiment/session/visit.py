@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from experiment.desk.port import DEBRIEFING, INTERRUPTED, Attended, Console
-from experiment.errors import ActuatorError, AudioError, PauseAsked, TrackerError
-from experiment.records.entries import Footer
+from palpate.experiment.desk.port import DEBRIEFING, INTERRUPTED, Attended, Console
+from palpate.experiment.errors import ActuatorError, AudioError, PauseAsked, TrackerError
+from palpate.experiment.records.entries import Footer
 
 BETWEEN = "The visit is paused; no session is under way."
 """What is said of a pause at a question before a session, or in the break."""

@@ -27,10 +27,10 @@ from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
-from experiment import storage
-from experiment.errors import Problem, ProtocolError
-from experiment.settings import characters
-from experiment.storage import Place
+from palpate.experiment import storage
+from palpate.experiment.errors import Problem, ProtocolError
+from palpate.experiment.settings import characters
+from palpate.experiment.storage import Place
 
 Table = Mapping[str, Any]
 

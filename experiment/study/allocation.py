@@ -11,10 +11,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations
 
-from experiment.errors import RosterError
-from experiment.protocol import approval
-from experiment.protocol.models import Protocol
-from experiment.study.schedule import Draws
+from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.study.schedule import Draws
 
 
 @dataclass(frozen=True)

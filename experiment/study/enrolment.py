@@ -23,17 +23,17 @@ from typing import Annotated, Literal
 from filelock import FileLock
 from pydantic import Field, ValidationError
 
-from experiment import storage
-from experiment.clock import MonotonicClock, day, wall_ns
-from experiment.errors import DatasetError, PalpateError, RosterError
-from experiment.protocol import approval, files
-from experiment.protocol.models import Protocol
-from experiment.records import chain, journal
-from experiment.records.entries import Purpose, Record, Withdrawal
-from experiment.records.progress import progress
-from experiment.study import people, reasons
-from experiment.study.allocation import allocated, labels, stranger
-from experiment.study.roster import Roster, check_consent
+from palpate.experiment import storage
+from palpate.experiment.clock import MonotonicClock, day, wall_ns
+from palpate.experiment.errors import DatasetError, PalpateError, RosterError
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import chain, journal
+from palpate.experiment.records.entries import Purpose, Record, Withdrawal
+from palpate.experiment.records.progress import progress
+from palpate.experiment.study import people, reasons
+from palpate.experiment.study.allocation import allocated, labels, stranger
+from palpate.experiment.study.roster import Roster, check_consent
 
 LOCK = ".study.lock"
 

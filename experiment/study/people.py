@@ -16,10 +16,10 @@ from typing import Annotated
 from filelock import FileLock
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
-from experiment import storage
-from experiment.errors import RosterError
-from experiment.protocol.models import Protocol
-from experiment.settings.characters import one_line
+from palpate.experiment import storage
+from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.characters import one_line
 
 Line = Annotated[str, AfterValidator(one_line)]
 

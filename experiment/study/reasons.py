@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 
-from experiment.errors import RosterError
-from experiment.settings.characters import quoted
+from palpate.experiment.errors import RosterError
+from palpate.experiment.settings.characters import quoted
 
 HEALTH = re.compile(
     r"\b(?:ill|illness|sick\w*|disease\w*|disorder\w*|disab\w*|injur\w*|wound\w*|hurt|hurts|hurting|pains?|painful"

@@ -18,15 +18,15 @@ from typing import Annotated, Literal
 from filelock import FileLock
 from pydantic import Field, TypeAdapter, ValidationError
 
-from experiment.clock import wall_ns
-from experiment.errors import RosterError
-from experiment.protocol.models import Protocol
-from experiment.records import chain
-from experiment.records.chain import Chain
-from experiment.records.entries import Entry
-from experiment.settings.characters import quoted
-from experiment.settings.load import VISIBLE, Line
-from experiment.study.allocation import labels, stranger
+from palpate.experiment.clock import wall_ns
+from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import chain
+from palpate.experiment.records.chain import Chain
+from palpate.experiment.records.entries import Entry
+from palpate.experiment.settings.characters import quoted
+from palpate.experiment.settings.load import VISIBLE, Line
+from palpate.experiment.study.allocation import labels, stranger
 
 
 class Enrolled(Entry):

@@ -24,10 +24,10 @@ from collections.abc import Mapping, Sequence
 from math import comb
 from typing import TypeVar
 
-from experiment.errors import ScheduleError
-from experiment.protocol import approval
-from experiment.protocol.models import Protocol
-from experiment.records.entries import PlannedTrial
+from palpate.experiment.errors import ScheduleError
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.entries import PlannedTrial
 
 Item = TypeVar("Item")
 

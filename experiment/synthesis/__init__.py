@@ -8,6 +8,6 @@ Wellman and Howe, `tap` has (1) to (3), and `contact/` (4) to (6); `stepping/` c
 does. Every function says its shapes, units and errors, and every approximation
 its bound.
 
-This room knows of no device, file, session or clock. `import experiment` does not import it, for it takes numpy and
-scipy.
+This room knows of no device, file, session or clock. `import palpate.experiment` does not import it, for it takes
+numpy and scipy.
 """

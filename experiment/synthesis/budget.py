@@ -30,11 +30,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
-from experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, finite, inverse_on, spectrum
-from experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
+from palpate.experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, finite, inverse_on, spectrum
+from palpate.experiment.synthesis.waveforms import Stimulus
 
 SHORT = 1e-9
 """A bin that falls short of what it was taken down to by more than this part was held back."""

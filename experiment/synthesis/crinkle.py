@@ -17,8 +17,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import BAND_HZ, Grid, bin_frequencies_hz, finite, grid, rms, spectrum
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.spectra import BAND_HZ, Grid, bin_frequencies_hz, finite, grid, rms, spectrum
 
 Average = Literal["magnitude", "signed"]
 

@@ -13,7 +13,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import SynthesisError
+from palpate.experiment.errors import SynthesisError
 
 Colour = Literal["pink", "white"]
 """Power that falls as 1/f, equal in every octave; or power that is equal in every hertz."""

@@ -26,8 +26,8 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import Bins, bin_frequencies_hz, finite, grid, highest, inverse_on
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.spectra import Bins, bin_frequencies_hz, finite, grid, highest, inverse_on
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft
 
-from experiment.errors import SynthesisError
+from palpate.experiment.errors import SynthesisError
 
 BAND_HZ = (0.0, 500.0)
 """Where equation (6) sums: above 500 Hz accelerations of crinkles are below the threshold of touch (section 2)."""

@@ -20,8 +20,8 @@ from math import exp, inf, log, pi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import finite
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.spectra import finite
 
 DECAY_PER_S = 100.0
 """B, as the paper held it constant."""

@@ -39,10 +39,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.shaping import AtBins, Response, Shaped, drive, response_at
-from experiment.synthesis.spectra import Bins
-from experiment.synthesis.waveforms import Basis, Stimulus
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.shaping import AtBins, Response, Shaped, drive, response_at
+from palpate.experiment.synthesis.spectra import Bins
+from palpate.experiment.synthesis.waveforms import Basis, Stimulus
 
 FASTEST = 1.5
 """Waveforms are held up to this multiple of the fastest measured speed: 450 mm/s in the study of Okamoto et al."""

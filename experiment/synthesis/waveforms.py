@@ -39,8 +39,8 @@ from math import log2, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed, at_speed, foot_speed
-from experiment.synthesis.spectra import Bins, Grid, inverse_on, rms, transformable
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed, at_speed, foot_speed
+from palpate.experiment.synthesis.spectra import Bins, Grid, inverse_on, rms, transformable
 
 ROUNDING = float(np.finfo(np.float64).eps) / 2
 """u, the largest relative error of one rounding of a float64."""

@@ -5,7 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from experiment.dataset.bids import DatasetText, Origin, TaskText, description, events, participants, write_files
+from palpate.experiment.dataset.bids import (
+    DatasetText,
+    Origin,
+    TaskText,
+    description,
+    events,
+    participants,
+    write_files,
+)
 
 MATERIALS = ("glass", "sand", "snow")
 

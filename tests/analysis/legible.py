@@ -12,7 +12,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.text import Text
 
-from analysis.documents.drawing import COLUMN_MM, PAGE_MM, Sheet
+from palpate.analysis.documents.drawing import COLUMN_MM, PAGE_MM, Sheet
 
 
 def check(found: Sequence[Sheet]) -> None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import stats
 from statsmodels.stats.anova import anova_lm
 
-from analysis.published.numbers import Published
+from palpate.analysis.published.numbers import Published
 
 MATERIALS = ("glass", "sand", "snow")
 LEVELS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
@@ -117,7 +117,7 @@ def choices(counts: Sequence[int], trials: int, way: str) -> dict[str, Any]:
 
 
 def published(document: Mapping[str, Any]) -> Published:
-    """What `analysis.published.read` makes of such a file."""
+    """What `palpate.analysis.published.read` makes of such a file."""
     return Published.model_validate(document)
 
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import pytest
 
-from analysis.analyse import Analysis, analyse
-from experiment.dataset.bids import LABELS
-from experiment.errors import DatasetError
+from palpate.analysis.analyse import Analysis, analyse
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 
 OKAMOTO = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
@@ -330,9 +330,9 @@ def test_markup_in_a_dataset_stays_text(tmp_path: Path) -> None:
 def test_the_analysis_loads_no_oracle_and_prints_nothing(tmp_path: Path) -> None:
     root = write_dataset(tmp_path, {"1": {"real": balanced(1)}, "2": {"real": balanced(2)}})
     code = (
-        "import sys; from pathlib import Path; from analysis.analyse import analyse\n"
+        "import sys; from pathlib import Path; from palpate.analysis.analyse import analyse\n"
         f"analyse([Path({str(root)!r})], figures=False)\n"
-        "heavy = {'statsmodels', 'scipy.stats', 'matplotlib', 'psychopy', 'serial', 'experiment.session'}\n"
+        "heavy = {'statsmodels', 'scipy.stats', 'matplotlib', 'psychopy', 'serial', 'palpate.experiment.session'}\n"
         "sys.exit(sorted(heavy & set(sys.modules)) or 0)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)

@@ -10,12 +10,12 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.export import DICTIONARY, columns_of, export, files
-from analysis.reading.dataset import read
-from analysis.reading.study import Exclusion
-from experiment.dataset.bids import LABELS
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.export import DICTIONARY, columns_of, export, files
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Exclusion
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 from tests.conftest import Palpate
 

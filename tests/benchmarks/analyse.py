@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.dataset import reconstruction
-from experiment.dataset import reconstruction as counts_file
-from experiment.dataset.bids import DatasetText, TaskText, description, events, participants, write_files
+from palpate.experiment.dataset import reconstruction
+from palpate.experiment.dataset import reconstruction as counts_file
+from palpate.experiment.dataset.bids import DatasetText, TaskText, description, events, participants, write_files
 
 ROOT = Path(__file__).parents[2]
 PARTICIPANTS, REPETITIONS, RUNS = 1000, 10, 5
@@ -101,7 +101,7 @@ def trials_dataset(folder: Path) -> Path:
 
 def run(*arguments: str) -> tuple[float, float, float]:
     """Wall-clock time, s, time on the processor, s, and peak memory, MB, of `palpate` with these arguments."""
-    command = [sys.executable, "-m", "experiment", *arguments]
+    command = [sys.executable, "-m", "palpate.experiment", *arguments]
     begun = time.perf_counter()
     silence = [(os.POSIX_SPAWN_OPEN, 1, os.devnull, os.O_WRONLY, 0)]
     child = os.posix_spawn(command[0], command, os.environ, file_actions=silence)

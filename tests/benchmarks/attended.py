@@ -24,17 +24,17 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.apparatus import opening
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.rig import Rig
-from experiment.clock import Clock, monotonic_ns
-from experiment.desk.link import Link
-from experiment.desk.linked import LinkedConsole
-from experiment.desk.messages import Gauges, Lamp, Prompt, Standing, View
-from experiment.desk.port import Console, Remark
-from experiment.desk.voice import ear as ears
-from experiment.desk.voice.ear import Ear
-from experiment.desk.voice.matching import enrolled
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import Clock, monotonic_ns
+from palpate.experiment.desk.link import Link
+from palpate.experiment.desk.linked import LinkedConsole
+from palpate.experiment.desk.messages import Gauges, Lamp, Prompt, Standing, View
+from palpate.experiment.desk.port import Console, Remark
+from palpate.experiment.desk.voice import ear as ears
+from palpate.experiment.desk.voice.ear import Ear
+from palpate.experiment.desk.voice.matching import enrolled
 from tests.benchmarks.console import ATTEND
 from tests.benchmarks.pictures import display
 
@@ -105,7 +105,7 @@ def desk(folder: Path) -> Iterator[Desk]:
         if seen:
             name = opened.enter_context(display())
             environment = {**os.environ, "DISPLAY": str(name), "HOME": str(folder)}
-            command = [sys.executable, "-m", "experiment", "screen", "okamoto2012", "--session-at", str(path)]
+            command = [sys.executable, "-m", "palpate.experiment", "screen", "okamoto2012", "--session-at", str(path)]
             _started(command, environment, opened)
         ends_s = time.monotonic() + OPENS_S
         while (linked._consoles, linked._screens) != (1, int(seen)):

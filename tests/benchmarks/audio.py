@@ -24,8 +24,8 @@ import time
 import jack
 import numpy as np
 
-from experiment.rehearsal.wires.listener import Tap
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from palpate.experiment.rehearsal.wires.listener import Tap
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.benchmarks import wall
 from tests.rig.sound import HOST_API
 
@@ -47,8 +47,8 @@ def offsets(starts: int) -> np.ndarray:
 
 def palpate(starts: int) -> None:
     """Starts through the session's stream; prints the frame of each, or that it came too late."""
-    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-    from experiment.clock import MonotonicClock
+    from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+    from palpate.experiment.clock import MonotonicClock
 
     stream = AudioStream(StreamSettings(HOST_API, DEVICE, RATE_HZ, BLOCK, 1, (1.0,)), MonotonicClock())
     print("ready", flush=True)

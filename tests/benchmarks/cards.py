@@ -9,8 +9,8 @@ from __future__ import annotations
 import subprocess
 import sys
 
-from experiment.apparatus.audio.stream import devices
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from palpate.experiment.apparatus.audio.stream import devices
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.rig import sound
 
 PROCESSES, CARDS = 4, 100

@@ -26,8 +26,8 @@ from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
-from experiment.desk.link import Link
-from experiment.desk.messages import Choice, Choose, Deed, Gauges, Hello, Message, Question, View
+from palpate.experiment.desk.link import Link
+from palpate.experiment.desk.messages import Choice, Choose, Deed, Gauges, Hello, Message, Question, View
 
 KEYS = "abcdefghijkl"
 """Each comes again after more than a second, so that none counts as held."""
@@ -37,8 +37,8 @@ PRESSES = 200
 ATTEND = """
 import sys
 from pathlib import Path
-from experiment.desk.console.app import attend
-from experiment.desk.messages import Hello
+from palpate.experiment.desk.console.app import attend
+from palpate.experiment.desk.messages import Hello
 attend(Path(sys.argv[1]), Hello(role="console", by="benchmark"))
 """
 

@@ -15,7 +15,7 @@ from functools import partial
 
 import numpy as np
 
-from analysis.numerics.contact import (
+from palpate.analysis.numerics.contact import (
     DAMPING_RATIO,
     PHASES,
     SERVO_S,
@@ -24,9 +24,9 @@ from analysis.numerics.contact import (
     contact_s,
     errors,
 )
-from experiment.synthesis.contact.block import FREE, Advance, Block, Motion, Switch
-from experiment.synthesis.contact.path import init, step
-from experiment.synthesis.stepping.steppers import STEPPERS
+from palpate.experiment.synthesis.contact.block import FREE, Advance, Block, Motion, Switch
+from palpate.experiment.synthesis.contact.path import init, step
+from palpate.experiment.synthesis.stepping.steppers import STEPPERS
 
 STEPS = 20_000
 STIFFNESS_N_M, MASS_KG = 4500.0, 0.1

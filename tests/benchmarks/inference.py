@@ -24,17 +24,17 @@ from scipy import stats
 from scipy.linalg import helmert
 from scipy.special import expit
 
-from analysis.identification import maps, trial_models
-from analysis.identification.beside import beside
-from analysis.identification.confusion import Confusion, most_confused, transmitted
-from analysis.identification.contrasts import MARGIN, marginal
-from analysis.identification.trial_models import Design
-from analysis.reading.study import Study, Task
-from analysis.statistics import lapses
-from analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests
-from analysis.statistics.exact import NotDefined, of_counts
-from analysis.statistics.inference import clopper_pearson, mean_interval, resamples, t_tests, wilson
-from analysis.statistics.participants import equivalence_tests, jackknife, repeated_tests, sign_flip_tests
+from palpate.analysis.identification import maps, trial_models
+from palpate.analysis.identification.beside import beside
+from palpate.analysis.identification.confusion import Confusion, most_confused, transmitted
+from palpate.analysis.identification.contrasts import MARGIN, marginal
+from palpate.analysis.identification.trial_models import Design
+from palpate.analysis.reading.study import Study, Task
+from palpate.analysis.statistics import lapses
+from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests
+from palpate.analysis.statistics.exact import NotDefined, of_counts
+from palpate.analysis.statistics.inference import clopper_pearson, mean_interval, resamples, t_tests, wilson
+from palpate.analysis.statistics.participants import equivalence_tests, jackknife, repeated_tests, sign_flip_tests
 
 SIZES = (6, 10, 15, 25)
 MATERIALS, TRIALS, ALPHA = ("a", "b", "c", "d"), 10, 0.05

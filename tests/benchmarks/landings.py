@@ -31,23 +31,23 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import storage
-from experiment.apparatus import host, opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import open_drive
-from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
-from experiment.apparatus.tracker.landing import LandingPredictor
-from experiment.clock import MonotonicClock
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal import study
-from experiment.rehearsal.footstep.foot import Foot, trajectory
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
-from experiment.session import scene
-from experiment.session.footstep.stimulus import Sounder
-from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
-from experiment.session.masker import open_sound
+from palpate.experiment import storage
+from palpate.experiment.apparatus import host, opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel.conditioning import open_drive
+from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
+from palpate.experiment.apparatus.tracker.landing import LandingPredictor
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study
+from palpate.experiment.rehearsal.footstep.foot import Foot, trajectory
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
+from palpate.experiment.session import scene
+from palpate.experiment.session.footstep.stimulus import Sounder
+from palpate.experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
+from palpate.experiment.session.masker import open_sound
 from tests.benchmarks import attended
 from tests.benchmarks.scheduling import loaded, spread
 from tests.experiment.session.scripted import Endless

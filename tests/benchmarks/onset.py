@@ -16,11 +16,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.tracker.landing import LandingPredictor
-from experiment.protocol.files import shipped
-from experiment.rehearsal import study
-from experiment.rehearsal.footstep import foot
-from experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment.apparatus.tracker.landing import LandingPredictor
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study
+from palpate.experiment.rehearsal.footstep import foot
+from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
 from tests.benchmarks.scheduling import STEP, STEPS, loaded, report, spread
 
 LEADS_MS = (5.0, 10.0, 12.0, 15.0, 20.0)

@@ -32,13 +32,13 @@ import aiohttp
 from textual import events
 from textual.pilot import Pilot
 
-from experiment.desk import link
-from experiment.desk.console.app import Console, Left
-from experiment.desk.link import Link
-from experiment.desk.messages import Choice, Ended, Gauges, Hello, Lamp, Question, Standing, Told, View
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal import study
+from palpate.experiment.desk import link
+from palpate.experiment.desk.console.app import Console, Left
+from palpate.experiment.desk.link import Link
+from palpate.experiment.desk.messages import Choice, Ended, Gauges, Hello, Lamp, Question, Standing, Told, View
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study
 from tests.experiment.desk.console.scripted import ScriptedEnd
 from tests.experiment.protocol.small import SMALL
 
@@ -299,7 +299,7 @@ def running(command: list[str], environment: dict[str, str], log: Path) -> Itera
     """Run palpate in a process of its own, and end it."""
     with log.open("wb") as said:
         process = subprocess.Popen(
-            [sys.executable, "-m", "experiment", *command], env=environment, stdout=said, stderr=said
+            [sys.executable, "-m", "palpate.experiment", *command], env=environment, stdout=said, stderr=said
         )
         try:
             yield

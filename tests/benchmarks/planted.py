@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from analysis.audit.mistakes import Line
-from analysis.audit.print_lines import print_lines
+from palpate.analysis.audit.mistakes import Line
+from palpate.analysis.audit.print_lines import print_lines
 from tests.analysis import printed_study
 from tests.analysis.printed_study import MATERIALS, text
 

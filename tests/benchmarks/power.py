@@ -33,14 +33,14 @@ from statsmodels.stats.anova import anova_lm
 from statsmodels.stats.oneway import anova_oneway
 from statsmodels.stats.weightstats import DescrStatsW
 
-from analysis import published
-from analysis.power import choice_models, planned_tests, simulate
-from analysis.power.choice_models import ChoiceModel
-from analysis.power.planned_tests import Design
-from analysis.power.simulate import Chunk
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import PlannedTest
+from palpate.analysis import published
+from palpate.analysis.power import choice_models, planned_tests, simulate
+from palpate.analysis.power.choice_models import ChoiceModel
+from palpate.analysis.power.planned_tests import Design
+from palpate.analysis.power.simulate import Chunk
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import PlannedTest
 
 Floats = NDArray[np.float64]
 

@@ -20,11 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.tracker.frames import Samples
-from experiment.apparatus.tracker.gate import Contact, GateDetector
-from experiment.apparatus.tracker.landing import Landing, LandingPredictor
-from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import foot
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.apparatus.tracker.gate import Contact, GateDetector
+from palpate.experiment.apparatus.tracker.landing import Landing, LandingPredictor
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.footstep import foot
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 STEPS = 2000

@@ -24,33 +24,33 @@ from queue import SimpleQueue
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import storage
-from experiment.apparatus import host, opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import Played, open_drive
-from experiment.apparatus.ports import Actuator
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState, Scrutiny
-from experiment.apparatus.tracker.landing import LandingPredictor
-from experiment.clock import MonotonicClock
-from experiment.desk.port import Console
-from experiment.desk.terminal import TerminalConsole
-from experiment.desk.voice.ear import Ear
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Step
-from experiment.records.stimulus import Delivered
-from experiment.rehearsal import study
-from experiment.rehearsal.footstep import foot
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
-from experiment.session import scene
-from experiment.session.footstep.stimulus import Sounder
-from experiment.session.footstep.watch import Feed, Watch, watch
-from experiment.session.masker import open_sound
-from experiment.synthesis.tap import Ring
-from experiment.synthesis.waveforms import Stimulus
+from palpate.experiment import storage
+from palpate.experiment.apparatus import host, opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel.conditioning import Played, open_drive
+from palpate.experiment.apparatus.ports import Actuator
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState, Scrutiny
+from palpate.experiment.apparatus.tracker.landing import LandingPredictor
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.terminal import TerminalConsole
+from palpate.experiment.desk.voice.ear import Ear
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.rehearsal import study
+from palpate.experiment.rehearsal.footstep import foot
+from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
+from palpate.experiment.session import scene
+from palpate.experiment.session.footstep.stimulus import Sounder
+from palpate.experiment.session.footstep.watch import Feed, Watch, watch
+from palpate.experiment.session.masker import open_sound
+from palpate.experiment.synthesis.tap import Ring
+from palpate.experiment.synthesis.waveforms import Stimulus
 from tests.benchmarks import attended
 from tests.experiment.session.scripted import Endless
 

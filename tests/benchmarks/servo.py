@@ -20,19 +20,19 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.apparatus import host
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.servo import rendering
-from experiment.apparatus.servo.link import ServoProcess
-from experiment.apparatus.servo.process import Orders
-from experiment.apparatus.servo.rendering import Rendered
-from experiment.clock import MonotonicClock
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.tapping import hand
-from experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.synthesis.contact.block import Block
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.servo import rendering
+from palpate.experiment.apparatus.servo.link import ServoProcess
+from palpate.experiment.apparatus.servo.process import Orders
+from palpate.experiment.apparatus.servo.rendering import Rendered
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.tapping import hand
+from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.synthesis.contact.block import Block
 from tests.rig.pushes import pushed
 
 SECONDS = 30.0

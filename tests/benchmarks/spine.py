@@ -16,11 +16,11 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-from experiment import storage
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal import study
-from experiment.session import scene
+from palpate.experiment import storage
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study
+from palpate.experiment.session import scene
 
 STARTS = 21
 REHEARSALS = 3

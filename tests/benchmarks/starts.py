@@ -20,14 +20,14 @@ from contextlib import closing
 from datetime import date, timedelta
 from pathlib import Path
 
-from experiment.apparatus import rig as rigs
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
-from experiment.study.allocation import allocate
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from palpate.experiment.study.allocation import allocate
 from tests.rig.laboratory import write_rig
 
 TURNS = 9
@@ -68,7 +68,7 @@ def prepared(folder: Path, rig: Path, task: str, text: str) -> list[str]:
     manifest = recorded_takes.make_recordings(folder / "recordings", protocol=protocol, seed=1)
     manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
     seed = next(seed for seed in range(100) if allocate(protocol, seed)[0].tasks[0] == task)
-    palpate = [sys.executable, "-m", "experiment"]
+    palpate = [sys.executable, "-m", "palpate.experiment"]
     where = ["--dataset", str(folder / "dataset")]
     days = ["--approved-on", str(today), "--expires-on", str(today + timedelta(9))]
     for asked in (

@@ -19,8 +19,8 @@ import pandas as pd
 import statsmodels.formula.api as smf
 from statsmodels.stats.anova import anova_lm
 
-from analysis.statistics.anova import TYPES, Anova, cells, two_way
-from analysis.statistics.icc import Icc, icc
+from palpate.analysis.statistics.anova import TYPES, Anova, cells, two_way
+from palpate.analysis.statistics.icc import Icc, icc
 
 ROUNDS, BATCH = 20, 10
 TERMS = {"task": "C(task, Sum)", "material": "C(material, Sum)", "task x material": "C(task, Sum):C(material, Sum)"}

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from analysis.numerics.cases import BASIS, PRINTED_SUM, WAYS
-from experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.analysis.numerics.cases import BASIS, PRINTED_SUM, WAYS
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 
 OUTPUT_RATE_HZ = 48_000
 SPEEDS_MM_S = np.array([50.0, 100.0, 200.0, 300.0])
@@ -41,7 +41,7 @@ import scipy.fft
 scipy_mb = peak_mb()
 if {traced}:
     tracemalloc.start()
-from experiment.synthesis import crinkle, response, shaping, waveforms
+from palpate.experiment.synthesis import crinkle, response, shaping, waveforms
 response = response.Response(
     np.linspace(10.0, 600.0, 60), np.linspace(0.2, 2.0, 10), np.outer(np.ones(60), np.linspace(0.8, 8.0, 10))
 )

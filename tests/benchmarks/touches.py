@@ -17,11 +17,11 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.records.tapping import Tapped
-from experiment.rehearsal import study
-from experiment.rehearsal.tapping import participant
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.tapping import Tapped
+from palpate.experiment.rehearsal import study
+from palpate.experiment.rehearsal.tapping import participant
 
 
 def rig() -> str:

@@ -29,13 +29,13 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.apparatus import host
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.tracker.frames import Samples, encode
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.rehearsal.footstep.foot import trajectory
-from experiment.rehearsal.footstep.participant import SPEED_MEDIAN_MM_S
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.tracker.frames import Samples, encode
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.rehearsal.footstep.foot import trajectory
+from palpate.experiment.rehearsal.footstep.participant import SPEED_MEDIAN_MM_S
 
 RATES_HZ = (1000, 5000)
 FEET = ("rests", "steps", "moves")

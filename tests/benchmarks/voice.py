@@ -26,8 +26,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.desk.voice.hearing import Heard, hear, listen, take
-from experiment.desk.voice.matching import Enrolment, enrolled
+from palpate.experiment.desk.voice.hearing import Heard, hear, listen, take
+from palpate.experiment.desk.voice.matching import Enrolment, enrolled
 from tests.rig import speech
 from tests.rig.speech import ANSWERABLE_S, RATE_HZ, Recording, Voice
 

@@ -48,10 +48,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus import host
-from experiment.clock import MonotonicClock
-from experiment.rehearsal.wires.neighbour import Neighbour, far_end
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from palpate.experiment.apparatus import host
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.rehearsal.wires.neighbour import Neighbour, far_end
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.benchmarks.scheduling import loaded
 from tests.rig.sound import BLOCK, HOST_API, RATE_HZ
 
@@ -109,8 +109,8 @@ class Bare(MonotonicClock):
 
 def palpate(opened: ExitStack, *, anew: bool) -> Ask:
     """Start through the session's stream; see the module."""
-    from experiment.apparatus.audio.actuator import SOMETIME
-    from experiment.apparatus.audio.stream import AudioStream, StreamSettings
+    from palpate.experiment.apparatus.audio.actuator import SOMETIME
+    from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
 
     stream = AudioStream(StreamSettings(HOST_API, DEVICE, RATE_HZ, BLOCK, 1, (1.0,)), Bare())
     opened.callback(stream.close)

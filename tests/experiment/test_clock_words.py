@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from experiment.clock import minutes
+from palpate.experiment.clock import minutes
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
+from palpate.experiment import storage
 
 pytestmark = pytest.mark.fsync
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from experiment import __main__
+from palpate.experiment import __main__
 
 
 def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -30,10 +30,10 @@ def interrupt_import_of(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("module", "arguments"),
     [
-        ("experiment.cli.app", ["check", "--help"]),
-        ("experiment.rehearsal.footstep", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
-        ("analysis.validation", ["validate", "OUT"]),
-        ("experiment.protocol", ["check", "PROTOCOL"]),
+        ("palpate.experiment.cli.app", ["check", "--help"]),
+        ("palpate.experiment.rehearsal.footstep", ["record", "PROTOCOL", "--simulated", "--out", "OUT"]),
+        ("palpate.analysis.validation", ["validate", "OUT"]),
+        ("palpate.experiment.protocol", ["check", "PROTOCOL"]),
     ],
 )
 def test_an_interrupt_while_modules_load_is_one_line(
@@ -60,8 +60,8 @@ def test_an_interrupt_in_code_made_from_text_ends_with_the_code_too(repository_r
     """Data classes are such code. Python remembers that it was interrupted there, and ends with the signal."""
     code = """
 import sys
-from experiment import __main__
-from experiment.cli import app
+from palpate.experiment import __main__
+from palpate.experiment.cli import app
 sys.argv = ["palpate", "check"]
 app.main = lambda: exec("raise KeyboardInterrupt")
 __main__.main()
@@ -76,8 +76,8 @@ def test_an_interrupt_while_a_model_is_made_is_told_as_one(repository_root: Path
     """The maker of models is told of it in the middle of a class, and raises an error of its own."""
     code = """
 import sys
-from experiment import __main__
-from experiment.cli import app
+from palpate.experiment import __main__
+from palpate.experiment.cli import app
 sys.argv = ["palpate", "check"]
 class Interrupting:
     def __repr__(self):
@@ -98,8 +98,8 @@ def test_an_interrupt_while_an_extension_loads_is_told_as_one(repository_root: P
     """What C++ does with an exception in its initialisation: an ImportError, with the interrupt as its cause."""
     code = """
 import sys
-from experiment import __main__
-from experiment.cli import app
+from palpate.experiment import __main__
+from palpate.experiment.cli import app
 sys.argv = ["palpate", "check"]
 def main():
     try:
@@ -119,13 +119,13 @@ def test_an_interrupt_while_the_command_line_makes_a_class_is_told_as_one(reposi
     """What Python does with an exception while a class is made: a RuntimeError, with the interrupt as its cause."""
     code = """
 import sys
-from experiment import __main__
+from palpate.experiment import __main__
 class Interrupting:
     def __set_name__(self, owner, name):
         raise KeyboardInterrupt
 class Finder:
     def find_spec(self, name, *rest):
-        if name == "experiment.cli.app":
+        if name == "palpate.experiment.cli.app":
             type("Command", (), {"one": Interrupting()})
 sys.meta_path.insert(0, Finder())
 sys.argv = ["palpate", "check"]
@@ -141,8 +141,8 @@ def test_an_interrupt_in_a_callback_is_not_lost(repository_root: Path) -> None:
     """Importing ends in such callbacks, from which nothing can be raised: the command went on to its end."""
     code = """
 import signal, sys, time, weakref
-from experiment import __main__
-from experiment.cli import app
+from palpate.experiment import __main__
+from palpate.experiment.cli import app
 sys.argv = ["palpate", "check"]
 class Lock: pass
 def main():
@@ -162,7 +162,7 @@ __main__.main()
 def test_an_interrupt_after_the_last_line_changes_no_exit_code(repository_root: Path) -> None:
     code = """
 import atexit, signal, sys
-from experiment import __main__
+from palpate.experiment import __main__
 # Runs after what the command has Python do at its end, and long after its last line.
 atexit.register(signal.raise_signal, signal.SIGINT)
 sys.argv = ["palpate", "--help"]
@@ -179,9 +179,9 @@ def test_a_closed_standard_error_changes_no_exit_code(repository_root: Path, rai
     """Each write to this device fails, as one to a terminal that was closed does."""
     source = f"""
 import sys
-from experiment import __main__
-from experiment.cli import app
-from experiment.errors import PalpateError
+from palpate.experiment import __main__
+from palpate.experiment.cli import app
+from palpate.experiment.errors import PalpateError
 sys.argv = ["palpate", "check"]
 def fails():
     raise {raised}("any")
@@ -206,7 +206,7 @@ def test_other_ends_are_left_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
 def test_a_closed_output_is_told_in_words_and_a_closed_error_stream_changes_nothing(
     repository_root: Path, closed: str, code: int
 ) -> None:
-    command = f"{sys.executable} -m experiment check okamoto2012 {closed}"
+    command = f"{sys.executable} -m palpate.experiment check okamoto2012 {closed}"
     done = subprocess.run(["sh", "-c", command], cwd=repository_root, capture_output=True, text=True, check=False)
     assert done.returncode == code
     said = "palpate: standard output is closed; open it, into /dev/null if nobody reads it\n"

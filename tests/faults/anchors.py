@@ -13,11 +13,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from experiment import storage
-from experiment.dataset import beliefs, build, register, verify
-from experiment.dataset.verify import Report
-from experiment.errors import PalpateError
-from experiment.records import chain, journal
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, build, register, verify
+from palpate.experiment.dataset.verify import Report
+from palpate.experiment.errors import PalpateError
+from palpate.experiment.records import chain, journal
 from tests.experiment.dataset.studies import make_study
 from tests.faults.campaign import Count, Size
 

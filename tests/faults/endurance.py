@@ -87,8 +87,8 @@ def attacks(size: Size) -> Iterator[Count]:
 
 def rehearsed(sessions: int, out: Path) -> None:
     """Rehearse so many sessions in this process after those that warm it up, with a sample after each rehearsal."""
-    from experiment.protocol.files import shipped
-    from experiment.rehearsal import study
+    from palpate.experiment.protocol.files import shipped
+    from palpate.experiment.rehearsal import study
 
     with tempfile.TemporaryDirectory() as folder, out.open("w") as file:
         protocol = Path(folder) / "study.toml"

@@ -21,23 +21,23 @@ from unittest import mock
 
 import numpy as np
 
-from experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.panel.conditioning import Played
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import Scrutiny
-from experiment.clock import Clock, Uptime
-from experiment.desk.port import Attended
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.records.entries import PlannedTrial
-from experiment.session import attempt, runner
-from experiment.session.exposure import Exposed, dose_before
-from experiment.session.footstep.trials import FootstepDevices
-from experiment.synthesis.tap import Ring
-from experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.panel.conditioning import Played
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.gate import Scrutiny
+from palpate.experiment.clock import Clock, Uptime
+from palpate.experiment.desk.port import Attended
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import PlannedTrial
+from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.exposure import Exposed, dose_before
+from palpate.experiment.session.footstep.trials import FootstepDevices
+from palpate.experiment.synthesis.tap import Ring
+from palpate.experiment.synthesis.waveforms import Stimulus
 from tests.experiment.session.bench import HEADER, Constant, in_pieces
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, rest_samples, step_samples
 from tests.experiment.synthesis.stimuli import given

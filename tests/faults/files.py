@@ -32,15 +32,15 @@ from pathlib import Path
 
 import pytest
 
-from analysis.documents import page
-from analysis.numerics import figures, numerics, played
-from analysis.numerics import report as numerics_report
-from analysis.power import report as power_report
-from analysis.power import simulate
-from experiment import __main__ as palpate
-from experiment import storage
-from experiment.cli import analysis
-from experiment.dataset.register import LOG
+from palpate.analysis.documents import page
+from palpate.analysis.numerics import figures, numerics, played
+from palpate.analysis.numerics import report as numerics_report
+from palpate.analysis.power import report as power_report
+from palpate.analysis.power import simulate
+from palpate.experiment import __main__ as palpate
+from palpate.experiment import storage
+from palpate.experiment.cli import analysis
+from palpate.experiment.dataset.register import LOG
 from tests.experiment.dataset.studies import make_study
 from tests.experiment.protocol.small import SMALL
 from tests.faults.campaign import Count, Size

@@ -29,7 +29,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import IO
 
-from experiment.records import chain
+from palpate.experiment.records import chain
 from tests.faults.campaign import Count, Size
 from tests.faults.valid_inputs import LVM, make_bench, with_hash
 
@@ -251,7 +251,7 @@ def told(code: object, out: str, err: str) -> str:
 
 def run_here(command: Sequence[str]) -> str:
     """Run one command in this process through the door of the real one; return what is wrong, or nothing."""
-    from experiment.cli.app import main
+    from palpate.experiment.cli.app import main
 
     out = io.TextIOWrapper(io.BytesIO(), "utf-8")
     err = io.TextIOWrapper(io.BytesIO(), "utf-8", errors="backslashreplace")
@@ -352,7 +352,7 @@ def _worker(folder: Path, first: int, step: int, last: int, said: IO[bytes]) -> 
 def palpate(command: Sequence[str], cwd: Path) -> str:
     """Run one command as a process of its own; return what is wrong, or nothing."""
     with subprocess.Popen(
-        [sys.executable, "-m", "experiment", *command],
+        [sys.executable, "-m", "palpate.experiment", *command],
         cwd=cwd,
         env=os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"},
         stdin=subprocess.DEVNULL,
@@ -503,7 +503,7 @@ STARTED = (
 
 STARTS = """
 import atexit, os, signal, sys
-from experiment.__main__ import main
+from palpate.experiment.__main__ import main
 after_s = float(sys.argv.pop(1))
 # Python gives signals back to the system while it ends, and an alarm would end it then.
 atexit.register(signal.setitimer, signal.ITIMER_REAL, 0)

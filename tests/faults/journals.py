@@ -10,11 +10,11 @@ import tempfile
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
-from experiment import storage
-from experiment.dataset import beliefs, build, verify
-from experiment.errors import DatasetError, PalpateError
-from experiment.records import chain, journal
-from experiment.study import enrolment, roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, build, verify
+from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.records import chain, journal
+from palpate.experiment.study import enrolment, roster
 from tests.experiment.dataset.studies import MadeStudy
 from tests.faults.campaign import Count, Size
 from tests.faults.wrong import ALONE, WRONG, base, copied

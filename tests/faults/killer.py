@@ -14,9 +14,9 @@ import sys
 import time
 from pathlib import Path
 
-from experiment.protocol.files import shipped
-from experiment.rehearsal import study
-from experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study
+from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
 
 PARTICIPANTS = 2
 

@@ -22,9 +22,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from re import Match
 
-from experiment.errors import JournalError
-from experiment.records.entries import Footer, Ignored
-from experiment.records.progress import progress
+from palpate.experiment.errors import JournalError
+from palpate.experiment.records.entries import Footer, Ignored
+from palpate.experiment.records.progress import progress
 from tests.faults.campaign import Count, Size
 from tests.faults.ledger import Ledger, Wrong
 from tests.faults.live import KEYS, PATIENCE_S, Laboratory, Life, World, palpate, rig_of

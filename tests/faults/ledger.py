@@ -8,14 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from experiment import storage
-from experiment.errors import JournalError
-from experiment.records import journal
-from experiment.records.entries import Answer, Armed, Redo
-from experiment.records.events import NO_ANSWER
-from experiment.records.footstep import BrokenOff, FootStep
-from experiment.records.journal import AnyEntry
-from experiment.records.progress import progress
+from palpate.experiment import storage
+from palpate.experiment.errors import JournalError
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Answer, Armed, Redo
+from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.records.footstep import BrokenOff, FootStep
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.progress import progress
 from tests.faults.live import KEYS
 
 

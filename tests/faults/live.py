@@ -28,26 +28,26 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NoReturn, Self
 
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.study.allocation import allocate, find
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.study.allocation import allocate, find
 from tests.faults.world import BLOCK
 from tests.rig.laboratory import write_rig
 
 WARM = (
-    "experiment.__main__",
-    "experiment.apparatus.audio.masker",
-    "experiment.apparatus.panel.pcm",
-    "experiment.apparatus.tracker.serial_tracker",
-    "experiment.cli.app",
-    "experiment.cli.session",
-    "experiment.dataset.build",
-    "experiment.desk.terminal",
-    "experiment.recordings.manifest",
-    "experiment.session.run",
-    "experiment.synthesis.voltages",
-    "experiment.synthesis.waveforms",
+    "palpate.experiment.__main__",
+    "palpate.experiment.apparatus.audio.masker",
+    "palpate.experiment.apparatus.panel.pcm",
+    "palpate.experiment.apparatus.tracker.serial_tracker",
+    "palpate.experiment.cli.app",
+    "palpate.experiment.cli.session",
+    "palpate.experiment.dataset.build",
+    "palpate.experiment.desk.terminal",
+    "palpate.experiment.recordings.manifest",
+    "palpate.experiment.session.run",
+    "palpate.experiment.synthesis.voltages",
+    "palpate.experiment.synthesis.waveforms",
     "scipy.fft",
     "scipy.interpolate",
     "serial",
@@ -232,8 +232,8 @@ def _child(run: Callable[[], object]) -> NoReturn:
         sys.stdin, sys.stdout, sys.stderr = (os.fdopen(n, mode, 1, closefd=False) for n, mode in enumerate("rww"))
         # A library that crashes says where, on the screen that is kept.
         faulthandler.enable()
-        # From within `experiment.__main__`, which tells of an interrupt.
-        command = import_module("experiment.cli.app")
+        # From within `palpate.experiment.__main__`, which tells of an interrupt.
+        command = import_module("palpate.experiment.cli.app")
         vars(command)["main"] = partial(_interruptible, command.main)
         run()
         code = 0
@@ -257,7 +257,7 @@ def _interruptible(command: Callable[[], None]) -> None:
 def palpate(*arguments: object) -> None:
     """The command, in this process."""
     sys.argv = ["palpate", *map(str, arguments)]
-    import_module("experiment.__main__").main()
+    import_module("palpate.experiment.__main__").main()
 
 
 def rig_of(world: World, folder: Path) -> Path:

@@ -16,10 +16,10 @@ from contextlib import contextmanager
 from itertools import count
 from typing import Any
 
-from experiment.cli import options
-from experiment.desk.port import Console
-from experiment.rehearsal import session
-from experiment.rehearsal.session import Job, rehearse_participant
+from palpate.experiment.cli import options
+from palpate.experiment.desk.port import Console
+from palpate.experiment.rehearsal import session
+from palpate.experiment.rehearsal.session import Job, rehearse_participant
 
 HALT = 30
 
@@ -70,7 +70,7 @@ if __name__ in ("__main__", "__mp_main__"):
     vars(session)["rehearse_participant"] = halting
 
 if __name__ == "__main__":
-    from experiment.cli import app
+    from palpate.experiment.cli import app
 
     vars(session)["wait"] = signalling(int(sys.argv[1]))
     vars(options)["progress"] = counting(int(sys.argv[2]))

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment.cli import COMMANDS
+from palpate.experiment.cli import COMMANDS
 from tests.faults import campaign
 from tests.faults.campaign import BEGIN, END, PARTS, Count, Size
 from tests.faults.inputs import STARTED

@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 
-from experiment import storage
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.records.entries import Answer, Footer, Redo
-from experiment.study import schedule
-from experiment.study.allocation import allocate
+from palpate.experiment import storage
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Answer, Footer, Redo
+from palpate.experiment.study import schedule
+from palpate.experiment.study.allocation import allocate
 
 KILLS = 200
 

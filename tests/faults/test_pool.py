@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.records import journal
-from experiment.records.progress import progress
+from palpate.experiment.records import journal
+from palpate.experiment.records.progress import progress
 from tests.faults.signalled import HALT
 
 ANSWERS, TRIALS = 40, 480

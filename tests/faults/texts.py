@@ -23,19 +23,19 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from analysis import export
-from analysis.documents.tables import FORMULA, NUMBER, Section, comma_separated
-from analysis.reading.dataset import read
-from analysis.reading.study import Exclusion
-from experiment import __main__
-from experiment.clock import ManualClock
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
-from experiment.protocol.page import page
-from experiment.records import journal
-from experiment.records.entries import Footer, Phase
-from experiment.settings.characters import BLANKS, JOINERS, hidden
-from experiment.settings.load import written
+from palpate.analysis import export
+from palpate.analysis.documents.tables import FORMULA, NUMBER, Section, comma_separated
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Exclusion
+from palpate.experiment import __main__
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.page import page
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer, Phase
+from palpate.experiment.settings.characters import BLANKS, JOINERS, hidden
+from palpate.experiment.settings.load import written
 from tests.analysis.datasets import balanced, write_dataset
 from tests.experiment.protocol.small import SMALL, Where, changed, document, leaves, with_text
 from tests.experiment.session.bench import HEADER

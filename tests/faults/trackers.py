@@ -15,20 +15,20 @@ from typing import cast
 
 import numpy as np
 
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
-from experiment.apparatus.tracker.gate import GateDetector, Scrutiny, Sifted
-from experiment.apparatus.tracker.guarded import GuardedTracker
-from experiment.apparatus.tracker.landing import STOPPED, TURNED_BACK, LandingPredictor
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.clock import Clock, ManualClock, MonotonicClock
-from experiment.errors import TrackerError
-from experiment.protocol.models import Step
-from experiment.rehearsal.footstep.foot import Hesitation
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
+from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny, Sifted
+from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
+from palpate.experiment.apparatus.tracker.landing import STOPPED, TURNED_BACK, LandingPredictor
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
+from palpate.experiment.errors import TrackerError
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.footstep.foot import Hesitation
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from tests.experiment.session.scripted import Endless
 from tests.faults.campaign import Count, Size
 from tests.faults.wire import BASE, Fed, Floats, Wire, encoded, honest

@@ -9,11 +9,11 @@ import struct
 from datetime import date
 from pathlib import Path
 
-from experiment.protocol import approval, files
-from experiment.protocol.files import shipped
-from experiment.rehearsal import study
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.study import enrolment
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.study import enrolment
 from tests.analysis.datasets import balanced, write_dataset
 
 PRINTED = """study = "madeup"

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.tracker.frames import Decoder, Samples, encode
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.clock import ManualClock
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Hesitation, Trajectory, trajectory
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.tracker.frames import Decoder, Samples, encode
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Hesitation, Trajectory, trajectory
 
 BASE = rigs.load(shipped("rigs/rehearsal.toml")).tracker
 BEFORE_S = 1.5

@@ -22,11 +22,11 @@ from typing import Any
 
 import numpy as np
 
-from experiment.apparatus import rig
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Foot, trajectory
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import SoundCard
+from palpate.experiment.apparatus import rig
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Foot, trajectory
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.rehearsal.wires.sound_card import SoundCard
 
 REST_MM = 46.0
 """The foot waits just above where it may, so that steps take little time."""

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from experiment import storage
-from experiment.dataset import beliefs, build, register
-from experiment.protocol import approval
-from experiment.records import chain, journal
-from experiment.study import enrolment
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.protocol import approval
+from palpate.experiment.records import chain, journal
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 
 Act = Callable[[MadeStudy, Path], None]

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus import rig
-from experiment.apparatus.rig import TrackerRig
-from experiment.protocol.files import shipped
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig.laboratory import NOISE_MM
 from tests.rig.rehearsed import rehearse
 

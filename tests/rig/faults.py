@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from experiment.apparatus.tracker.frames import FRAME_BYTES
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 
 
 @dataclass(frozen=True)

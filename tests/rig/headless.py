@@ -6,7 +6,7 @@ import csv
 import re
 from pathlib import Path
 
-from experiment.protocol.files import shipped
+from palpate.experiment.protocol.files import shipped
 
 
 def short(tmp_path: Path) -> Path:

@@ -8,9 +8,9 @@ from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from experiment.rehearsal.session import Job, SimulatedEnds
-from experiment.session import laboratory, run
-from experiment.session.attempt import Devices
+from palpate.experiment.rehearsal.session import Job, SimulatedEnds
+from palpate.experiment.session import laboratory, run
+from palpate.experiment.session.attempt import Devices
 from tests.experiment.session.test_masking import ScriptedMasker
 from tests.experiment.session.test_spoken import ScriptedMicrophone
 

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.apparatus import rig
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Foot, trajectory
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import rig
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Foot, trajectory
+from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig.faults import Faults
 
 NOISE_MM = 0.1

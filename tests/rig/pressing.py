@@ -7,11 +7,11 @@ import sys
 from math import inf
 from typing import Any
 
-from experiment.apparatus import host
-from experiment.apparatus.servo.link import ServoProcess
-from experiment.apparatus.servo.process import Orders
-from experiment.clock import MonotonicClock
-from experiment.synthesis.contact.block import Block
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.servo.link import ServoProcess
+from palpate.experiment.apparatus.servo.process import Orders
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.synthesis.contact.block import Block
 
 PRESSED_FRAMES = 25
 """So many frames after the touch the hand surely presses."""

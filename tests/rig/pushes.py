@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import NamedTuple
 
-from experiment.rehearsal.wires.force_device import PUSH
+from palpate.experiment.rehearsal.wires.force_device import PUSH
 
 
 class Push(NamedTuple):

@@ -7,8 +7,8 @@ import re
 from pathlib import Path
 from typing import Any
 
-from experiment.protocol.files import shipped
-from experiment.rehearsal import study
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study
 
 
 def rehearse(out: Path, **changed: Any) -> Path:

@@ -6,10 +6,10 @@ import sys
 
 import numpy as np
 
-from experiment.apparatus import host
-from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-from experiment.clock import MonotonicClock
-from experiment.rehearsal.wires.sound_card import DEVICE
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE
 from tests.rig import sound
 
 

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 
 import pytest
 
-from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-from experiment.clock import MonotonicClock
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 
 HOST_API = "JACK Audio Connection Kit"
 """Where PortAudio has the simulated card."""

@@ -43,7 +43,7 @@ class Terminal:
         self._run("respawn-pane", "-k", self._shell(*options))
 
     def _shell(self, *options: str) -> str:
-        command = [sys.executable, "-m", "experiment", "run", "small.toml", "--practice", *options]
+        command = [sys.executable, "-m", "palpate.experiment", "run", "small.toml", "--practice", *options]
         return f"{shlex.join(command)}; echo left with $?; sleep 600"
 
     def _run(self, *words: str) -> None:
@@ -89,6 +89,6 @@ class Terminal:
                 command, where = (process / "cmdline").read_bytes(), (process / "cwd").readlink()
             except OSError:
                 continue
-            if b"experiment" in command and part.encode() in command and where == self.folder:
+            if b"palpate.experiment" in command and part.encode() in command and where == self.folder:
                 found.append(int(process.name))
         return found

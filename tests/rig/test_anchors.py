@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment.dataset import register
+from palpate.experiment.dataset import register
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import make_study
 

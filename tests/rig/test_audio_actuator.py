@@ -8,18 +8,18 @@ from datetime import date, timedelta
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening
-from experiment.apparatus import opening as opening_audio
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.mixer import AT_ONCE
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.ports import Actuator
-from experiment.apparatus.rig import Rig
-from experiment.clock import MonotonicClock
-from experiment.errors import ActuatorError, RigError
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.panel import CardPanel
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import opening as opening_audio
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.ports import Actuator
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import ActuatorError, RigError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.panel import CardPanel
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.experiment.synthesis.stimuli import given
 from tests.rig import sound
 

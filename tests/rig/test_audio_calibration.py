@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig
-from experiment.apparatus.audio import actuator, calibration
-from experiment.apparatus.audio.stream import AudioStream, StreamSettings, looking_anew
-from experiment.clock import MonotonicClock
-from experiment.errors import AudioError, RigError
-from experiment.protocol.files import shipped
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.audio import actuator, calibration
+from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings, looking_anew
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import AudioError, RigError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.conftest import Palpate
 from tests.rig import sound
 

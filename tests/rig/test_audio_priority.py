@@ -8,8 +8,8 @@ from contextlib import ExitStack
 
 import pytest
 
-from experiment.apparatus import host
-from experiment.apparatus.audio.mixer import Block, Mixer
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.audio.mixer import Block, Mixer
 from tests.rig import sound
 
 pytestmark = pytest.mark.alone

@@ -9,11 +9,11 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
-from experiment.apparatus.audio.mixer import AT_ONCE, Cue, Mixer
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.clock import MonotonicClock
-from experiment.errors import AudioError
-from experiment.rehearsal.wires.sound_card import SoundCard
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE, Cue, Mixer
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import AudioError
+from palpate.experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
 
 pytestmark = pytest.mark.alone
@@ -104,7 +104,7 @@ def test_a_server_that_stands_still_is_a_gap_and_at_length_an_error(
         MonotonicClock().sleep_ns(100 * 10**6)
     looped.wait(looped.next_frame + 40 * sound.BLOCK)
     assert looped.health.gaps > gaps
-    monkeypatch.setattr("experiment.apparatus.audio.stream.SILENT_S", 0.3)
+    monkeypatch.setattr("palpate.experiment.apparatus.audio.stream.SILENT_S", 0.3)
     with (
         card.held(),
         pytest.raises(AudioError, match=r"asked for no sample within 0\.3 s; see that"),

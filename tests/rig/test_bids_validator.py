@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from analysis.analyse import analyse
-from experiment.dataset.bids import PhysioColumn, beh_path, write_physio
+from palpate.analysis.analyse import analyse
+from palpate.experiment.dataset.bids import PhysioColumn, beh_path, write_physio
 from tests.analysis.datasets import balanced, trial, write_dataset
 
 UNFILLED = {"JSON_KEY_RECOMMENDED", "SIDECAR_KEY_RECOMMENDED", "TOO_FEW_AUTHORS"}

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.analyse import analyse
-from experiment.protocol.html import html
-from experiment.protocol.models import Protocol
+from palpate.analysis.analyse import analyse
+from palpate.experiment.protocol.html import html
+from palpate.experiment.protocol.models import Protocol
 from tests.analysis.datasets import balanced, write_dataset
 from tests.experiment.protocol.small import changed, document
 from tests.experiment.protocol.test_html import HOSTILE

@@ -5,18 +5,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import Conditioner, open_drive
-from experiment.apparatus.panel.pcm import PcmActuator
-from experiment.apparatus.rig import ActuatorRig
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.session import scene
-from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.spectra import spectrum
-from experiment.synthesis.waveforms import Stimulus, prepare
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
+from palpate.experiment.apparatus.panel.pcm import PcmActuator
+from palpate.experiment.apparatus.rig import ActuatorRig
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.session import scene
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
+from palpate.experiment.synthesis.spectra import spectrum
+from palpate.experiment.synthesis.waveforms import Stimulus, prepare
 
 SPEEDS_MM_S = np.geomspace(20.0, 600.0, 10)
 """All that the shipped study counts."""

@@ -39,10 +39,10 @@ pcm.card {{
 
 OPENS = """
 import sys
-from experiment.apparatus.audio.stream import find
-from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-from experiment.clock import MonotonicClock
-from experiment.errors import AudioError
+from palpate.experiment.apparatus.audio.stream import find
+from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import AudioError
 
 print(find(host_api="ALSA", name="card", inputs=2, outputs=4) >= 0, flush=True)
 sys.stdin.readline()
@@ -105,7 +105,17 @@ def test_a_card_that_is_held_from_the_start_is_red_with_the_remedy(card: Card, t
     rig = write_rig(tmp_path, "headless", host_api='"ALSA"', port='"/dev/no-such-port"', device='"card"')
     rig.write_text(rig.read_text("utf-8").replace(' Audio Connection Kit"', ""), "utf-8")
     card.hold()
-    doctor = [*card.command, "-m", "experiment", "doctor", "--rig", str(rig), "--dataset", str(tmp_path), "--json"]
+    doctor = [
+        *card.command,
+        "-m",
+        "palpate.experiment",
+        "doctor",
+        "--rig",
+        str(rig),
+        "--dataset",
+        str(tmp_path),
+        "--json",
+    ]
     done = subprocess.run(doctor, env=card.environment, capture_output=True, text=True, check=False)
     card.release()
     assert done.returncode == 2, done.stderr

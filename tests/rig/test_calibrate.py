@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig
-from experiment.apparatus.tracker import serial_port
-from experiment.apparatus.tracker.frames import encode
-from experiment.protocol.files import shipped
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.tracker import serial_port
+from palpate.experiment.apparatus.tracker.frames import encode
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 
 pytestmark = pytest.mark.clocked

@@ -7,9 +7,9 @@ from types import SimpleNamespace
 
 import pytest
 
-from analysis.power import simulate
-from experiment.errors import PowerError
-from experiment.protocol.files import shipped
+from palpate.analysis.power import simulate
+from palpate.experiment.errors import PowerError
+from palpate.experiment.protocol.files import shipped
 from tests.conftest import Palpate
 
 distributed = pytest.importorskip("distributed")

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.records import journal
-from experiment.records.entries import Answer, Commanded, Note
+from palpate.experiment import storage
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Answer, Commanded, Note
 from tests.experiment.protocol.small import SMALL
 from tests.rig.terminal import PATIENCE_S, Terminal
 

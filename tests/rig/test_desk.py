@@ -10,14 +10,14 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.dataset.verify import verify
-from experiment.desk.link import Line
-from experiment.desk.messages import Choose, Correct, Hello, Pause, Prompt, Repeat, Stop, TakeNote, Typed, View
-from experiment.records import journal
-from experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Visited
-from experiment.records.journal import AnyEntry
-from experiment.records.progress import progress
+from palpate.experiment import storage
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.desk.link import Line
+from palpate.experiment.desk.messages import Choose, Correct, Hello, Pause, Prompt, Repeat, Stop, TakeNote, Typed, View
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Visited
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.progress import progress
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import write_rig

@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiment.apparatus import host
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.doctor import checks, devices, doctor
-from experiment.apparatus.doctor.devices import Heard
-from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.cli.rig import simulated_far_ends
-from experiment.clock import MonotonicClock
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.doctor import checks, devices, doctor
+from palpate.experiment.apparatus.doctor.devices import Heard
+from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.cli.rig import simulated_far_ends
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig.faults import Faults
 from tests.rig.laboratory import write_rig
@@ -149,7 +149,7 @@ def test_what_is_timed_is_timed_at_the_priority_of_a_session(
 
 
 BROKEN = """
-from experiment.apparatus.tracker.frames import LinkCounts
+from palpate.experiment.apparatus.tracker.frames import LinkCounts
 
 class Tracker:
     counts, clock_map = LinkCounts(), None

@@ -11,14 +11,14 @@ from typing import Any
 
 import pytest
 
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.doctor import devices
-from experiment.apparatus.rig import AudioRig, TrackerRig
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.doctor import devices
+from palpate.experiment.apparatus.rig import AudioRig, TrackerRig
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig import sound
 from tests.rig.laboratory import write_rig

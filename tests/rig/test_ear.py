@@ -17,20 +17,20 @@ import pytest
 from numpy.typing import NDArray
 from scipy import signal
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.actuator import align
-from experiment.apparatus.audio.masker import AudioMasker, masker_noise
-from experiment.apparatus.audio.microphone import AudioMicrophone
-from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-from experiment.apparatus.ports import Recorded
-from experiment.clock import ManualClock
-from experiment.desk.voice import ear as ears
-from experiment.desk.voice.ear import Ear
-from experiment.desk.voice.enrolling import Enroller
-from experiment.protocol.files import shipped
-from experiment.records.entries import Spoken
-from experiment.rehearsal.wires.mouth import Mouth
-from experiment.rehearsal.wires.sound_card import DEVICE
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio.actuator import align
+from palpate.experiment.apparatus.audio.masker import AudioMasker, masker_noise
+from palpate.experiment.apparatus.audio.microphone import AudioMicrophone
+from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+from palpate.experiment.apparatus.ports import Recorded
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.voice import ear as ears
+from palpate.experiment.desk.voice.ear import Ear
+from palpate.experiment.desk.voice.enrolling import Enroller
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records.entries import Spoken
+from palpate.experiment.rehearsal.wires.mouth import Mouth
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE
 from tests.experiment.session.scripted import ScriptedConsole
 from tests.rig import sound, speech
 

@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.rig import CalibrationPoint, TrackerRig
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.errors import TrackerStopped
-from experiment.protocol.models import Step
-from experiment.rehearsal.footstep.foot import trajectory
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import CalibrationPoint, TrackerRig
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.errors import TrackerStopped
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.footstep.foot import trajectory
 from tests.rig import board
 from tests.rig.board import Board, Events
 

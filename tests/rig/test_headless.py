@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from experiment.errors import DatasetError
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.records.entries import MaskerSet, Redo
-from experiment.records.footstep import FootStep, Probed, Zeroed
-from experiment.rehearsal import session, study
-from experiment.rehearsal.footstep import participant
-from experiment.rehearsal.footstep.panel import CardPanel
-from experiment.rehearsal.wires.sound_card import WiredCard
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import MaskerSet, Redo
+from palpate.experiment.records.footstep import FootStep, Probed, Zeroed
+from palpate.experiment.rehearsal import session, study
+from palpate.experiment.rehearsal.footstep import participant
+from palpate.experiment.rehearsal.footstep.panel import CardPanel
+from palpate.experiment.rehearsal.wires.sound_card import WiredCard
 from tests.rig import sound
 from tests.rig.headless import answers, short, tried
 from tests.rig.laboratory import HURRIED

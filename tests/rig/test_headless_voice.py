@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.records.entries import Phase, Spoken
-from experiment.rehearsal import study
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Phase, Spoken
+from palpate.experiment.rehearsal import study
 from tests.rig import sound
 from tests.rig.headless import answers, short
 

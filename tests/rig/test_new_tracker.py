@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.rig import Rig
-from experiment.apparatus.tracker.frames import Decoder, Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
-from experiment.clock import MonotonicClock
-from experiment.errors import RigError, TrackerStopped
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import foot
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.tracker.frames import Decoder, Samples
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import RigError, TrackerStopped
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.footstep import foot
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 
 pytestmark = pytest.mark.clocked
 
@@ -84,7 +84,7 @@ def test_it_follows_a_foot(code: str, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "driver", ["no_such_module:Tracker", "experiment.apparatus.ports:NoSuchTracker", "json:dumps", "io:BytesIO"]
+    "driver", ["no_such_module:Tracker", "palpate.experiment.apparatus.ports:NoSuchTracker", "json:dumps", "io:BytesIO"]
 )
 def test_a_driver_that_there_is_not_is_refused(driver: str, tmp_path: Path) -> None:
     rig = rigs.load(rig_file(tmp_path, driver))
@@ -107,7 +107,7 @@ def named(rig: Rig) -> object:
 
 NUMBERED = """
 from dataclasses import dataclass
-from experiment.apparatus import LinkCounts
+from palpate.experiment.apparatus import LinkCounts
 
 @dataclass
 class Parts:

@@ -10,13 +10,13 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from experiment.apparatus.panel import pcm as pcm_ports
-from experiment.apparatus.panel.pcm import PcmAccelerometer
-from experiment.apparatus.ports import Heard
-from experiment.apparatus.rig import AccelerometerRig
-from experiment.clock import Clock, ManualClock
-from experiment.errors import RecordingError
-from experiment.rehearsal.footstep.recorder import Sensor
+from palpate.experiment.apparatus.panel import pcm as pcm_ports
+from palpate.experiment.apparatus.panel.pcm import PcmAccelerometer
+from palpate.experiment.apparatus.ports import Heard
+from palpate.experiment.apparatus.rig import AccelerometerRig
+from palpate.experiment.clock import Clock, ManualClock
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.rehearsal.footstep.recorder import Sensor
 
 pytestmark = pytest.mark.alone
 

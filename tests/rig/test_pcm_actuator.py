@@ -15,22 +15,22 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel import pcm as pcm_ports
-from experiment.apparatus.panel.conditioning import Conditioner, Played, open_drive
-from experiment.apparatus.panel.pcm import PcmActuator
-from experiment.apparatus.ports import Actuator
-from experiment.apparatus.rig import ActuatorRig, ShapingRig
-from experiment.errors import ActuatorError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep import panel as response
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.session import scene
-from experiment.synthesis.spectra import bin_frequencies_hz, spectrum
-from experiment.synthesis.waveforms import Basis, Stimulus
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel import pcm as pcm_ports
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played, open_drive
+from palpate.experiment.apparatus.panel.pcm import PcmActuator
+from palpate.experiment.apparatus.ports import Actuator
+from palpate.experiment.apparatus.rig import ActuatorRig, ShapingRig
+from palpate.experiment.errors import ActuatorError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep import panel as response
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.session import scene
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, spectrum
+from palpate.experiment.synthesis.waveforms import Basis, Stimulus
 from tests.experiment.synthesis import stimuli as made
 
 pytestmark = pytest.mark.alone

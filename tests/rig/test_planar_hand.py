@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import host
-from experiment.apparatus.servo.link import ServoProcess
-from experiment.clock import MonotonicClock
-from experiment.rehearsal.footstep.foot import Foot, Trajectory
-from experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.synthesis.contact.block import Block
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.servo.link import ServoProcess
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
+from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.synthesis.contact.block import Block
 from tests.rig.pushes import Push, pushed
 from tests.rig.test_servo import HAND, ordered
 

@@ -12,20 +12,20 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.dataset import beliefs
-from experiment.dataset.verify import verify
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.records.entries import Answer, Ignored
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Answer, Ignored
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import write_rig
 from tests.rig.rehearsed import assert_all_say
 
 COMMAND = """\
-from experiment.__main__ import main
-from experiment.rehearsal.footstep import participant
+from palpate.experiment.__main__ import main
+from palpate.experiment.rehearsal.footstep import participant
 from tests.rig.laboratory import HURRIED
 vars(participant).update(HURRIED)
 main()

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from experiment.errors import RecordingError
-from experiment.protocol import files
-from experiment.recordings import manifest
-from experiment.recordings.manifest import Recordings
-from experiment.recordings.store import Condition, plan
-from experiment.recordings.workflow import SPEED_TOLERANCE, Step
-from experiment.rehearsal.footstep import recorded_takes, recorder
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.protocol import files
+from palpate.experiment.recordings import manifest
+from palpate.experiment.recordings.manifest import Recordings
+from palpate.experiment.recordings.store import Condition, plan
+from palpate.experiment.recordings.workflow import SPEED_TOLERANCE, Step
+from palpate.experiment.rehearsal.footstep import recorded_takes, recorder
 
 pytestmark = pytest.mark.clocked
 

@@ -15,13 +15,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from experiment import storage
-from experiment.apparatus import rig as rigs
-from experiment.dataset.verify import verify
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.rehearsal.footstep.foot import Foot, Trajectory
-from experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
+from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2

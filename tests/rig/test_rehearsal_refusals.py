@@ -13,17 +13,17 @@ from typing import Any
 
 import pytest
 
-from experiment import storage
-from experiment.apparatus import opening
-from experiment.dataset import beliefs, build
-from experiment.dataset.status import status
-from experiment.dataset.verify import verify
-from experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.rehearsal import session, study
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.foot import Foot, Trajectory
+from palpate.experiment import storage
+from palpate.experiment.apparatus import opening
+from palpate.experiment.dataset import beliefs, build
+from palpate.experiment.dataset.status import status
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.rehearsal import session, study
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
 from tests.rig.faults import Faults
 from tests.rig.rehearsed import counted, rehearse
 

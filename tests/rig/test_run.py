@@ -15,17 +15,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.desk.terminal import TerminalConsole
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.records.entries import Footer
-from experiment.records.journal import AnyEntry
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.desk.terminal import TerminalConsole
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig.faults import Faults
 from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory, write_rig

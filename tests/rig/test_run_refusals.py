@@ -10,15 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig import sound
 from tests.rig.laboratory import write_rig

@@ -9,14 +9,14 @@ from dataclasses import dataclass
 import jack
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.held import Asked, Held, started
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import SoundCard
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.held import Asked, Held, started
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig.laboratory import write_rig
 
 
@@ -80,8 +80,13 @@ def test_a_task_with_real_objects_holds_70_mb_less_and_begins_with_less_work(
 
 def test_neither_loads_what_numpy_serves_and_the_real_task_nothing_of_a_stimulus(held: dict[str, Seen]) -> None:
     assert not {name for one in held.values() for name in one.held.modules if name.startswith("scipy.signal")}
-    unneeded = ("scipy", "experiment.recordings", "experiment.apparatus.panel", "experiment.apparatus.audio.actuator")
+    unneeded = (
+        "scipy",
+        "palpate.experiment.recordings",
+        "palpate.experiment.apparatus.panel",
+        "palpate.experiment.apparatus.audio.actuator",
+    )
     assert not {name for name in held["real"].held.modules if name.startswith(unneeded)}
-    assert {name for name in held["real"].held.modules if name.startswith("experiment.synthesis.")} == {
-        "experiment.synthesis.noise"
+    assert {name for name in held["real"].held.modules if name.startswith("palpate.experiment.synthesis.")} == {
+        "palpate.experiment.synthesis.noise"
     }

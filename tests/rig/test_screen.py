@@ -18,13 +18,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.apparatus.display import ScreenRig, ScreenWords
-from experiment.clock import monotonic_ns
-from experiment.desk import pages
-from experiment.desk.link import Line, Link, answers
-from experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, Stop, View, Write
-from experiment.protocol.files import shipped
-from experiment.records import entries, journal, transcript
+from palpate.experiment.apparatus.display import ScreenRig, ScreenWords
+from palpate.experiment.clock import monotonic_ns
+from palpate.experiment.desk import pages
+from palpate.experiment.desk.link import Line, Link, answers
+from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, Stop, View, Write
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import entries, journal, transcript
 from tests.experiment.protocol.small import SMALL
 
 pytestmark = pytest.mark.clocked
@@ -181,7 +181,17 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextmanager
 def screen(display: Display, rig: Path, at: Path) -> Iterator[subprocess.Popen[str]]:
-    command = [sys.executable, "-m", "experiment", "screen", "okamoto2012", "--rig", str(rig), "--session-at", str(at)]
+    command = [
+        sys.executable,
+        "-m",
+        "palpate.experiment",
+        "screen",
+        "okamoto2012",
+        "--rig",
+        str(rig),
+        "--session-at",
+        str(at),
+    ]
     process = subprocess.Popen(command, env=display.environment, stderr=subprocess.PIPE, text=True)
     try:
         yield process
@@ -410,7 +420,7 @@ def test_a_session_opens_its_screen_and_goes_on_without_it(display: Display, rig
     protocol = tmp_path / "small.toml"
     protocol.write_text(SMALL, "utf-8")
     at, data = tmp_path / "s.sock", tmp_path / "data"
-    command = [sys.executable, "-m", "experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
+    command = [sys.executable, "-m", "palpate.experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
     command += ["--dataset", str(data), "--session-at", str(at)]
     with (tmp_path / "log").open("wb") as log:
         session = subprocess.Popen(command, env=display.environment, stdout=log, stderr=log)
@@ -477,7 +487,7 @@ def test_a_screen_that_is_killed_at_every_step_comes_back_there(
     protocol = tmp_path / "small.toml"
     protocol.write_text(re.sub("repetitions = [0-9]", "repetitions = 1", SMALL), "utf-8")
     at, data, left = tmp_path / "s.sock", tmp_path / "data", {step: SHOWN[step] for step in steps}
-    command = [sys.executable, "-m", "experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
+    command = [sys.executable, "-m", "palpate.experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
     command += ["--dataset", str(data), "--session-at", str(at)]
     with (tmp_path / "log").open("wb") as log, ExitStack() as opened:
         session = subprocess.Popen(command, env=display.environment, stdout=log, stderr=log)

@@ -11,17 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig
-from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples, encode
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
-from experiment.apparatus.tracker.serial_port import LINE_BYTES, SerialPort
-from experiment.apparatus.tracker.serial_tracker import REFILL_S, SerialTracker
-from experiment.clock import ManualClock
-from experiment.errors import TrackerError, TrackerStopped
-from experiment.protocol.models import Step
-from experiment.rehearsal.footstep.foot import Foot, Trajectory, trajectory
-from experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples, encode
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from palpate.experiment.apparatus.tracker.serial_port import LINE_BYTES, SerialPort
+from palpate.experiment.apparatus.tracker.serial_tracker import REFILL_S, SerialTracker
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import TrackerError, TrackerStopped
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory, trajectory
+from palpate.experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
 from tests.rig.faults import Faults
 
 pytestmark = pytest.mark.alone
@@ -319,7 +319,7 @@ def test_real_time_runs_by_the_clock_between_steps_too(line: SerialLine, setting
 def test_in_simulated_time_a_busy_machine_does_not_end_a_device(
     line: SerialLine, settings: TrackerRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("experiment.apparatus.tracker.serial_tracker.SIMULATED_STALL_S", 0.4)
+    monkeypatch.setattr("palpate.experiment.apparatus.tracker.serial_tracker.SIMULATED_STALL_S", 0.4)
     monkeypatch.setattr("serial.urlhandler.protocol_socket.time.sleep", lambda _s: None)
     tracker = SerialTracker(line.url, settings.model_copy(update={"stall_ms": 50}), clock=ManualClock(0))
     begun_s = time.monotonic()

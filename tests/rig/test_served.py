@@ -27,7 +27,7 @@ def server(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
     (tmp_path / "small.toml").write_text(SMALL, "utf-8")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "experiment", "run", "small.toml", "--task", "one", "--practice"]
+    command = [sys.executable, "-m", "palpate.experiment", "run", "small.toml", "--task", "one", "--practice"]
     environment = {
         **os.environ,
         "XDG_RUNTIME_DIR": str(tmp_path),
@@ -81,7 +81,7 @@ def begun(folder: Path, *, by: str = "") -> list[int]:
             words = (one / "cmdline").read_bytes().replace(b"\0", b" ").decode() if mine else ""
         except OSError:
             continue
-        if "experiment" in words and by in words:
+        if "palpate.experiment" in words and by in words:
             found.append(int(one.name))
     return found
 

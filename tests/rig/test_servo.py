@@ -20,15 +20,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import host
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.servo.link import ServoProcess
-from experiment.apparatus.servo.process import Orders
-from experiment.clock import MonotonicClock
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Foot, Trajectory
-from experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, ForceDeviceProcess
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.servo.link import ServoProcess
+from palpate.experiment.apparatus.servo.process import Orders
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
+from palpate.experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import pressing
 from tests.rig.pushes import Push, pushed
 

@@ -15,16 +15,16 @@ from math import inf
 import numpy as np
 import pytest
 
-from experiment.apparatus import host
-from experiment.apparatus.audio.stream import AudioStream, StreamSettings
-from experiment.apparatus.servo.link import ServoProcess
-from experiment.clock import MonotonicClock
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.wires.force_device import ForceDeviceProcess
-from experiment.rehearsal.wires.listener import Tap
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
-from experiment.synthesis.contact.block import Block
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
+from palpate.experiment.apparatus.servo.link import ServoProcess
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.listener import Tap
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from palpate.experiment.synthesis.contact.block import Block
 from tests.rig import ringing, sound
 from tests.rig.test_servo import HAND, ordered, press
 

@@ -17,18 +17,18 @@ import numpy as np
 import pytest
 from filelock import FileLock
 
-from experiment.apparatus.audio.mixer import AT_ONCE
-from experiment.errors import AudioError
-from experiment.rehearsal.wires import sound_card
-from experiment.rehearsal.wires.listener import Tap
-from experiment.rehearsal.wires.sound_card import SoundCard
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE
+from palpate.experiment.errors import AudioError
+from palpate.experiment.rehearsal.wires import sound_card
+from palpate.experiment.rehearsal.wires.listener import Tap
+from palpate.experiment.rehearsal.wires.sound_card import SoundCard
 from tests.rig import sound
 
 pytestmark = pytest.mark.alone
 
 SERVES = """
-from experiment.rehearsal.wires.sound_card import SoundCard
-from experiment.rehearsal.wires.listener import Tap
+from palpate.experiment.rehearsal.wires.sound_card import SoundCard
+from palpate.experiment.rehearsal.wires.listener import Tap
 card = SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
 tap = Tap(card.name, "system:capture_1", seconds=1.0)
 print(card.folder.name, card.name, tap.listener.pid, flush=True)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from analysis.analyse import analyse
-from analysis.comparison.results import TaskComparisons
-from experiment.dataset.verify import verify
-from experiment.protocol.files import shipped
-from experiment.rehearsal.study import rehearse
+from palpate.analysis.analyse import analyse
+from palpate.analysis.comparison.results import TaskComparisons
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.study import rehearse
 
 
 def rehearsed(folder: Path, text: str, *, silent: bool) -> tuple[TaskComparisons, ...]:

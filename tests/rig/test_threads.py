@@ -9,13 +9,13 @@ from contextlib import ExitStack
 
 import pytest
 
-from experiment.apparatus import host
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.panel import Panel
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import sound
 
 pytestmark = pytest.mark.alone

@@ -7,10 +7,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiment.desk.voice.band import RATE_HZ as BAND_HZ
-from experiment.desk.voice.band import banded
-from experiment.desk.voice.cancelling import cancelled
-from experiment.desk.voice.hearing import listen
+from palpate.experiment.desk.voice.band import RATE_HZ as BAND_HZ
+from palpate.experiment.desk.voice.band import banded
+from palpate.experiment.desk.voice.cancelling import cancelled
+from palpate.experiment.desk.voice.hearing import listen
 from tests.benchmarks import voice as benchmark
 from tests.rig import speech
 from tests.rig.speech import ANSWERABLE_S, RATE_HZ

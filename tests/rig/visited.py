@@ -14,18 +14,18 @@ from dataclasses import dataclass, field
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 
-from experiment.desk import link
-from experiment.desk.link import Line
-from experiment.desk.messages import Choose, Hello, Reply, View, Write
-from experiment.desk.port import WITHOUT
+from palpate.experiment.desk import link
+from palpate.experiment.desk.link import Line
+from palpate.experiment.desk.messages import Choose, Hello, Reply, View, Write
+from palpate.experiment.desk.port import WITHOUT
 from tests.rig.laboratory import HURRIED
 
 ME = Hello(role="console", by="test")
 PATIENCE_S = 60.0
 PRELOADED = (
-    "experiment.cli.session",
-    "experiment.rehearsal.study",
-    "experiment.session.run",
+    "palpate.experiment.cli.session",
+    "palpate.experiment.rehearsal.study",
+    "palpate.experiment.session.run",
     "tests.rig.in_the_room",
     "tests.rig.visited",
 )
@@ -46,8 +46,8 @@ def _palpate(folder: Path, words: tuple[str, ...], simulated: bool) -> None:
         from tests.rig import in_the_room
 
         in_the_room.simulate()
-    from experiment import __main__
-    from experiment.rehearsal.footstep import participant
+    from palpate.experiment import __main__
+    from palpate.experiment.rehearsal.footstep import participant
 
     vars(participant).update(HURRIED)
     sys.argv = ["palpate", *words]

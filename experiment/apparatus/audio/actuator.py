@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.audio.mixer import AT_ONCE, Cue
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.panel.conditioning import Conditioner, Played
-from experiment.apparatus.rig import AudioRig, DeliveredRig
-from experiment.errors import ActuatorError
-from experiment.records.stimulus import Delivered
-from experiment.synthesis.tap import Ring
-from experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE, Cue
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
+from palpate.experiment.apparatus.rig import AudioRig, DeliveredRig
+from palpate.experiment.errors import ActuatorError
+from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.synthesis.tap import Ring
+from palpate.experiment.synthesis.waveforms import Stimulus
 
 FOUND = 0.5
 """Correlation from which on something heard is the intended waveform; noise of any length stays far below."""

@@ -11,10 +11,10 @@ import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
-from experiment.apparatus.audio import actuator
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.rig import AudioRig
-from experiment.errors import AudioError, RigError
+from palpate.experiment.apparatus.audio import actuator
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.rig import AudioRig
+from palpate.experiment.errors import AudioError, RigError
 
 SWEEP_S = 0.05
 LOW_HZ, HIGH_HZ = 50.0, 2000.0

@@ -17,11 +17,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.audio.mixer import Block
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.ports import MaskerExposure
-from experiment.clock import Clock
-from experiment.errors import AudioError, DoseUsedUp
+from palpate.experiment.apparatus.audio.mixer import Block
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.ports import MaskerExposure
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import AudioError, DoseUsedUp
 
 REFERENCE_S = 8 * 3600.0
 """Working day that levels are referred to, s."""

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from experiment.apparatus.audio.stream import KEPT_S, AudioStream
-from experiment.apparatus.ports import Loudness, Recorded
-from experiment.apparatus.rig import AudioRig
-from experiment.errors import AudioError
+from palpate.experiment.apparatus.audio.stream import KEPT_S, AudioStream
+from palpate.experiment.apparatus.ports import Loudness, Recorded
+from palpate.experiment.apparatus.rig import AudioRig
+from palpate.experiment.errors import AudioError
 
 SPARE_S = 0.5
 """So much of what the stream keeps is left alone: it is overwritten while it is being read."""

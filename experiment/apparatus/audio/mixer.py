@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import AudioError
+from palpate.experiment.errors import AudioError
 
 AT_ONCE = -1
 """In place of a frame: with the next block."""

@@ -27,10 +27,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus import host
-from experiment.apparatus.audio.mixer import Block, Cue, Layout, Loop, Mixer
-from experiment.clock import Clock
-from experiment.errors import AudioError
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.audio.mixer import Block, Cue, Layout, Loop, Mixer
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import AudioError
 
 WINDOW = 64
 """Callbacks that the line rests on."""

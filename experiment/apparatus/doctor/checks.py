@@ -20,16 +20,16 @@ from typing import Literal
 
 import numpy as np
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel import response_table as response
-from experiment.apparatus.panel.conditioning import Conditioner
-from experiment.apparatus.panel.pcm import PcmActuator
-from experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
-from experiment.apparatus.tracker import calibration
-from experiment.apparatus.tracker.frames import FRAME_BYTES
-from experiment.clock import Clock, day, wall_ns
-from experiment.errors import ActuatorError, PalpateError
-from experiment.protocol.models import Step
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel import response_table as response
+from palpate.experiment.apparatus.panel.conditioning import Conditioner
+from palpate.experiment.apparatus.panel.pcm import PcmActuator
+from palpate.experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
+from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
+from palpate.experiment.clock import Clock, day, wall_ns
+from palpate.experiment.errors import ActuatorError, PalpateError
+from palpate.experiment.protocol.models import Step
 
 Verdict = Literal["green", "red", "not checked"]
 

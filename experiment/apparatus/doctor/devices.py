@@ -12,17 +12,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.audio import calibration as audio_calibration
-from experiment.apparatus.audio import microphone as microphones
-from experiment.apparatus.audio.stream import AudioStream, StreamHealth
-from experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.rig import AudioRig, TrackerRig
-from experiment.apparatus.tracker import calibration
-from experiment.apparatus.tracker.clock_map import DRIFT_LIMIT_PPM, ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts
-from experiment.clock import Clock
-from experiment.errors import AudioError, TrackerError
+from palpate.experiment.apparatus.audio import calibration as audio_calibration
+from palpate.experiment.apparatus.audio import microphone as microphones
+from palpate.experiment.apparatus.audio.stream import AudioStream, StreamHealth
+from palpate.experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.rig import AudioRig, TrackerRig
+from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker.clock_map import DRIFT_LIMIT_PPM, ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import AudioError, TrackerError
 
 LISTEN_S = 4.5
 """How long the tracker is listened to, s: three whole seconds tell the clock map drift to some ppm."""

@@ -11,17 +11,17 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from experiment.apparatus import host, opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.doctor import checks, devices, force
-from experiment.apparatus.doctor.checks import Check, refused, unchecked
-from experiment.apparatus.rig import AudioRig, Rig
-from experiment.clock import Clock, day
-from experiment.errors import AudioError, PalpateError, RigError, TrackerError
-from experiment.protocol import files
-from experiment.protocol.models import Protocol
-from experiment.study import enrolment
+from palpate.experiment.apparatus import host, opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.doctor import checks, devices, force
+from palpate.experiment.apparatus.doctor.checks import Check, refused, unchecked
+from palpate.experiment.apparatus.rig import AudioRig, Rig
+from palpate.experiment.clock import Clock, day
+from palpate.experiment.errors import AudioError, PalpateError, RigError, TrackerError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.study import enrolment
 
 TRIALS = 40
 """Trials of a session where no protocol says how many: those of the footstep study."""

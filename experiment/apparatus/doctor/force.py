@@ -11,16 +11,16 @@ from contextlib import closing
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus import opening
-from experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
-from experiment.apparatus.rig import Rig
-from experiment.apparatus.servo import settings
-from experiment.apparatus.servo.device import ForceDevice
-from experiment.apparatus.servo.rendering import NO_FORCE
-from experiment.apparatus.servo.settings import ServoRig
-from experiment.clock import Clock
-from experiment.errors import PalpateError, RigError
-from experiment.protocol.models import Protocol
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.servo import settings
+from palpate.experiment.apparatus.servo.device import ForceDevice
+from palpate.experiment.apparatus.servo.rendering import NO_FORCE
+from palpate.experiment.apparatus.servo.settings import ServoRig
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import PalpateError, RigError
+from palpate.experiment.protocol.models import Protocol
 
 ASKS_S = 1.0
 """How long the device is asked, s."""

@@ -18,15 +18,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.apparatus.panel.response_table import parse
-from experiment.apparatus.rig import ActuatorRig, response_table
-from experiment.errors import ActuatorError
-from experiment.records import stimulus as records
-from experiment.synthesis import budget
-from experiment.synthesis.shaping import Shaped
-from experiment.synthesis.tap import Ring
-from experiment.synthesis.voltages import Drive
-from experiment.synthesis.waveforms import Basis, Stimulus
+from palpate.experiment.apparatus.panel.response_table import parse
+from palpate.experiment.apparatus.rig import ActuatorRig, response_table
+from palpate.experiment.errors import ActuatorError
+from palpate.experiment.records import stimulus as records
+from palpate.experiment.synthesis import budget
+from palpate.experiment.synthesis.shaping import Shaped
+from palpate.experiment.synthesis.tap import Ring
+from palpate.experiment.synthesis.voltages import Drive
+from palpate.experiment.synthesis.waveforms import Basis, Stimulus
 
 EVERY_HZ = (0.0, math.inf)
 """What a device carries of which nothing else is said, Hz."""

@@ -26,14 +26,14 @@ from contextlib import suppress
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.panel.conditioning import Conditioner, Played
-from experiment.apparatus.ports import Heard, Window
-from experiment.apparatus.rig import AccelerometerRig
-from experiment.clock import Clock, MonotonicClock
-from experiment.errors import ActuatorError, PalpateError, RecordingError
-from experiment.records.stimulus import Delivered
-from experiment.synthesis.tap import Ring
-from experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
+from palpate.experiment.apparatus.ports import Heard, Window
+from palpate.experiment.apparatus.rig import AccelerometerRig
+from palpate.experiment.clock import Clock, MonotonicClock
+from palpate.experiment.errors import ActuatorError, PalpateError, RecordingError
+from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.synthesis.tap import Ring
+from palpate.experiment.synthesis.waveforms import Stimulus
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""

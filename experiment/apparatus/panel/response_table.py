@@ -25,9 +25,9 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment.errors import RecordingError
-from experiment.settings.characters import plain
-from experiment.synthesis.shaping import Response, not_rising
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.settings.characters import plain
+from palpate.experiment.synthesis.shaping import Response, not_rising
 
 COLUMNS = ("frequency_hz", "drive_vrms", "acceleration_pp_m_s2")
 

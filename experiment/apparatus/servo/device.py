@@ -24,9 +24,9 @@ from collections import deque
 from contextlib import suppress
 from zlib import crc32
 
-from experiment.apparatus.servo.rendering import NO_FORCE, bounded
-from experiment.errors import ServoError
-from experiment.synthesis.contact.block import Pair
+from palpate.experiment.apparatus.servo.rendering import NO_FORCE, bounded
+from palpate.experiment.errors import ServoError
+from palpate.experiment.synthesis.contact.block import Pair
 
 MESSAGE = struct.Struct("<IIff")
 MESSAGE_BYTES = MESSAGE.size + 4

@@ -18,17 +18,17 @@ from dataclasses import asdict
 
 import numpy as np
 
-from experiment.apparatus import host
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.servo import process, rendering
-from experiment.apparatus.servo.device import ForceDevice
-from experiment.apparatus.servo.process import Line, Orders
-from experiment.apparatus.servo.rendering import Felt, Rendered, Touch
-from experiment.apparatus.tracker import clock_map as clock_maps
-from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
-from experiment.clock import Clock, MonotonicClock, monotonic_ns
-from experiment.errors import ServoError, TrackerStopped
-from experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.servo import process, rendering
+from palpate.experiment.apparatus.servo.device import ForceDevice
+from palpate.experiment.apparatus.servo.process import Line, Orders
+from palpate.experiment.apparatus.servo.rendering import Felt, Rendered, Touch
+from palpate.experiment.apparatus.tracker import clock_map as clock_maps
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap, ClockState
+from palpate.experiment.clock import Clock, MonotonicClock, monotonic_ns
+from palpate.experiment.errors import ServoError, TrackerStopped
+from palpate.experiment.synthesis.contact.block import Block, Pair
 
 SLICE_S = 0.05
 """A read waits no longer for the hand, s."""

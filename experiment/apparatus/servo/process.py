@@ -33,14 +33,14 @@ from typing import Any
 
 import numpy as np
 
-from experiment.apparatus import host
-from experiment.apparatus.servo import rendering
-from experiment.apparatus.servo.device import ForceDevice
-from experiment.apparatus.servo.rendering import Rendered
-from experiment.apparatus.tracker.frames import Decoder, Frames
-from experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
-from experiment.errors import PalpateError, ServoError
-from experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.servo import rendering
+from palpate.experiment.apparatus.servo.device import ForceDevice
+from palpate.experiment.apparatus.servo.rendering import Rendered
+from palpate.experiment.apparatus.tracker.frames import Decoder, Frames
+from palpate.experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
+from palpate.experiment.errors import PalpateError, ServoError
+from palpate.experiment.synthesis.contact.block import Block, Pair
 
 SILENT_NS = 2_000_000
 """After so long without what a force rests on there is none, ns."""

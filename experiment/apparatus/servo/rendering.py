@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from math import hypot, isfinite
 from typing import NamedTuple
 
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact import path
-from experiment.synthesis.contact.block import Block, Pair
-from experiment.synthesis.contact.path import Left, State
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact import path
+from palpate.experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.synthesis.contact.path import Left, State
 
 GAP_S = 0.01
 """Samples farther apart are no path, s. Ours: ten times the slowest tracker's period."""

@@ -7,9 +7,9 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from experiment.errors import RigError
-from experiment.protocol.models import Virtual
-from experiment.settings.load import Address, Confined, Rules, port_rules
+from palpate.experiment.errors import RigError
+from palpate.experiment.protocol.models import Virtual
+from palpate.experiment.settings.load import Address, Confined, Rules, port_rules
 
 
 class ServoRig(Confined):
@@ -37,7 +37,7 @@ class ServoRig(Confined):
 
 def judged(virtual: Virtual, device: ServoRig) -> tuple[bool, str]:
     """Return whether a device may render a protocol's block, and in sentences how stiff it may be, and why."""
-    from experiment.synthesis.stepping import stability
+    from palpate.experiment.synthesis.stepping import stability
 
     delay_s = device.delay_ms / 1e3
     bound = stability.allowed(

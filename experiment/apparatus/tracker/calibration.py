@@ -26,12 +26,12 @@ import tomlkit
 from numpy.typing import NDArray
 from tomlkit.items import AoT, Item, Key, SingleKey, Table
 
-from experiment.apparatus.ports import Rester, Tracker
-from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.clock import Clock, day
-from experiment.errors import RigError, TrackerError
+from palpate.experiment.apparatus.ports import Rester, Tracker
+from palpate.experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.clock import Clock, day
+from palpate.experiment.errors import RigError, TrackerError
 
 READINGS = 1000
 """Readings at each height."""

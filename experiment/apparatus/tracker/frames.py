@@ -44,8 +44,8 @@ import numpy as np
 from cobs import cobs
 from numpy.typing import NDArray
 
-from experiment.apparatus.tracker import frame_runs
-from experiment.apparatus.tracker.frame_runs import Run
+from palpate.experiment.apparatus.tracker import frame_runs
+from palpate.experiment.apparatus.tracker.frame_runs import Run
 
 
 @dataclass(frozen=True)

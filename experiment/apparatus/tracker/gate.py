@@ -41,8 +41,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.tracker.frames import Samples
-from experiment.protocol.models import Step
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.protocol.models import Step
 
 SETTLED_MM = 1.0
 """Ten standard deviations of a noisy sensor (0.1 mm), so that no pair of samples spans it by chance, mm."""

@@ -19,13 +19,13 @@ from types import ModuleType
 
 import numpy as np
 
-from experiment import storage
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.rig import FRAMES, Rig
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples
-from experiment.clock import Clock
-from experiment.errors import PalpateError, RigError, TrackerError
+from palpate.experiment import storage
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.rig import FRAMES, Rig
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import PalpateError, RigError, TrackerError
 
 
 def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:

@@ -26,8 +26,8 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from experiment.apparatus.tracker.gate import Contact, Gate
-from experiment.protocol.models import Step
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate
+from palpate.experiment.protocol.models import Step
 
 WANDER_MM = 30.0
 """Over this travel, mm, the acceleration changes by v^2 divided by it."""

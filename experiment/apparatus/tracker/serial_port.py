@@ -16,8 +16,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiment.clock import MonotonicClock
-from experiment.errors import TrackerError
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import TrackerError
 
 if TYPE_CHECKING:
     import serial

@@ -27,18 +27,18 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from experiment.apparatus import host
-from experiment.apparatus.tracker import clock_map as clock_maps
-from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
-from experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples
-from experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, identity_of, port_of, reason
-from experiment.clock import Clock, MonotonicClock
-from experiment.errors import TrackerError, TrackerStopped
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.tracker import clock_map as clock_maps
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap, ClockState
+from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, identity_of, port_of, reason
+from palpate.experiment.clock import Clock, MonotonicClock
+from palpate.experiment.errors import TrackerError, TrackerStopped
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from experiment.apparatus.rig import TrackerRig
+    from palpate.experiment.apparatus.rig import TrackerRig
 
 
 FALLING_NS = 1_000_000

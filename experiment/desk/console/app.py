@@ -17,13 +17,13 @@ from textual.message import Message
 from textual.screen import Screen
 from textual.widget import Widget
 
-from experiment.apparatus import host
-from experiment.desk.console import forms, picture
-from experiment.desk.console.panes import Board
-from experiment.desk.console.picture import COMMANDS, PRESSES, keycap
-from experiment.desk.console.presses import MOUSE, Presses
-from experiment.desk.link import Line
-from experiment.desk.messages import (
+from palpate.experiment.apparatus import host
+from palpate.experiment.desk.console import forms, picture
+from palpate.experiment.desk.console.panes import Board
+from palpate.experiment.desk.console.picture import COMMANDS, PRESSES, keycap
+from palpate.experiment.desk.console.presses import MOUSE, Presses
+from palpate.experiment.desk.link import Line
+from palpate.experiment.desk.messages import (
     CLOSED,
     ENTER,
     ESCAPE,
@@ -41,7 +41,7 @@ from experiment.desk.messages import (
     Typed,
     View,
 )
-from experiment.errors import LinkError
+from palpate.experiment.errors import LinkError
 
 PAUSE, LEAVE = "f7", "f9"
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from experiment.desk.messages import Choice, Correct, Deed, Pause, Question, Repeat, Stop, TakeNote, View, Write
-from experiment.settings import characters
+from palpate.experiment.desk.messages import Choice, Correct, Deed, Pause, Question, Repeat, Stop, TakeNote, View, Write
+from palpate.experiment.settings import characters
 
 MOST_MIN = 240.0
 """The longest break, min."""

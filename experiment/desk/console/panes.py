@@ -12,11 +12,11 @@ from textual.app import ComposeResult
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.widgets import Digits, Input, Label, Static
 
-from experiment.clock import wall_ns
-from experiment.desk.console import picture
-from experiment.desk.console.forms import MOST_CHARACTERS, Form
-from experiment.desk.console.picture import STEPS, Phase
-from experiment.desk.messages import Question, View
+from palpate.experiment.clock import wall_ns
+from palpate.experiment.desk.console import picture
+from palpate.experiment.desk.console.forms import MOST_CHARACTERS, Form
+from palpate.experiment.desk.console.picture import STEPS, Phase
+from palpate.experiment.desk.messages import Question, View
 
 WIDE, TALL = 110, 30
 """From so many columns and rows on there is room for more words."""

@@ -14,7 +14,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from experiment.desk.messages import ENTER, Choice, Gauges, Lamp, Question, Told, View
+from palpate.experiment.desk.messages import ENTER, Choice, Gauges, Lamp, Question, Told, View
 
 PRESSES = "presses"
 """The name under which a style carries the key that a click on the text presses."""

@@ -15,7 +15,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from aiohttp import web
 from textual_serve.server import Server
 
-from experiment.errors import LinkError
+from palpate.experiment.errors import LinkError
 
 LOOPBACK = "127.0.0.1"
 

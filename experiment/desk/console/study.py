@@ -20,9 +20,9 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.message import Message
 from textual.widgets import Digits, Static
 
-from experiment.dataset.status import STATES, Person, State, Status
-from experiment.desk.console.picture import BAD, BLUE, DIM, GOOD, PLAIN, PRESSES, UNKNOWN, YELLOW, keycap
-from experiment.errors import PalpateError
+from palpate.experiment.dataset.status import STATES, Person, State, Status
+from palpate.experiment.desk.console.picture import BAD, BLUE, DIM, GOOD, PLAIN, PRESSES, UNKNOWN, YELLOW, keycap
+from palpate.experiment.errors import PalpateError
 
 AGAIN_S = 5.0
 """The study is read again after so long, s."""

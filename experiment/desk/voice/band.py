@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from experiment.errors import VoiceError
+from palpate.experiment.errors import VoiceError
 
 RATE_HZ = 16_000
 

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg
 
-from experiment.errors import VoiceError
+from palpate.experiment.errors import VoiceError
 
 TAPS = 1920
 """Of the filter: 120 ms in the band, of which a room and the latency of the device take their parts."""

@@ -24,19 +24,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment import storage
-from experiment.apparatus import host
-from experiment.apparatus.audio.microphone import objection
-from experiment.apparatus.ports import Microphone, Recorded
-from experiment.clock import Clock
-from experiment.desk.messages import Lamp
-from experiment.desk.port import Console
-from experiment.desk.voice import hearing
-from experiment.desk.voice.band import RATE_HZ
-from experiment.desk.voice.hearing import BEFORE_S, LISTENED_S, SILENCE, Background, Heard
-from experiment.desk.voice.matching import Enrolment
-from experiment.errors import PalpateError
-from experiment.records.entries import Spoken
+from palpate.experiment import storage
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.audio.microphone import objection
+from palpate.experiment.apparatus.ports import Microphone, Recorded
+from palpate.experiment.clock import Clock
+from palpate.experiment.desk.messages import Lamp
+from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.voice import hearing
+from palpate.experiment.desk.voice.band import RATE_HZ
+from palpate.experiment.desk.voice.hearing import BEFORE_S, LISTENED_S, SILENCE, Background, Heard
+from palpate.experiment.desk.voice.matching import Enrolment
+from palpate.experiment.errors import PalpateError
+from palpate.experiment.records.entries import Spoken
 
 LOOK_S = 0.2
 """What was said is looked at so often, s."""

@@ -17,15 +17,15 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment import storage
-from experiment.apparatus.ports import Microphone
-from experiment.clock import Clock, wall_ns
-from experiment.desk import link
-from experiment.desk.port import Console
-from experiment.desk.voice import ear, hearing
-from experiment.desk.voice.hearing import BEFORE_S, LISTENED_S
-from experiment.desk.voice.matching import Enrolment, Take, enrolled, unlike
-from experiment.errors import LinkError, VoiceError
+from palpate.experiment import storage
+from palpate.experiment.apparatus.ports import Microphone
+from palpate.experiment.clock import Clock, wall_ns
+from palpate.experiment.desk import link
+from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.voice import ear, hearing
+from palpate.experiment.desk.voice.hearing import BEFORE_S, LISTENED_S
+from palpate.experiment.desk.voice.matching import Enrolment, Take, enrolled, unlike
+from palpate.experiment.errors import LinkError, VoiceError
 
 TAKES = 2
 """Of each answer: fewer do not say how far apart they are."""

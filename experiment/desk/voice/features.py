@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from experiment.desk.voice.band import RATE_HZ
+from palpate.experiment.desk.voice.band import RATE_HZ
 
 FRAME, HOP = 400, 160
 """Samples: frames of 25 ms, every 10 ms."""

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.desk.voice import onset
-from experiment.desk.voice.band import RATE_HZ, banded
-from experiment.desk.voice.cancelling import SHORTEST, TAPS, cancelled, leak
-from experiment.desk.voice.features import HOP, cepstra
-from experiment.desk.voice.matching import AGREES, Enrolment, Match, Take, match
-from experiment.errors import VoiceError
+from palpate.experiment.desk.voice import onset
+from palpate.experiment.desk.voice.band import RATE_HZ, banded
+from palpate.experiment.desk.voice.cancelling import SHORTEST, TAPS, cancelled, leak
+from palpate.experiment.desk.voice.features import HOP, cepstra
+from palpate.experiment.desk.voice.matching import AGREES, Enrolment, Match, Take, match
+from palpate.experiment.errors import VoiceError
 
 Samples = NDArray[np.floating[Any]]
 """A channel of the stream, full scale 1, shape (n,)."""

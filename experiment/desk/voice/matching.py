@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import VoiceError
+from palpate.experiment.errors import VoiceError
 
 Take = NDArray[np.float64]
 """The cepstra of an utterance, shape (frames, coefficients)."""

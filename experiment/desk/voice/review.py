@@ -18,13 +18,13 @@ from pathlib import Path
 import numpy as np
 from pydantic import ValidationError
 
-from experiment import storage
-from experiment.clock import utc, wall_ns
-from experiment.dataset import build
-from experiment.errors import AudioError, DatasetError
-from experiment.protocol.models import Protocol
-from experiment.records import chain, journal
-from experiment.records.entries import Answer, Correction, Record, Redo, Spoken, Utc
+from palpate.experiment import storage
+from palpate.experiment.clock import utc, wall_ns
+from palpate.experiment.dataset import build
+from palpate.experiment.errors import AudioError, DatasetError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import chain, journal
+from palpate.experiment.records.entries import Answer, Correction, Record, Redo, Spoken, Utc
 
 LOG = "second-rater.log"
 """Where a participant's second answers stand, beside the sounds, with which they are deleted."""
@@ -188,7 +188,7 @@ def play(file: Path, player: str | None) -> None:
         if done.returncode:
             raise AudioError(f"player '{player}': ended with {done.returncode}; {remedy}")
         return
-    from experiment.apparatus.audio.stream import library
+    from palpate.experiment.apparatus.audio.stream import library
 
     sounddevice = library()
     with wave.open(str(file)) as sound:

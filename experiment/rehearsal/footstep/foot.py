@@ -22,12 +22,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus import host
-from experiment.apparatus.rig import TrackerRig
-from experiment.apparatus.tracker import frame_runs
-from experiment.apparatus.tracker.frames import encode
-from experiment.clock import Clock, MonotonicClock
-from experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.tracker import frame_runs
+from palpate.experiment.apparatus.tracker.frames import encode
+from palpate.experiment.clock import Clock, MonotonicClock
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 
 Hesitation = Literal["none", "pause", "dip", "stop", "turn"]
 """Before the passage that leads to contact, a foot may pause above the gate, or dip into it and go back. One that stops

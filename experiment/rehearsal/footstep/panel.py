@@ -26,12 +26,12 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus import host
-from experiment.apparatus.rig import ActuatorRig
-from experiment.errors import AudioError
-from experiment.rehearsal.wires.listener import Tap
-from experiment.synthesis.shaping import Response
-from experiment.synthesis.spectra import bin_frequencies_hz, inverse, spectrum
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.rig import ActuatorRig
+from palpate.experiment.errors import AudioError
+from palpate.experiment.rehearsal.wires.listener import Tap
+from palpate.experiment.synthesis.shaping import Response
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, inverse, spectrum
 
 SUSPENSION_HZ, SUSPENSION_DAMPING = 35.0, 0.5
 PANEL_HZ, PANEL_DAMPING = 360.0, 0.12

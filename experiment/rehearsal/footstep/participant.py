@@ -34,13 +34,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import SessionError, SynthesisError, TrackerError
-from experiment.rehearsal.footstep.foot import Foot, Hesitation
-from experiment.rehearsal.footstep.panel import CardPanel, Panel
-from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
-from experiment.rehearsal.participant import SimulatedPerson
-from experiment.rehearsal.voice import Speaker
-from experiment.synthesis.spectra import spectrum
+from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
+from palpate.experiment.rehearsal.footstep.foot import Foot, Hesitation
+from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
+from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from palpate.experiment.rehearsal.participant import SimulatedPerson
+from palpate.experiment.rehearsal.voice import Speaker
+from palpate.experiment.synthesis.spectra import spectrum
 
 NOTICEABLE = 10 ** (2.5 / 20)
 MEMORY_NOISE = 0.06

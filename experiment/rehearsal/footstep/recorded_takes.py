@@ -48,12 +48,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from experiment.errors import RecordingError, SynthesisError
-from experiment.protocol.models import FASTEST_MM_S, Protocol
-from experiment.recordings.manifest import Recordings
-from experiment.recordings.store import SIMULATED, Condition, Plan, Take, plan, write
-from experiment.recordings.workflow import SPEED_TOLERANCE
-from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity_matrix, spectrum
+from palpate.experiment.errors import RecordingError, SynthesisError
+from palpate.experiment.protocol.models import FASTEST_MM_S, Protocol
+from palpate.experiment.recordings.manifest import Recordings
+from palpate.experiment.recordings.store import SIMULATED, Condition, Plan, Take, plan, write
+from palpate.experiment.recordings.workflow import SPEED_TOLERANCE
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity_matrix, spectrum
 
 ENERGY_DECADES = 4.0
 

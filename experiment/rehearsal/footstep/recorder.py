@@ -17,24 +17,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Accelerometer, Heard, Tracker
-from experiment.apparatus.rig import AccelerometerRig
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import GateDetector
-from experiment.clock import Clock, ManualClock
-from experiment.errors import RecordingError
-from experiment.protocol import files
-from experiment.recordings import store, workflow
-from experiment.recordings.manifest import Recordings
-from experiment.recordings.store import Condition, Plan, plan
-from experiment.recordings.workflow import Step
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.recorded_takes import CRUSH_MM, RecordingSession
-from experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.ports import Accelerometer, Heard, Tracker
+from palpate.experiment.apparatus.rig import AccelerometerRig
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.gate import GateDetector
+from palpate.experiment.clock import Clock, ManualClock
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.protocol import files
+from palpate.experiment.recordings import store, workflow
+from palpate.experiment.recordings.manifest import Recordings
+from palpate.experiment.recordings.store import Condition, Plan, plan
+from palpate.experiment.recordings.workflow import Step
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.footstep.recorded_takes import CRUSH_MM, RecordingSession
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 
 REST_NOISE_M_S2 = 0.002
 """Standard deviation of the acceleration of a panel at rest, m/s^2."""

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from experiment.rehearsal.footstep.foot import Trajectory, progress
+from palpate.experiment.rehearsal.footstep.foot import Trajectory, progress
 
 REST_MM = 8.0
 """Where the hand waits above the face, mm. Ours."""

@@ -21,12 +21,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiment.errors import ActuatorError
-from experiment.records.tapping import FIRST, SECOND, TIE, WORDS
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.panel import CardPanel, Panel
-from experiment.rehearsal.participant import SimulatedPerson
-from experiment.rehearsal.tapping import hand, surfaces
+from palpate.experiment.errors import ActuatorError
+from palpate.experiment.records.tapping import FIRST, SECOND, TIE, WORDS
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
+from palpate.experiment.rehearsal.participant import SimulatedPerson
+from palpate.experiment.rehearsal.tapping import hand, surfaces
 
 DISCRIMINATION = 0.25
 SPREAD = 0.3

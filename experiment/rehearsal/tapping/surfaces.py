@@ -25,7 +25,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.synthesis.tap import DECAY_PER_S, SURFACES
+from palpate.experiment.synthesis.tap import DECAY_PER_S, SURFACES
 
 TABLE_1: Mapping[str, tuple[float, float]] = {
     surface.name.split()[-1]: (surface.stiffness_n_m, surface.attack_hz) for surface in SURFACES

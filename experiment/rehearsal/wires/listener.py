@@ -15,8 +15,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import AudioError
-from experiment.rehearsal.wires.neighbour import Neighbour, end_soon, far_end
+from palpate.experiment.errors import AudioError
+from palpate.experiment.rehearsal.wires.neighbour import Neighbour, end_soon, far_end
 
 CLIENT = "panel"
 """The listener, as JACK names it."""
@@ -37,7 +37,7 @@ class Tap:
 
         Raises `AudioError` if the server has ended, or there is no such port.
         """
-        self.listener = Neighbour("experiment.rehearsal.wires.listener", server, output, str(seconds))
+        self.listener = Neighbour("palpate.experiment.rehearsal.wires.listener", server, output, str(seconds))
         try:
             said = self.listener.line.readline()
         except OSError as error:

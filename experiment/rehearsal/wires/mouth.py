@@ -15,8 +15,8 @@ from typing import Any, BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import AudioError
-from experiment.rehearsal.wires.neighbour import Neighbour, end_soon, far_end
+from palpate.experiment.errors import AudioError
+from palpate.experiment.rehearsal.wires.neighbour import Neighbour, end_soon, far_end
 
 CLIENT = "mouth"
 """The mouth, as JACK names it."""
@@ -53,7 +53,7 @@ class Mouth:
 
         Raises `AudioError` if the server has ended, or there is no such port.
         """
-        self._process = Neighbour("experiment.rehearsal.wires.mouth", server, headphones, microphone)
+        self._process = Neighbour("palpate.experiment.rehearsal.wires.mouth", server, headphones, microphone)
         try:
             self.say(response)
             told = self._process.line.readline()

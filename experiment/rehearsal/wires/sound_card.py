@@ -20,13 +20,13 @@ from typing import Any, Literal
 
 from filelock import FileLock, Timeout
 
-from experiment.apparatus import host, opening
-from experiment.apparatus.audio.stream import looking_anew
-from experiment.apparatus.rig import Rig
-from experiment.errors import AudioError
-from experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
-from experiment.rehearsal.wires.listener import Tap
-from experiment.rehearsal.wires.mouth import Mouth, Samples, leak
+from palpate.experiment.apparatus import host, opening
+from palpate.experiment.apparatus.audio.stream import looking_anew
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.errors import AudioError
+from palpate.experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
+from palpate.experiment.rehearsal.wires.listener import Tap
+from palpate.experiment.rehearsal.wires.mouth import Mouth, Samples, leak
 
 DEVICE = "system"
 """As PortAudio names the simulated card."""

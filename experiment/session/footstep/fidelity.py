@@ -19,18 +19,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.rig import Rig
-from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
-from experiment.errors import RigError
-from experiment.protocol.models import Protocol
-from experiment.session import scene as scenes
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from palpate.experiment.errors import RigError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.session import scene as scenes
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from experiment.synthesis.budget import Budget
-    from experiment.synthesis.crinkle import CrinkleSpectra
+    from palpate.experiment.synthesis.budget import Budget
+    from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 
 SPEEDS = 10
 """At so many speeds of the foot, evenly spaced by ratio, and at those recorded, where the spectra bend."""
@@ -83,9 +83,9 @@ def fidelity(
     Without `beside` only the budgets are measured. Raises `RecordingError` if a recording is missing or unusable, and
     `RigError` if the response table is.
     """
-    from experiment.apparatus.panel.conditioning import Conditioner, open_drive
-    from experiment.recordings import manifest
-    from experiment.synthesis import budget
+    from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
+    from palpate.experiment.recordings import manifest
+    from palpate.experiment.synthesis import budget
 
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
@@ -128,8 +128,8 @@ def carried_hz(rig: Rig, rig_folder: Path) -> tuple[float, float] | None:
 
     Raises `RigError` or `RecordingError` if the response table cannot be used.
     """
-    from experiment.apparatus.panel.response_table import parse
-    from experiment.apparatus.rig import response_table
+    from palpate.experiment.apparatus.panel.response_table import parse
+    from palpate.experiment.apparatus.rig import response_table
 
     if (shaping := rig.actuator.shaping) is None:
         return rig.actuator.carries_hz
@@ -144,7 +144,7 @@ def judged(
 
     Raises `RigError` for more than the protocol allows of any task, and otherwise as `fidelity`.
     """
-    from experiment.recordings import manifest
+    from palpate.experiment.recordings import manifest
 
     carries_hz = carried_hz(rig, rig_folder)
     of = None if protocol.footsteps.synthesis.left_out_max is not None else task_ids
@@ -166,7 +166,7 @@ def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
 
 def _unmeasured(rig_folder: Path, rig: Rig) -> str:
     """Return what is wrong with a real rig whose response table is SIMULATED, or nothing."""
-    from experiment.apparatus.panel import response_table
+    from palpate.experiment.apparatus.panel import response_table
 
     shaping = rig.actuator.shaping
     if rig.rig.simulated or shaping is None:
@@ -261,8 +261,8 @@ def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
 
 
 def _nearest_m_s2(material: str, spectra: dict[str, CrinkleSpectra], speed_mm_s: float) -> float:
-    from experiment.synthesis.crinkle import at_speed
-    from experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity
+    from palpate.experiment.synthesis.crinkle import at_speed
+    from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity
 
     own = spectra[material]
     f = bin_frequencies_hz(bins=own.samples, rate_hz=own.rate_hz)[1:]

@@ -16,17 +16,17 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from experiment.apparatus import opening
-from experiment.apparatus.audio.mixer import Mixer
-from experiment.apparatus.rig import Rig
-from experiment.protocol.models import Protocol
-from experiment.session import scene as scenes
-from experiment.session.footstep.fidelity import SHOWN, UNKNOWN, ErrorBudget, error_budget, percent, wrapped
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.audio.mixer import Mixer
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.session import scene as scenes
+from palpate.experiment.session.footstep.fidelity import SHOWN, UNKNOWN, ErrorBudget, error_budget, percent, wrapped
 
 if TYPE_CHECKING:
-    from experiment.apparatus.audio.stream import StreamSettings
-    from experiment.synthesis.crinkle import CrinkleSpectra
-    from experiment.synthesis.waveforms import Basis
+    from palpate.experiment.apparatus.audio.stream import StreamSettings
+    from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+    from palpate.experiment.synthesis.waveforms import Basis
 
 REPEATS = 5
 
@@ -53,7 +53,7 @@ def import_cost(modules: tuple[str, ...]) -> tuple[Timing, float | None]:
     """
     code = (
         "import importlib, json, sys, time\n"
-        "import experiment.session.run\n"
+        "import palpate.experiment.session.run\n"
         "def kb():\n"
         "    try:\n"
         "        with open('/proc/self/statm') as file:\n"
@@ -105,11 +105,11 @@ ALWAYS = ("tracker", "gate and contact", "limiter", "exposure account", "journal
 """What no task leaves out: safety, accounting and the record."""
 
 STIMULUS_MODULES = (
-    "experiment.recordings.manifest",
-    "experiment.apparatus.panel.conditioning",
-    "experiment.synthesis.waveforms",
-    "experiment.synthesis.shaping",
-    "experiment.apparatus.panel.pcm",
+    "palpate.experiment.recordings.manifest",
+    "palpate.experiment.apparatus.panel.conditioning",
+    "palpate.experiment.synthesis.waveforms",
+    "palpate.experiment.synthesis.shaping",
+    "palpate.experiment.apparatus.panel.pcm",
 )
 """What a task with virtual stimuli imports and a task with real objects does not."""
 
@@ -271,7 +271,7 @@ def _channel(scene: scenes.Scene, protocol: Protocol, rig: Rig) -> tuple[str, fl
 def _real(
     scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
 ) -> tuple[Omission, ...]:
-    from experiment.apparatus.panel.conditioning import open_drive
+    from palpate.experiment.apparatus.panel.conditioning import open_drive
 
     virtual = scenes.virtual(protocol)
     load = partial(scenes.load_spectra, scene=virtual, protocol=protocol, recordings=recordings)
@@ -357,7 +357,7 @@ def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
 
 def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent: str) -> Omission:
     """Return what leaving out the bins beyond the tactile band of one material saves and costs."""
-    from experiment.synthesis import crinkle, waveforms
+    from palpate.experiment.synthesis import crinkle, waveforms
 
     tactile, fastest = protocol.footsteps.tactile, scenes.fastest_mm_s(protocol)
     whole = waveforms.prepare(spectra, material=held.material, output_rate_hz=held.output_rate_hz)

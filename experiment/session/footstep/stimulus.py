@@ -5,18 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from experiment.apparatus.ports import Actuator
-from experiment.apparatus.tracker.gate import Contact
-from experiment.apparatus.tracker.landing import Landing
-from experiment.clock import lasted_ms
-from experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.apparatus.ports import Actuator
+from palpate.experiment.apparatus.tracker.gate import Contact
+from palpate.experiment.apparatus.tracker.landing import Landing
+from palpate.experiment.clock import lasted_ms
+from palpate.experiment.records.stimulus import Onset, Stimulus
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from experiment.apparatus.panel.conditioning import Played
-    from experiment.clock import Clock
-    from experiment.synthesis.waveforms import Basis
+    from palpate.experiment.apparatus.panel.conditioning import Played
+    from palpate.experiment.clock import Clock
+    from palpate.experiment.synthesis.waveforms import Basis
 
 
 @dataclass(frozen=True)

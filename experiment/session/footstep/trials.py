@@ -9,28 +9,28 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from experiment.apparatus import opening
-from experiment.apparatus.ports import Actuator, Tracker
-from experiment.apparatus.rig import Rig
-from experiment.apparatus.tracker.calibration import ZeroedTracker
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts
-from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
-from experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
-from experiment.clock import Clock, lasted_ms
-from experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
-from experiment.errors import RecordingError, TrackerError, TrackerStopped
-from experiment.protocol.models import ExclusionRule, Protocol
-from experiment.records.entries import PlannedTrial, Trace, TrackerOpened
-from experiment.records.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
-from experiment.session import scene
-from experiment.session.footstep.stimulus import Sounder
-from experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Stimuli, nothing_more
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.ports import Actuator, Tracker
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts
+from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
+from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from palpate.experiment.clock import Clock, lasted_ms
+from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
+from palpate.experiment.errors import RecordingError, TrackerError, TrackerStopped
+from palpate.experiment.protocol.models import ExclusionRule, Protocol
+from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
+from palpate.experiment.records.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
+from palpate.experiment.session import scene
+from palpate.experiment.session.footstep.stimulus import Sounder
+from palpate.experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
+from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Stimuli, nothing_more
 
 if TYPE_CHECKING:
-    from experiment.apparatus.audio.stream import AudioStream
-    from experiment.synthesis.waveforms import Basis
+    from palpate.experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.synthesis.waveforms import Basis
 
 CLOCKS_PART_US = 10e6
 """Device and session time may part by this much: a slow step, and what came before the first."""
@@ -117,7 +117,7 @@ def open_footsteps(
 def _prepared(
     planned: scene.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, ends: FarEnds
 ) -> Stimuli:
-    from experiment.apparatus.panel.conditioning import open_drive
+    from palpate.experiment.apparatus.panel.conditioning import open_drive
 
     materials = ends.presented(
         scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz)

@@ -19,18 +19,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from experiment.apparatus.host import undisturbed
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.tracker.clock_map import ClockMap, Pace
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
-from experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
-from experiment.clock import Clock
-from experiment.desk.port import INTERRUPTED
-from experiment.errors import TrackerStopped
-from experiment.records.stimulus import Onset, Stimulus
-from experiment.session.footstep.stimulus import Sounder, Sounding
-from experiment.session.kind import Limits
+from palpate.experiment.apparatus.host import undisturbed
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap, Pace
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
+from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
+from palpate.experiment.clock import Clock
+from palpate.experiment.desk.port import INTERRUPTED
+from palpate.experiment.errors import TrackerStopped
+from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.session.footstep.stimulus import Sounder, Sounding
+from palpate.experiment.session.kind import Limits
 
 if TYPE_CHECKING:
     from collections.abc import Callable

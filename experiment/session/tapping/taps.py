@@ -11,18 +11,18 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from experiment.apparatus import host
-from experiment.apparatus.ports import Actuator, Servo
-from experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
-from experiment.errors import PalpateError
-from experiment.protocol.models import Step
-from experiment.records.stimulus import Onset, Stimulus
-from experiment.records.tapping import Place, Tapped
-from experiment.session.kind import Lent, nothing_more
-from experiment.synthesis.contact.block import Block
-from experiment.synthesis.tap import Rings
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.ports import Actuator, Servo
+from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
+from palpate.experiment.errors import PalpateError
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.tapping import Place, Tapped
+from palpate.experiment.session.kind import Lent, nothing_more
+from palpate.experiment.synthesis.contact.block import Block
+from palpate.experiment.synthesis.tap import Rings
 
 FROM_MM = 10.0
 """A touch is predicted from this height above the face on, mm. Ours."""

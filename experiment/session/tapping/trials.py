@@ -7,15 +7,15 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from experiment.apparatus.rig import Rig
-from experiment.clock import Clock
-from experiment.protocol.models import Protocol
-from experiment.records.entries import PlannedTrial
-from experiment.records.tapping import FIRST, SECOND, PairLaidOut
-from experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import Clock
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.entries import PlannedTrial
+from palpate.experiment.records.tapping import FIRST, SECOND, PairLaidOut
+from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen
 
 if TYPE_CHECKING:
-    from experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.apparatus.audio.stream import AudioStream
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def open_comparisons(
     """Open what a task needs: nothing for real samples; arguments are those of `laboratory.open_laboratory`."""
     if protocol.task(task_id).stimulus == "real":
         return ComparisonDevices()
-    from experiment.session.tapping.virtual import open_surfaces
+    from palpate.experiment.session.tapping.virtual import open_surfaces
 
     return open_surfaces(protocol=protocol, rig=rig, clock=clock, stream=stream, ends=ends, opened=opened)
 

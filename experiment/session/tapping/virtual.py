@@ -8,26 +8,26 @@ from dataclasses import dataclass, field
 from math import inf
 from typing import TYPE_CHECKING
 
-from experiment.apparatus import opening
-from experiment.apparatus.ports import Actuator, Servo
-from experiment.apparatus.rig import Rig
-from experiment.apparatus.servo import settings
-from experiment.apparatus.tracker import calibration
-from experiment.apparatus.tracker.landing import QUIETEST_MM
-from experiment.clock import Clock, day
-from experiment.desk.messages import Lamp, Measured
-from experiment.errors import TrackerStopped
-from experiment.protocol.models import Protocol, Virtual
-from experiment.records.entries import PlannedTrial
-from experiment.records.tapping import WORDS, Changed, PairLaidOut, Place
-from experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen
-from experiment.session.tapping.taps import Lying, Taps
-from experiment.synthesis import tap
-from experiment.synthesis.contact.block import Block
-from experiment.synthesis.tap import Rings, Surface
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.ports import Actuator, Servo
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.servo import settings
+from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
+from palpate.experiment.clock import Clock, day
+from palpate.experiment.desk.messages import Lamp, Measured
+from palpate.experiment.errors import TrackerStopped
+from palpate.experiment.protocol.models import Protocol, Virtual
+from palpate.experiment.records.entries import PlannedTrial
+from palpate.experiment.records.tapping import WORDS, Changed, PairLaidOut, Place
+from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen
+from palpate.experiment.session.tapping.taps import Lying, Taps
+from palpate.experiment.synthesis import tap
+from palpate.experiment.synthesis.contact.block import Block
+from palpate.experiment.synthesis.tap import Rings, Surface
 
 if TYPE_CHECKING:
-    from experiment.apparatus.audio.stream import AudioStream
+    from palpate.experiment.apparatus.audio.stream import AudioStream
 
 PLACES: tuple[Place, Place] = ("first", "second")
 

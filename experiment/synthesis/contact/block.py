@@ -25,8 +25,8 @@ from functools import cached_property
 from math import inf, isfinite, pi
 from typing import Literal, NamedTuple
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact.oscillator import Carry, Oscillator, carry, oscillator
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact.oscillator import Carry, Oscillator, carry, oscillator
 
 Law = Literal["clamped", "printed"]
 Pair = tuple[float, float]

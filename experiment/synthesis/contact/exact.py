@@ -8,9 +8,9 @@ from __future__ import annotations
 
 from math import inf, sqrt
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact.block import ENTERING, FREE, RETURNING, Block, Motion, Switch, new, pull_m_s2
-from experiment.synthesis.contact.oscillator import (
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact.block import ENTERING, FREE, RETURNING, Block, Motion, Switch, new, pull_m_s2
+from palpate.experiment.synthesis.contact.oscillator import (
     Oscillator,
     carry,
     falls_through_zero,

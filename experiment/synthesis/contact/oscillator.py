@@ -24,7 +24,7 @@ from fractions import Fraction
 from math import atan2, cos, exp, expm1, inf, isfinite, log1p, pi, sin, sqrt
 from typing import NamedTuple
 
-from experiment.errors import SynthesisError
+from palpate.experiment.errors import SynthesisError
 
 SLOW, SMALL = 0.02, 0.5
 """Below 2 a t + b t^2 of the first size the series is taken, which then needs at most 9 terms; below the second the

@@ -14,9 +14,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact.block import ENTERING, FREE, Block, Motion, Pair, Switch, new, pull_m_s2
-from experiment.synthesis.contact.exact import advance
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact.block import ENTERING, FREE, Block, Motion, Pair, Switch, new, pull_m_s2
+from palpate.experiment.synthesis.contact.exact import advance
 
 
 class Left(NamedTuple):

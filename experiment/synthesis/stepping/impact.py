@@ -17,12 +17,12 @@ from math import ceil, inf, isfinite, ldexp, log, log2, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact import exact
-from experiment.synthesis.contact.block import FREE, Block, Law, Motion, Switch
-from experiment.synthesis.contact.oscillator import Oscillator, carry, moved, problems, refuse
-from experiment.synthesis.stepping import stability
-from experiment.synthesis.stepping.steppers import EXACT, stepper
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact import exact
+from palpate.experiment.synthesis.contact.block import FREE, Block, Law, Motion, Switch
+from palpate.experiment.synthesis.contact.oscillator import Oscillator, carry, moved, problems, refuse
+from palpate.experiment.synthesis.stepping import stability
+from palpate.experiment.synthesis.stepping.steppers import EXACT, stepper
 
 LEAST = 2.0**-1022
 """The smallest number that has all its digits."""

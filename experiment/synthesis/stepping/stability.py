@@ -27,9 +27,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact.oscillator import carry, oscillator
-from experiment.synthesis.stepping.steppers import EXACT, stepper
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact.oscillator import carry, oscillator
+from palpate.experiment.synthesis.stepping.steppers import EXACT, stepper
 
 UNSTABLE = 1e-14
 """By how much the largest eigenvalue may be above 1 by rounding."""

@@ -17,9 +17,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact import exact
-from experiment.synthesis.contact.block import (
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact import exact
+from palpate.experiment.synthesis.contact.block import (
     ENTERING,
     FREE,
     RETURNING,
@@ -30,7 +30,7 @@ from experiment.synthesis.contact.block import (
     Switch,
     pull_m_s2,
 )
-from experiment.synthesis.contact.oscillator import Oscillator, carry, moved
+from palpate.experiment.synthesis.contact.oscillator import Oscillator, carry, moved
 
 Point = tuple[float, float, float, float]
 """Penetration, its rate, the path along the face, its rate: m and m/s."""

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from analysis.audit.audit import Audit, audit
-from analysis.audit.mistakes import Line
-from analysis.audit.print_lines import print_lines
-from experiment.errors import DatasetError
+from palpate.analysis.audit.audit import Audit, audit
+from palpate.analysis.audit.mistakes import Line
+from palpate.analysis.audit.print_lines import print_lines
+from palpate.experiment.errors import DatasetError
 from tests.analysis import printed_study
 from tests.analysis.datasets import MATERIALS, balanced, write_dataset
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from analysis.audit import evidence, print_lines
-from analysis.audit.audit import audit
-from analysis.audit.mistakes import Line
-from analysis.audit.print_lines import UNDECIDED
-from experiment.errors import PublishedError
+from palpate.analysis.audit import evidence, print_lines
+from palpate.analysis.audit.audit import audit
+from palpate.analysis.audit.mistakes import Line
+from palpate.analysis.audit.print_lines import UNDECIDED
+from palpate.experiment.errors import PublishedError
 
 SCORES = """
 study = "scores"

@@ -13,8 +13,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.audit.audit import Audit, Comparison
-from analysis.audit.print_lines import print_lines
+from palpate.analysis.audit.audit import Audit, Comparison
+from palpate.analysis.audit.print_lines import print_lines
 from tests.analysis import printed_study
 
 

@@ -14,9 +14,9 @@ from typing import Any
 import pytest
 from scipy import stats
 
-from analysis.audit.evidence import TOO_MANY
-from analysis.audit.mistakes import Line
-from analysis.audit.print_lines import print_lines
+from palpate.analysis.audit.evidence import TOO_MANY
+from palpate.analysis.audit.mistakes import Line
+from palpate.analysis.audit.print_lines import print_lines
 from tests.analysis import printed_study
 
 SIZES = {"one": 12, "two": 9}

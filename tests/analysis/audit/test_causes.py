@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from analysis.audit.mistakes import Line
-from analysis.audit.print_lines import print_lines
+from palpate.analysis.audit.mistakes import Line
+from palpate.analysis.audit.print_lines import print_lines
 from tests.analysis import printed_study
 
 COUNTS = printed_study.draw(3, {"one": 12, "two": 9}, 10)

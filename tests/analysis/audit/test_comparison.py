@@ -11,12 +11,12 @@ import pytest
 import statsmodels.formula.api as smf
 from statsmodels.stats.anova import anova_lm
 
-from analysis.audit.audit import Comparison, compare
-from analysis.audit.mistakes import Line
-from analysis.identification.results import compute
-from analysis.published import load
-from analysis.published.numbers import Published
-from analysis.reading.dataset import read
+from palpate.analysis.audit.audit import Comparison, compare
+from palpate.analysis.audit.mistakes import Line
+from palpate.analysis.identification.results import compute
+from palpate.analysis.published import load
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.reading.dataset import read
 from tests.analysis.datasets import balanced, trials, write_dataset
 
 OKAMOTO = ("copy paper", "aluminum foil", "polypropylene", "typing paper")

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.print_lines import READINGS, common, counts, smallest
-from analysis.published.printed import Printed
+from palpate.analysis.audit.print_lines import READINGS, common, counts, smallest
+from palpate.analysis.published.printed import Printed
 
 WAYS = {"rounded": (ROUND_HALF_UP, ROUND_HALF_EVEN, "ROUND_HALF_DOWN"), "truncated": (ROUND_DOWN,)}
 """How the decimal library rounds, beside each reading."""

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.granularity import Moments, moments, neighbours, on_scale, totals
-from analysis.published.numbers import Scale
-from analysis.published.printed import Interval, Printed
+from palpate.analysis.audit.granularity import Moments, moments, neighbours, on_scale, totals
+from palpate.analysis.published.numbers import Scale
+from palpate.analysis.published.printed import Interval, Printed
 
 ENDLESS = Interval(Fraction(0), math.inf)
 OPEN = Scale(1, None, None)

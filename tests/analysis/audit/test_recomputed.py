@@ -12,9 +12,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.audit.granularity import Moments
-from analysis.audit.recomputed import Margin, between, effect, f_of, p_of_f, p_of_t, quotient, t_of, together, within
-from analysis.published.printed import Interval, Printed, point
+from palpate.analysis.audit.granularity import Moments
+from palpate.analysis.audit.recomputed import (
+    Margin,
+    between,
+    effect,
+    f_of,
+    p_of_f,
+    p_of_t,
+    quotient,
+    t_of,
+    together,
+    within,
+)
+from palpate.analysis.published.printed import Interval, Printed, point
 
 DIGITS = st.integers(1, 3)
 SAMPLES = st.lists(st.integers(0, 40), min_size=3, max_size=12).filter(lambda values: len(set(values)) > 1)

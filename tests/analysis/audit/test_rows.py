@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.granularity import MOST_COLUMNS, Undecided, Work, examine, solve
-from analysis.published.numbers import PrintedCell, Scale
-from analysis.published.printed import Interval, Printed
+from palpate.analysis.audit.granularity import MOST_COLUMNS, Undecided, Work, examine, solve
+from palpate.analysis.published.numbers import PrintedCell, Scale
+from palpate.analysis.published.printed import Interval, Printed
 
 
 def _cells(printed: list[tuple[str, str | None]], trials: int) -> list[PrintedCell]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from scipy import stats
 
-from analysis.audit.mistakes import Line
-from analysis.audit.print_lines import source_lines
-from analysis.published.numbers import PrintedSources
+from palpate.analysis.audit.mistakes import Line
+from palpate.analysis.audit.print_lines import source_lines
+from palpate.analysis.published.numbers import PrintedSources
 
 RIGHT = {"ss": "42.0", "ms": "21.0", "f": "7.00", "p": f"{stats.f.sf(7, 2, 20):.5f}"}
 """By hand: 42 / 2 = 21, 60 / 20 = 3, 21 / 3 = 7."""

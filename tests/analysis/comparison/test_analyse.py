@@ -9,11 +9,11 @@ from pathlib import Path
 
 import pytest
 
-from analysis.analyse import Analysis, analyse
-from analysis.export import DICTIONARY, files
-from analysis.identification.confusion import confusion_of
-from analysis.reading.dataset import read, read_pooled
-from experiment.errors import DatasetError
+from palpate.analysis.analyse import Analysis, analyse
+from palpate.analysis.export import DICTIONARY, files
+from palpate.analysis.identification.confusion import confusion_of
+from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import compared, trials, write_dataset
 
 MATERIALS = ("felt", "cork", "tin")

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from scipy.stats import pearsonr
 
-from analysis import published
-from analysis.comparison.results import Compared, compute, scaled
-from analysis.reading.dataset import read
-from analysis.statistics.scaling import FIRST, SECOND, Comparisons
+from palpate.analysis import published
+from palpate.analysis.comparison.results import Compared, compute, scaled
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.statistics.scaling import FIRST, SECOND, Comparisons
 from tests.analysis.datasets import compared, write_dataset
 
 MATERIALS = ("felt", "cork", "tin")

@@ -10,9 +10,9 @@ from multiprocessing.connection import Connection
 import pytest
 from matplotlib.figure import Figure
 
-from analysis.documents import page
-from analysis.documents.drawing import Sheet
-from analysis.documents.tables import Section, Table
+from palpate.analysis.documents import page
+from palpate.analysis.documents.drawing import Sheet
+from palpate.analysis.documents.tables import Section, Table
 
 TABLE = Table("A table", ("a", "b"), (("x", "1"),))
 RECORDS = ({"a": "x", "b": 1},)

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgb
 
-from analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, flow, svg, told_apart
-from analysis.identification.results import compute
-from analysis.reading.dataset import read, read_pooled
-from analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
-from analysis.report.figures import sheets
+from palpate.analysis.documents.drawing import COLOURS, PAGE_INCHES, Sheet, flow, svg, told_apart
+from palpate.analysis.identification.results import compute
+from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities, printed_dissimilarities
+from palpate.analysis.report.figures import sheets
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
 from tests.analysis.legible import check
 

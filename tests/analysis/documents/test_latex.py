@@ -7,7 +7,7 @@ import re
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.documents.tables import SPECIAL, Section, Table, escaped, latex
+from palpate.analysis.documents.tables import SPECIAL, Section, Table, escaped, latex
 
 TABLE = Table("a_b & 50 %", ("what", "η²"), (("x -> y", "0.5 ± 0.1"), ("{z}", "<1")), notes=("Note #1.",))
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.documents.output import MANIFEST, check, publish
-from experiment import storage
-from experiment.errors import DatasetError
+from palpate.analysis.documents.output import MANIFEST, check, publish
+from palpate.experiment import storage
+from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import balanced, write_dataset
 from tests.conftest import Palpate
 

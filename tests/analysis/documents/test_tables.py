@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.documents.tables import (
+from palpate.analysis.documents.tables import (
     Section,
     Table,
     cell,

@@ -11,16 +11,16 @@ import pytest
 from scipy import stats
 from statsmodels.stats.anova import AnovaRM
 
-from analysis.identification.results import compute
-from analysis.reading.dataset import read
-from analysis.reading.study import Part, Study
-from analysis.report import sections
-from analysis.report.beside_tables import beside_section
-from analysis.report.plan import TWO_WAY, Standing
-from analysis.statistics.inference import holm
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
+from palpate.analysis.identification.results import compute
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Part, Study
+from palpate.analysis.report import sections
+from palpate.analysis.report.beside_tables import beside_section
+from palpate.analysis.report.plan import TWO_WAY, Standing
+from palpate.analysis.statistics.inference import holm
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
 
 LOGIT = "logit in which participants differ by material and task"

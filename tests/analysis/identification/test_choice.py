@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from analysis.identification.maps import fit, similarity_choice
-from analysis.statistics.exact import NotDefined
+from palpate.analysis.identification.maps import fit, similarity_choice
+from palpate.analysis.statistics.exact import NotDefined
 from tests.analysis.reference import printed
 
 NAMES = ("a", "b", "c", "d")

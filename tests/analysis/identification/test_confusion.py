@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.identification.confusion import Confusion, confusion
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.identification.confusion import Confusion, confusion
+from palpate.experiment.records.events import NO_ANSWER
 
 MATERIALS = ("glass", "sand", "snow")
 rows = st.lists(

@@ -8,21 +8,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.documents.drawing import png
-from analysis.documents.tables import text
-from analysis.identification.beside import LINKED
-from analysis.identification.confusion import Confusion
-from analysis.identification.contrasts import MARGIN, equivalences, marginal
-from analysis.identification.results import compute
-from analysis.reading.dataset import read
-from analysis.reading.study import Part, Study
-from analysis.report.contrast_figure import contrast_sheet
-from analysis.report.contrast_tables import contrasts_section, equivalence_section
-from analysis.statistics.exact import Integers, NotDefined
-from analysis.statistics.participants import equivalence
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import PlannedTest
+from palpate.analysis.documents.drawing import png
+from palpate.analysis.documents.tables import text
+from palpate.analysis.identification.beside import LINKED
+from palpate.analysis.identification.confusion import Confusion
+from palpate.analysis.identification.contrasts import MARGIN, equivalences, marginal
+from palpate.analysis.identification.results import compute
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Part, Study
+from palpate.analysis.report.contrast_figure import contrast_sheet
+from palpate.analysis.report.contrast_tables import contrasts_section, equivalence_section
+from palpate.analysis.statistics.exact import Integers, NotDefined
+from palpate.analysis.statistics.participants import equivalence
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import PlannedTest
 from tests.analysis.datasets import balanced, trials, write_dataset
 from tests.analysis.reference import printed
 

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.identification.confusion import corrected, d_prime, proportion_correct
-from analysis.statistics.exact import NotDefined
+from palpate.analysis.identification.confusion import corrected, d_prime, proportion_correct
+from palpate.analysis.statistics.exact import NotDefined
 from tests.analysis.reference import printed
 
 

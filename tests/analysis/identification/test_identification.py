@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from analysis.identification.confusion import Confusion
-from analysis.identification.identify import Identification, identify
+from palpate.analysis.identification.confusion import Confusion
+from palpate.analysis.identification.identify import Identification, identify
 
 MATERIALS = ("glass", "sand", "snow")
 

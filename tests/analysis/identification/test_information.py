@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.identification.confusion import information, likely_answers, transmitted
-from analysis.statistics.exact import NotDefined
+from palpate.analysis.identification.confusion import information, likely_answers, transmitted
+from palpate.analysis.statistics.exact import NotDefined
 from tests.analysis.reference import printed
 
 TEXTBOOK = np.array(printed("cover_thomas")["counts"])

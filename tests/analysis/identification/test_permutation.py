@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from analysis.identification.maps import mantel
-from analysis.statistics.exact import NotDefined
+from palpate.analysis.identification.maps import mantel
+from palpate.analysis.statistics.exact import NotDefined
 
 RNG = np.random.default_rng(1)
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.analyse import Analysis, analyse
-from analysis.identification.confusion import in_every, shared
-from analysis.identification.contrasts import SHARED
-from analysis.identification.results import Results, TaskResult, compute
-from analysis.reading.dataset import read
+from palpate.analysis.analyse import Analysis, analyse
+from palpate.analysis.identification.confusion import in_every, shared
+from palpate.analysis.identification.contrasts import SHARED
+from palpate.analysis.identification.results import Results, TaskResult, compute
+from palpate.analysis.reading.dataset import read
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
 
 Right = dict[str, tuple[int, ...]]

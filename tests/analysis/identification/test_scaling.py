@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.distance import pdist, squareform
 
-from analysis.identification.maps import classical, from_confusions
-from analysis.statistics.exact import NotDefined
+from palpate.analysis.identification.maps import classical, from_confusions
+from palpate.analysis.statistics.exact import NotDefined
 
 
 @settings(deadline=None)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.identification import time_course
-from analysis.identification.time_course import (
+from palpate.analysis.identification import time_course
+from palpate.analysis.identification.time_course import (
     BIN_WIDTHS_MM_S,
     LEARNING,
     MASKER,
@@ -22,8 +22,8 @@ from analysis.identification.time_course import (
     TimeCourse,
     course_of,
 )
-from analysis.reading.dataset import read
-from analysis.report.identification_sections import course_section
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.report.identification_sections import course_section
 from tests.analysis.datasets import MATERIALS, trial, write_dataset
 
 

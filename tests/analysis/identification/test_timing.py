@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.identification.time_course import Timing, course_of, timing
-from analysis.reading.dataset import read
-from analysis.report.identification_sections import course_section
+from palpate.analysis.identification.time_course import Timing, course_of, timing
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.report.identification_sections import course_section
 from tests.analysis.datasets import trial, write_dataset
 
 

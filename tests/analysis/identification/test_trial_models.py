@@ -18,8 +18,8 @@ from scipy.optimize import approx_fprime, minimize
 from scipy.special import logsumexp
 from statsmodels.genmod.generalized_estimating_equations import GEE
 
-from analysis.identification.results import compute
-from analysis.identification.trial_models import (
+from palpate.analysis.identification.results import compute
+from palpate.analysis.identification.trial_models import (
     FASTER,
     LATER,
     TRIAL,
@@ -31,10 +31,10 @@ from analysis.identification.trial_models import (
     mixed,
     trial_level,
 )
-from analysis.reading.dataset import read
-from analysis.reading.study import Study
-from analysis.report.identification_sections import trials_section
-from analysis.statistics.exact import NotDefined
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Study
+from palpate.analysis.report.identification_sections import trials_section
+from palpate.analysis.statistics.exact import NotDefined
 from tests.analysis.datasets import MATERIALS, trial, write_dataset
 from tests.analysis.reference import printed
 

@@ -11,12 +11,12 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from analysis.documents.drawing import colour
-from analysis.numerics import figures
-from analysis.numerics.numerics import Measured, Timed
-from analysis.numerics.played import IN_VOLTS, Played
-from experiment.synthesis.budget import Budget
-from experiment.synthesis.stepping.impact import Collision
+from palpate.analysis.documents.drawing import colour
+from palpate.analysis.numerics import figures
+from palpate.analysis.numerics.numerics import Measured, Timed
+from palpate.analysis.numerics.played import IN_VOLTS, Played
+from palpate.experiment.synthesis.budget import Budget
+from palpate.experiment.synthesis.stepping.impact import Collision
 
 
 @pytest.mark.parametrize(("stiffness", "mass", "scale"), [(4500.0, 0.1, "linear"), (1e9, 1e-6, "symlog")])

@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import pytest
 
-from analysis.numerics import cases, numerics, played, report
-from analysis.numerics.numerics import FULL, Measured, Numerics
+from palpate.analysis.numerics import cases, numerics, played, report
+from palpate.analysis.numerics.numerics import FULL, Measured, Numerics
 from tests import methods
 
 KEPT, SERVO = methods.tables(methods.README.read_text("utf-8"))

@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from analysis.numerics import cases, contact, numerics, played, report
-from analysis.numerics.numerics import FULL, QUICK, Extent, Numerics
-from experiment.cli.app import app
-from experiment.errors import DatasetError
-from experiment.synthesis import spectra
+from palpate.analysis.numerics import cases, contact, numerics, played, report
+from palpate.analysis.numerics.numerics import FULL, QUICK, Extent, Numerics
+from palpate.experiment.cli.app import app
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.synthesis import spectra
 from tests.analysis.numerics.test_numerics_measured import TINY
 
 NAMES = {

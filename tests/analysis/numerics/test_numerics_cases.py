@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import pytest
 
-from analysis.numerics import cases as numerics_cases
-from analysis.numerics.cases import Case, Outcome, refused, settle
-from experiment.errors import SynthesisError
-from experiment.synthesis import crinkle, waveforms
-from experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed
-from experiment.synthesis.waveforms import Basis, Stimulus
+from palpate.analysis.numerics import cases as numerics_cases
+from palpate.analysis.numerics.cases import Case, Outcome, refused, settle
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis import crinkle, waveforms
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed
+from palpate.experiment.synthesis.waveforms import Basis, Stimulus
 
 CASES = numerics_cases.cases()
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from analysis.numerics import numerics
-from analysis.numerics.cases import INVERSE_DCT, PRINTED_SUM, WAYS, Render, Way
-from analysis.numerics.numerics import FULL, QUICK, Extent, Measured, Timed, timed, usual_length
-from analysis.numerics.oracle import stimulus
-from experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.analysis.numerics import numerics
+from palpate.analysis.numerics.cases import INVERSE_DCT, PRINTED_SUM, WAYS, Render, Way
+from palpate.analysis.numerics.numerics import FULL, QUICK, Extent, Measured, Timed, timed, usual_length
+from palpate.analysis.numerics.oracle import stimulus
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 
 TINY = Extent(
     lengths=(50, 60),

@@ -8,8 +8,8 @@ from math import fsum, pi
 import numpy as np
 import pytest
 
-from analysis.numerics import oracle
-from experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.analysis.numerics import oracle
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 from tests.experiment.synthesis.oracle import exact, random_spectra
 
 PLACES = [0.0, 12.0, 77.0, 150.0, 1e4]

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from analysis.numerics import figures, numerics, oracle, played
-from analysis.numerics.cases import Case, settle
-from analysis.numerics.played import IN_M_S2, IN_VOLTS, PREPARED, RIG, SHAPED, Rig
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.shaping import Response
-from experiment.synthesis.voltages import Drive, Driven
+from palpate.analysis.numerics import figures, numerics, oracle, played
+from palpate.analysis.numerics.cases import Case, settle
+from palpate.analysis.numerics.played import IN_M_S2, IN_VOLTS, PREPARED, RIG, SHAPED, Rig
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.shaping import Response
+from palpate.experiment.synthesis.voltages import Drive, Driven
 
 CASES = played.cases()
 

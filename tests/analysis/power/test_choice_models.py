@@ -7,14 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import published
-from analysis.power import choice_models
-from analysis.power.choice_models import Answers, draw
-from experiment.errors import PowerError, ProtocolError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
-from experiment.records.events import NO_ANSWER
+from palpate.analysis import published
+from palpate.analysis.power import choice_models
+from palpate.analysis.power.choice_models import Answers, draw
+from palpate.experiment.errors import PowerError, ProtocolError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.events import NO_ANSWER
 from tests.analysis.datasets import trials, write_dataset
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")

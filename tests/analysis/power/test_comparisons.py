@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis import published
-from analysis.power import planned_tests, report, simulate
-from analysis.power.comparisons import Observers, PairModel, alike, answers, draw, find, planned_trials, scale
-from analysis.statistics.exact import Integers
-from analysis.statistics.scaling import FIRST, SECOND, Comparisons, fit
-from experiment.errors import PowerError
-from experiment.protocol.files import load, shipped
-from experiment.protocol.models import Protocol
+from palpate.analysis import published
+from palpate.analysis.power import planned_tests, report, simulate
+from palpate.analysis.power.comparisons import Observers, PairModel, alike, answers, draw, find, planned_trials, scale
+from palpate.analysis.statistics.exact import Integers
+from palpate.analysis.statistics.scaling import FIRST, SECOND, Comparisons, fit
+from palpate.experiment.errors import PowerError
+from palpate.experiment.protocol.files import load, shipped
+from palpate.experiment.protocol.models import Protocol
 from tests.analysis.datasets import compared, write_dataset
 
 RANDOM = partial(np.random.default_rng, 4)

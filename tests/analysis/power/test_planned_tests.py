@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 from statsmodels.stats.multitest import multipletests
 
-from analysis import published
-from analysis.identification.results import Results, compute
-from analysis.power import choice_models, planned_tests
-from analysis.power.choice_models import draw
-from analysis.power.planned_tests import FLIPS, REPEATED, Question
-from analysis.reading import dataset
-from analysis.reading.study import Study
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import PlannedTest, Protocol
-from experiment.records.events import NO_ANSWER
+from palpate.analysis import published
+from palpate.analysis.identification.results import Results, compute
+from palpate.analysis.power import choice_models, planned_tests
+from palpate.analysis.power.choice_models import draw
+from palpate.analysis.power.planned_tests import FLIPS, REPEATED, Question
+from palpate.analysis.reading import dataset
+from palpate.analysis.reading.study import Study
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import PlannedTest, Protocol
+from palpate.experiment.records.events import NO_ANSWER
 from tests.analysis.datasets import trials, write_dataset
 from tests.benchmarks import power as benchmark
 

@@ -20,16 +20,16 @@ import scipy.stats
 from statsmodels.stats.power import TTestPower
 from statsmodels.stats.proportion import proportion_confint
 
-from analysis.power import choice_models, planned_tests, report, simulate
-from analysis.power.choice_models import Answers, ChoiceModel, draw, fitted
-from analysis.power.planned_tests import FLIPS
-from analysis.power.simulate import Chunk, Power
-from analysis.statistics.inference import t_against_chance
-from experiment.dataset.bids import LABELS
-from experiment.errors import DatasetError, PowerError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import PlannedTest, Protocol
+from palpate.analysis.power import choice_models, planned_tests, report, simulate
+from palpate.analysis.power.choice_models import Answers, ChoiceModel, draw, fitted
+from palpate.analysis.power.planned_tests import FLIPS
+from palpate.analysis.power.simulate import Chunk, Power
+from palpate.analysis.statistics.inference import t_against_chance
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.errors import DatasetError, PowerError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import PlannedTest, Protocol
 
 SLUGS = ("model", "needed", "power", "control", "estimates", "undefined")
 HERE = partial(simulate.on_cores, jobs=1)
@@ -69,7 +69,7 @@ def run(study: Protocol, model: ChoiceModel, **changed: Any) -> Power:
 
 
 def guess(study: Protocol) -> ChoiceModel:
-    from analysis.power.choice_models import find
+    from palpate.analysis.power.choice_models import find
 
     return find("okamoto2012", study)
 

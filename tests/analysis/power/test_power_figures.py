@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from analysis.power import report
-from experiment.protocol.models import PlannedTest, Protocol
+from palpate.analysis.power import report
+from palpate.experiment.protocol.models import PlannedTest, Protocol
 from tests.analysis.legible import check
 from tests.analysis.power.test_power import guess, protocol, run
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from analysis.documents.tables import text
-from analysis.power import planned_tests
-from analysis.power.choice_models import Answers, ChoiceModel, find
-from analysis.power.sequential import EVIDENCE, Rule, bounds, draw, run, section, spent, thresholds
-from analysis.statistics.inference import log_bayes_factor
-from experiment.errors import PowerError
-from experiment.protocol.files import load, shipped
+from palpate.analysis.documents.tables import text
+from palpate.analysis.power import planned_tests
+from palpate.analysis.power.choice_models import Answers, ChoiceModel, find
+from palpate.analysis.power.sequential import EVIDENCE, Rule, bounds, draw, run, section, spent, thresholds
+from palpate.analysis.statistics.inference import log_bayes_factor
+from palpate.experiment.errors import PowerError
+from palpate.experiment.protocol.files import load, shipped
 from tests.analysis.reference import printed
 
 OKAMOTO = load(shipped("okamoto2012.toml"))

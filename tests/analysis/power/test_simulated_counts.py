@@ -8,7 +8,7 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.power.choice_models import GUIDE, Answers, Guided, Inverse, distribution, draw
+from palpate.analysis.power.choice_models import GUIDE, Answers, Guided, Inverse, distribution, draw
 
 
 @settings(max_examples=40, deadline=None)

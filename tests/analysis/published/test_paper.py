@@ -9,10 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.audit import audit
-from analysis.published import paper
-from analysis.published.paper import Stated
-from experiment.errors import PublishedError
+from palpate.analysis.audit.audit import audit
+from palpate.analysis.published import paper
+from palpate.analysis.published.paper import Stated
+from palpate.experiment.errors import PublishedError
 
 
 def _told(tmp_path: Path, text: str, name: str) -> str:

@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.audit.mistakes import judge, shown
-from analysis.published.printed import Interval, Printed, as_printed, hull, image, outward, point, sum_of
+from palpate.analysis.audit.mistakes import judge, shown
+from palpate.analysis.published.printed import Interval, Printed, as_printed, hull, image, outward, point, sum_of
 
 ENDS = st.integers(-18, 18).map(lambda sixths: Fraction(sixths, 6))
 GRID = [Fraction(k, 12) for k in range(-48, 49)]

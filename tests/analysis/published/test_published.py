@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from analysis.published import load, read, shipped
-from analysis.published.numbers import Published
-from analysis.published.printed import Printed
-from experiment.errors import PublishedError
+from palpate.analysis.published import load, read, shipped
+from palpate.analysis.published.numbers import Published
+from palpate.analysis.published.printed import Printed
+from palpate.experiment.errors import PublishedError
 
 
 @pytest.fixture(scope="module")

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from analysis.reading.dataset import read, read_pooled
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
-from experiment.settings.characters import hidden
+from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.settings.characters import hidden
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
 
 EVENTS = Path("sub-02/beh/sub-02_task-virtual_events.tsv")

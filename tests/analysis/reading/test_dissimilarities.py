@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from analysis.analyse import analyse
-from analysis.reading.dissimilarities import from_file, printed_dissimilarities
-from experiment.errors import DatasetError
+from palpate.analysis.analyse import analyse
+from palpate.analysis.reading.dissimilarities import from_file, printed_dissimilarities
+from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import MATERIALS, balanced, write_dataset
 
 GOOD = "dataset,material_a,material_b,dissimilarity,printed\nSIMULATED,glass,sand,1,\nSIMULATED,glass,snow,0.4,\n"

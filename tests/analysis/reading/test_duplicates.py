@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from analysis.reading.dataset import read_pooled
-from experiment.errors import DatasetError
+from palpate.analysis.reading.dataset import read_pooled
+from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 Rows = list[dict[str, object]]

@@ -9,10 +9,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from analysis.reading.dataset import read
-from analysis.reading.study import ALL_TASKS, Exclusion, Unasked, exclude, nothing_left
-from analysis.report.plan import exclusions_section
-from experiment.protocol.models import ExclusionRule
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import ALL_TASKS, Exclusion, Unasked, exclude, nothing_left
+from palpate.analysis.report.plan import exclusions_section
+from palpate.experiment.protocol.models import ExclusionRule
 from tests.analysis.datasets import balanced, trial, write_dataset
 
 

@@ -6,15 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from analysis.analyse import analyse
-from analysis.identification.confusion import confusion
-from analysis.identification.results import compute
-from analysis.reading.dataset import read, read_pooled
-from analysis.reading.study import Study
-from analysis.report.sections import overview_section
-from experiment.dataset.bids import Origin
-from experiment.errors import DatasetError
-from experiment.protocol.files import shipped
+from palpate.analysis.analyse import analyse
+from palpate.analysis.identification.confusion import confusion
+from palpate.analysis.identification.results import compute
+from palpate.analysis.reading.dataset import read, read_pooled
+from palpate.analysis.reading.study import Study
+from palpate.analysis.report.sections import overview_section
+from palpate.experiment.dataset.bids import Origin
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol.files import shipped
 from tests.analysis.datasets import MATERIALS, balanced, trial, write_dataset
 
 

@@ -7,15 +7,15 @@ from pathlib import Path
 
 import pytest
 
-from analysis.documents.tables import Section
-from analysis.identification.results import Results, compute
-from analysis.reading.dataset import read
-from analysis.reading.study import Part, Study
-from analysis.report import sections
-from analysis.report.found import found_section
-from analysis.report.plan import done_of, standing
-from experiment.protocol import files
-from experiment.protocol.files import shipped
+from palpate.analysis.documents.tables import Section
+from palpate.analysis.identification.results import Results, compute
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Part, Study
+from palpate.analysis.report import sections
+from palpate.analysis.report.found import found_section
+from palpate.analysis.report.plan import done_of, standing
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 

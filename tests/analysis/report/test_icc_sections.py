@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from analysis.documents.tables import Section
-from analysis.identification.results import Results, compute
-from analysis.reading.dataset import read
-from analysis.report.plan import Standing
-from analysis.report.sections import anova_section, icc_section
+from palpate.analysis.documents.tables import Section
+from palpate.analysis.identification.results import Results, compute
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.report.plan import Standing
+from palpate.analysis.report.sections import anova_section, icc_section
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 

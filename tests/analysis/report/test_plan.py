@@ -9,14 +9,14 @@ from typing import Any
 
 import pytest
 
-from analysis.documents.tables import Section, Table
-from analysis.identification.results import compute
-from analysis.published import load
-from analysis.reading.dataset import read
-from analysis.reading.study import Study
-from analysis.report.plan import alpha, exclusions_section, marked, standing
-from analysis.report.sections import overview_section, sections
-from experiment.protocol import approval, files
+from palpate.analysis.documents.tables import Section, Table
+from palpate.analysis.identification.results import compute
+from palpate.analysis.published import load
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Study
+from palpate.analysis.report.plan import alpha, exclusions_section, marked, standing
+from palpate.analysis.report.sections import overview_section, sections
+from palpate.experiment.protocol import approval, files
 from tests.analysis.datasets import balanced, trial, write_dataset
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from analysis.reading.dataset import read
-from analysis.report.played_section import left_out, played_sections
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.report.played_section import left_out, played_sections
 from tests.analysis.datasets import trial, write_dataset
 
 

@@ -6,21 +6,21 @@ from pathlib import Path
 
 import pytest
 
-from analysis.identification.results import compute
-from analysis.reading.dataset import read
-from analysis.report import sections
-from analysis.report.figures import sheets
-from analysis.report.identification_sections import confusions_section
-from analysis.report.plan import Standing
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.identification.results import compute
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.report import sections
+from palpate.analysis.report.figures import sheets
+from palpate.analysis.report.identification_sections import confusions_section
+from palpate.analysis.report.plan import Standing
+from palpate.experiment.records.events import NO_ANSWER
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
 NONE = Standing(frozenset(), frozenset(), {})
 
 
 def test_limits_of_effect_sizes(repository_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.statistics.inference.nctdtr", lambda *_: float("nan"))
-    monkeypatch.setattr("analysis.statistics.inference.ncfdtr", lambda *_: float("nan"))
+    monkeypatch.setattr("palpate.analysis.statistics.inference.nctdtr", lambda *_: float("nan"))
+    monkeypatch.setattr("palpate.analysis.statistics.inference.ncfdtr", lambda *_: float("nan"))
     results = compute(read(repository_root / "participants" / "okamoto2012"), {})
     notes = [note for table in sections.tests_section(results).tables for note in table.notes]
     assert len(notes) == 8

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.figure import Figure
 
-from analysis.identification.time_course import OnsetErrors
-from analysis.report.figures import BINS, onset_errors
+from palpate.analysis.identification.time_course import OnsetErrors
+from palpate.analysis.report.figures import BINS, onset_errors
 
 
 def _edges(errors_ms: np.ndarray) -> np.ndarray:

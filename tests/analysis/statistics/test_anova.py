@@ -17,8 +17,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from statsmodels.stats.anova import anova_lm
 
-from analysis.statistics.anova import BEFORE, TYPES, Cells, cells, crossed, one_way, two_way
-from analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.anova import BEFORE, TYPES, Cells, cells, crossed, one_way, two_way
+from palpate.analysis.statistics.exact import NotDefined
 
 NIST = Path(scipy.stats.__file__).parent / "tests" / "data" / "nist_anova"
 NAMES = ["AtmWtAg", "SiRstv", "SmLs01", "SmLs02", "SmLs03", "SmLs04", "SmLs05", "SmLs06", "SmLs07", "SmLs08", "SmLs09"]

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.statistics.inference import log_bayes_factor
+from palpate.analysis.statistics.inference import log_bayes_factor
 from tests.analysis.reference import printed
 
 

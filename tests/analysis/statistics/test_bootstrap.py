@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.statistics.exact import NotDefined
-from analysis.statistics.inference import LEAST, RESAMPLES, bca, mean_interval, resamples
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.inference import LEAST, RESAMPLES, bca, mean_interval, resamples
 
 COUNTS = [2, 2, 5, 4, 5, 3, 0, 3, 3, 3, 3, 5, 1, 2, 9]
 RATIOS = np.array(COUNTS) / 10

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from analysis.statistics.inference import EffectSize, cohens_d, partial_eta_squared
+from palpate.analysis.statistics.inference import EffectSize, cohens_d, partial_eta_squared
 
 
 def _below_f(f: float, df1: int, df2: int, noncentrality: float) -> float:
@@ -72,7 +72,7 @@ def test_eta_squared_lies_in_its_unit_interval(f: float, df1: int, df2: int) -> 
 
 
 def test_what_scipy_cannot_compute_is_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("analysis.statistics.inference.nctdtr", lambda *_: float("nan"))
+    monkeypatch.setattr("palpate.analysis.statistics.inference.nctdtr", lambda *_: float("nan"))
     assert cohens_d(2.0, 9) == EffectSize(2.0 / 10**0.5, None, None, 0.95)
 
 

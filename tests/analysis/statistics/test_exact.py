@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.statistics.exact import integers, of_groups
+from palpate.analysis.statistics.exact import integers, of_groups
 
 counts = st.lists(st.integers(0, 40), min_size=2, max_size=12)
 

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from analysis.statistics.exact import NotDefined
-from analysis.statistics.icc import icc
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.icc import icc
 from tests.analysis.reference import printed
 
 EXAMPLE = printed("shrout_fleiss")["ratings"]

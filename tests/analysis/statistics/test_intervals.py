@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from statsmodels.stats.proportion import proportion_confint
 
-from analysis.statistics.inference import clopper_pearson, wilson
+from palpate.analysis.statistics.inference import clopper_pearson, wilson
 from tests.analysis.reference import printed
 
 

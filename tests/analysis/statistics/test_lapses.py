@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from analysis.statistics.exact import NotDefined
-from analysis.statistics.lapses import GUESSES, fit, fits, knowing
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.lapses import GUESSES, fit, fits, knowing
 from tests.analysis.reference import printed
 
 

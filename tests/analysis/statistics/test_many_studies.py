@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.identification.confusion import Confusion, most_confused
-from analysis.statistics import anova, icc, inference
-from analysis.statistics.anova import icc_of_mean, variance_components
-from analysis.statistics.exact import NotDefined, of_counts
+from palpate.analysis.identification.confusion import Confusion, most_confused
+from palpate.analysis.statistics import anova, icc, inference
+from palpate.analysis.statistics.anova import icc_of_mean, variance_components
+from palpate.analysis.statistics.exact import NotDefined, of_counts
 
 TRIALS = 6
 EFFECTS = {"A": "task", "B": "material", "X": "task x material"}

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import statsmodels.api as sm
 
-from analysis.statistics.exact import Integers, NotDefined
-from analysis.statistics.mixed_logit import fit, layout, log_likelihood
+from palpate.analysis.statistics.exact import Integers, NotDefined
+from palpate.analysis.statistics.mixed_logit import fit, layout, log_likelihood
 from tests.analysis.reference import printed
 
 TASKS, MATERIALS = [0, 0, 0, 1, 1, 1], [0, 1, 2, 0, 1, 2]

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from scipy import stats
 from scipy.linalg import helmert
 
-from analysis.statistics.exact import NotDefined
-from analysis.statistics.participants import (
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.participants import (
     equivalence,
     equivalence_tests,
     jackknife,

@@ -9,8 +9,8 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from analysis.statistics.exact import NotDefined
-from analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
 
 CITED = np.array([[714, 730, 498, 221], [33, 425, 68, 17], [320, 813, 1072, 142], [284, 276, 325, 188]])
 """Citations among Biometrika, Commun. Statist., JASA and JRSS-B, 1987-89 (Stigler 1994, Table 4; data `citations` of

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from scipy import stats
 from statsmodels.stats.multitest import multipletests
 
-from analysis.statistics.inference import holm, p_two_tailed, stars, t_against_chance
+from palpate.analysis.statistics.inference import holm, p_two_tailed, stars, t_against_chance
 
 correct = st.lists(st.integers(0, 10), min_size=2, max_size=20)
 

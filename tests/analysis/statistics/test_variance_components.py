@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from analysis.statistics.anova import VarianceComponents, cells, icc_of_mean, two_way, variance_components
+from palpate.analysis.statistics.anova import VarianceComponents, cells, icc_of_mean, two_way, variance_components
 
 Matrix = NDArray[np.float64]
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from analysis.validation import validate as d
-from experiment.errors import RecordingError
-from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.spectra import inverse
+from palpate.analysis.validation import validate as d
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
+from palpate.experiment.synthesis.spectra import inverse
 
 SPEEDS = np.array([50.0, 100.0, 200.0, 300.0])
 FRESH = np.array([150.0, 250.0, 400.0])

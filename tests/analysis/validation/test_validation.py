@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from analysis.reading import dissimilarities
-from analysis.validation import report, validate
-from analysis.validation.report import sections
-from experiment.errors import DatasetError, RecordingError
-from experiment.synthesis.crinkle import Average
-from experiment.synthesis.spectra import spectrum
+from palpate.analysis.reading import dissimilarities
+from palpate.analysis.validation import report, validate
+from palpate.analysis.validation.report import sections
+from palpate.experiment.errors import DatasetError, RecordingError
+from palpate.experiment.synthesis.crinkle import Average
+from palpate.experiment.synthesis.spectra import spectrum
 from tests.analysis.validation.test_dissimilarity import FRESH, SPEEDS, Takes, linear
 
 PAPER = ("copy paper", "aluminum foil", "polypropylene", "typing paper")

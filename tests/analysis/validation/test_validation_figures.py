@@ -7,8 +7,8 @@ import pytest
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 
-from analysis.documents.drawing import Sheet
-from analysis.validation import report, validate
+from palpate.analysis.documents.drawing import Sheet
+from palpate.analysis.validation import report, validate
 from tests.analysis.legible import check
 from tests.analysis.validation.test_dissimilarity import FRESH, SPEEDS, Takes, linear
 from tests.analysis.validation.test_validation import of_the_paper

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus import host
+from palpate.experiment.apparatus import host
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="palpate keeps to a core on Linux alone")
 

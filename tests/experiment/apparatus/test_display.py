@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
-from experiment.errors import RigError
-from experiment.protocol.files import shipped
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
+from palpate.experiment.errors import RigError
+from palpate.experiment.protocol.files import shipped
 
 REHEARSAL = shipped("rigs/rehearsal.toml").read_text("utf-8")
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from experiment.apparatus import host
+from palpate.experiment.apparatus import host
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="palpate raises its priority on Linux alone")
 

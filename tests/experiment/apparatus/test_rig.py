@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
-from experiment.clock import ManualClock
-from experiment.errors import ActuatorError, RigError, TrackerError
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Step
-from experiment.synthesis.shaping import Response
-from experiment.synthesis.voltages import Drive
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import ActuatorError, RigError, TrackerError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.synthesis.shaping import Response
+from palpate.experiment.synthesis.voltages import Drive
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from filelock import FileLock
 
-from experiment.apparatus import host
-from experiment.apparatus.audio import stream
-from experiment.errors import AudioError
+from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.audio import stream
+from palpate.experiment.errors import AudioError
 
 LIBRARY = """
 from filelock import FileLock

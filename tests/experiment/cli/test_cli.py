@@ -19,16 +19,16 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.tracker.serial_port import SerialDevice
-from experiment.dataset import build
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.wires.serial_line import SerialLine
-from experiment.session import run
-from experiment.settings.characters import hidden
-from experiment.study import enrolment
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.tracker.serial_port import SerialDevice
+from palpate.experiment.dataset import build
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.session import run
+from palpate.experiment.settings.characters import hidden
+from palpate.experiment.study import enrolment
 from tests.conftest import Palpate
 
 
@@ -155,7 +155,7 @@ def test_without_an_audio_library_serial_ports_are_listed_and_what_to_install(
     monkeypatch.delitem(sys.modules, "sounddevice", raising=False)
     monkeypatch.setattr(sys, "meta_path", [Missing(), *sys.meta_path])
     port = SerialDevice("/dev/ttyACM0", "A tracker", "1234:5678", ("editor (17)",))
-    monkeypatch.setattr("experiment.apparatus.tracker.serial_port.devices", lambda: (port,))
+    monkeypatch.setattr("palpate.experiment.apparatus.tracker.serial_port.devices", lambda: (port,))
     code, out, err = palpate("devices")
     assert (code, err) == (0, "")
     assert lines(out)[1] == "  /dev/ttyACM0  A tracker  1234:5678  held by editor (17)"
@@ -246,7 +246,7 @@ def test_a_fault_in_palpate_itself_is_one_line_too(palpate: Palpate, monkeypatch
     def broken(*_: object, **__: object) -> None:
         raise ZeroDivisionError
 
-    monkeypatch.setattr("experiment.records.journal.read", broken)
+    monkeypatch.setattr("palpate.experiment.records.journal.read", broken)
     code, _, err = palpate("journal", "any.jsonl")
     assert code == 70
     assert lines(err)[0].startswith("palpate: a fault in palpate itself (ZeroDivisionError)")
@@ -264,7 +264,7 @@ def test_too_much_is_one_line_and_no_fault(
     def beyond(*_: object, **__: object) -> None:
         raise error
 
-    monkeypatch.setattr("experiment.records.journal.read", beyond)
+    monkeypatch.setattr("palpate.experiment.records.journal.read", beyond)
     code, _, err = palpate("journal", "any.jsonl")
     assert (code, len(lines(err))) == (2, 1)
     assert said in err
@@ -615,7 +615,7 @@ class TestALaboratorysStudy:
             return "y" * ("[y]" in prompt)
 
         monkeypatch.setattr("builtins.input", falls_silent)
-        monkeypatch.setattr("experiment.session.run.RealEnds.reconnect_s", 0.2)
+        monkeypatch.setattr("palpate.experiment.session.run.RealEnds.reconnect_s", 0.2)
         code, out, err = self.run(palpate, protocol, rig)
         assert code == 0, err
         assert "Trial 1 of 40. Armed" in out

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.cli import options
-from experiment.cli.analysis import commands
+from palpate.experiment.cli import options
+from palpate.experiment.cli.analysis import commands
 from tests.conftest import Palpate
 
 
@@ -61,7 +61,7 @@ def test_the_desk_stands_in_one_module() -> None:
         "import_trials",
         "status",
     ]
-    assert {call.__module__ for call in callbacks if call} == {"experiment.cli.analysis"}
+    assert {call.__module__ for call in callbacks if call} == {"palpate.experiment.cli.analysis"}
 
 
 def test_trials_of_another_program_are_imported_analysed_and_exported(palpate: Palpate, tmp_path: Path) -> None:

@@ -8,12 +8,12 @@ from typing import Any, BinaryIO
 
 import pytest
 
-from experiment import storage
-from experiment.cli import desk, options, session
-from experiment.cli.analysis import status_of
-from experiment.errors import DatasetError, LinkError
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
+from palpate.experiment import storage
+from palpate.experiment.cli import desk, options, session
+from palpate.experiment.cli.analysis import status_of
+from palpate.experiment.errors import DatasetError, LinkError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 
@@ -147,7 +147,7 @@ def test_what_was_practised_stands_for_a_study_that_nobody_is_enrolled_in(
         raise DatasetError("read no further")
 
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("experiment.dataset.status.status", status)
+    monkeypatch.setattr("palpate.experiment.dataset.status.status", status)
     file = Path("small.toml")
     file.write_text(SMALL, "utf-8")
     practised = Path("participants/practice-small")
@@ -171,9 +171,11 @@ def test_no_session_of_a_study_is_begun_from_a_desk_that_shows_practice(monkeypa
 
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("experiment.desk.console.study.StudyPage", Page)
+    monkeypatch.setattr("palpate.experiment.desk.console.study.StudyPage", Page)
     for purpose in ("STUDY", "PRACTICE"):
-        monkeypatch.setattr("experiment.cli.analysis.status_of", lambda _, p=purpose: SimpleNamespace(purpose=p))
+        monkeypatch.setattr(
+            "palpate.experiment.cli.analysis.status_of", lambda _, p=purpose: SimpleNamespace(purpose=p)
+        )
         desk.desk(shipped("okamoto2012.toml"), rig=Path("rig.toml"))
     assert shown[0] == ""
     assert shown[1].startswith("This is PRACTICE, and no study yet.")

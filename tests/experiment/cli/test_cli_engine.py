@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from experiment.cli.app import app
-from experiment.errors import DatasetError, PalpateError
+from palpate.experiment.cli.app import app
+from palpate.experiment.errors import DatasetError, PalpateError
 
 
 def call(*arguments: object) -> Result:

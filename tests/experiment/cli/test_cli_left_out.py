@@ -14,13 +14,13 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner, Result
 
-from experiment.apparatus.doctor.checks import Check
-from experiment.cli.app import app
-from experiment.cli.rig import left_out, lines
-from experiment.errors import RecordingError, RigError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.apparatus.doctor.checks import Check
+from palpate.experiment.cli.app import app
+from palpate.experiment.cli.rig import left_out, lines
+from palpate.experiment.errors import RecordingError, RigError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep import recorded_takes
 
 RIG = shipped("rigs/rehearsal.toml")
 TOLD = r"got 34\.\d\d% \(rms\) of copy paper at \d+ mm/s \(.*10 Hz, .*600 Hz\) left out; allowed: 30%"

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.protocol import files
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.protocol import files
 from tests.conftest import Palpate
 
 Types = Callable[..., list[str]]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from experiment.protocol.files import shipped
+from palpate.experiment.protocol.files import shipped
 from tests.conftest import Palpate
 
 QUICK = ("--studies", "50", "--jobs", "1")
@@ -90,7 +90,7 @@ def test_power_refuses_in_a_line(palpate: Palpate, arguments: tuple[str, ...], m
 
 def test_a_scheduler_that_does_not_answer_is_named(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("distributed")
-    from analysis.power import simulate
+    from palpate.analysis.power import simulate
 
     monkeypatch.setattr(simulate, "PATIENCE", "1s")
     code, _, err = palpate(
@@ -101,7 +101,7 @@ def test_a_scheduler_that_does_not_answer_is_named(palpate: Palpate, monkeypatch
 
 
 def test_power_can_be_interrupted(palpate: Palpate, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from analysis.power import simulate
+    from palpate.analysis.power import simulate
 
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt

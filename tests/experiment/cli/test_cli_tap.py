@@ -11,8 +11,8 @@ import pytest
 from scipy.io import wavfile
 from typer.testing import CliRunner
 
-from experiment.cli.app import app
-from experiment.errors import PalpateError
+from palpate.experiment.cli.app import app
+from palpate.experiment.errors import PalpateError
 from tests.conftest import Palpate
 
 IMPACT = ["tap", "contact", "--stiffness", "4000", "--damping", "0", "--mass", "0.1", "--speed", "0.2"]

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from experiment.cli import options
+from palpate.experiment.cli import options
 
 
 def test_the_bar_begins_with_what_is_done(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,18 +8,18 @@ from pathlib import Path
 
 import numpy as np
 
-from experiment import storage
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.tracker.frames import Samples, encode
-from experiment.clock import ManualClock
-from experiment.dataset import build
-from experiment.protocol import approval, files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
-from experiment.records.entries import Header
-from experiment.session.laboratory import header
-from experiment.study import enrolment, roster
-from experiment.study.allocation import Allocation, allocated, find
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.tracker.frames import Samples, encode
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset import build
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.entries import Header
+from palpate.experiment.session.laboratory import header
+from palpate.experiment.study import enrolment, roster
+from palpate.experiment.study.allocation import Allocation, allocated, find
 from tests.experiment.session.bench import Bench
 from tests.experiment.session.scripted import (
     START_NS,

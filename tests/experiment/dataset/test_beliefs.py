@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.dataset import beliefs, build
-from experiment.errors import DatasetError, PalpateError, RosterError
-from experiment.records import chain, journal
-from experiment.records.entries import Withdrawal
-from experiment.records.progress import progress
-from experiment.study import enrolment, roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, build
+from palpate.experiment.errors import DatasetError, PalpateError, RosterError
+from palpate.experiment.records import chain, journal
+from palpate.experiment.records.entries import Withdrawal
+from palpate.experiment.records.progress import progress
+from palpate.experiment.study import enrolment, roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import ALONE, WRONG, Act, Wrong, base, copied
@@ -167,7 +167,9 @@ def withdrawn(study: MadeStudy) -> bool:
     return said and f"sub-01\t{study.tasks[0].tasks[0]}\t1" in (study.root / "participants.tsv").read_text("utf-8")
 
 
-@pytest.mark.parametrize("killed", ["experiment.records.journal.Journal.append", "experiment.storage.write_bytes"])
+@pytest.mark.parametrize(
+    "killed", ["palpate.experiment.records.journal.Journal.append", "palpate.experiment.storage.write_bytes"]
+)
 def test_a_withdrawal_that_was_killed_is_finished_by_the_same_command(
     made: MadeStudy, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, killed: str
 ) -> None:

@@ -11,10 +11,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiment.dataset.bids import PhysioColumn, beh_path, new_dataset, table, write_physio
-from experiment.errors import DatasetError
-from experiment.records.events import columns_of
-from experiment.storage import write_bytes
+from palpate.experiment.dataset.bids import PhysioColumn, beh_path, new_dataset, table, write_physio
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import columns_of
+from palpate.experiment.storage import write_bytes
 from tests.analysis.datasets import trial, write_dataset
 
 samples = st.lists(st.one_of(st.just(float("nan")), st.floats(-1e4, 1e4)), max_size=60)

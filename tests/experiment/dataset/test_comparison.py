@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from experiment.dataset import build, comparison
-from experiment.dataset.verify import verify
-from experiment.desk.messages import Correct
-from experiment.errors import DatasetError, RigError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal import study
+from palpate.experiment.dataset import build, comparison
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.desk.messages import Correct
+from palpate.experiment.errors import DatasetError, RigError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal import study
 from tests.experiment.protocol.tapping import live_alone, protocol
 from tests.experiment.session.tapping.bench import console, contents, run
 

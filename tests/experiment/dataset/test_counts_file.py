@@ -9,8 +9,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiment.dataset.reconstruction import COLUMNS, parse_task, read_counts, study_text
-from experiment.errors import DatasetError
+from palpate.experiment.dataset.reconstruction import COLUMNS, parse_task, read_counts, study_text
+from palpate.experiment.errors import DatasetError
 
 HEADER = ",".join(COLUMNS) + "\n"
 MATERIALS = ("sand", "snow")

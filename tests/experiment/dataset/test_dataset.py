@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from experiment.dataset import build
-from experiment.records.entries import MaskerSet, Trace
-from experiment.records.footstep import BrokenOff, Link
-from experiment.records.journal import AnyEntry, Contents, Line
+from palpate.experiment.dataset import build
+from palpate.experiment.records.entries import MaskerSet, Trace
+from palpate.experiment.records.footstep import BrokenOff, Link
+from palpate.experiment.records.journal import AnyEntry, Contents, Line
 
 
 def _step(trial: int, attempt: int = 1) -> BrokenOff:

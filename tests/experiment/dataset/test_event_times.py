@@ -11,22 +11,22 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment import storage
-from experiment.apparatus import rig
-from experiment.apparatus.tracker import clock_map as clock_maps
-from experiment.apparatus.tracker.clock_map import ClockMap, ClockState
-from experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
-from experiment.apparatus.tracker.gate import Scrutiny
-from experiment.apparatus.tracker.serial_tracker import KEPT_S
-from experiment.clock import ManualClock
-from experiment.dataset import build
-from experiment.errors import TrackerStopped
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.records import journal
-from experiment.records.entries import Footer, PlannedTrial
-from experiment.session import attempt, runner
-from experiment.session.footstep.trials import FootstepDevices
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.tracker import clock_map as clock_maps
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap, ClockState
+from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
+from palpate.experiment.apparatus.tracker.gate import Scrutiny
+from palpate.experiment.apparatus.tracker.serial_tracker import KEPT_S
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset import build
+from palpate.experiment.errors import TrackerStopped
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer, PlannedTrial
+from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.footstep.trials import FootstepDevices
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

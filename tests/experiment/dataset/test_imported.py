@@ -8,15 +8,15 @@ from pathlib import Path
 
 import pytest
 
-from analysis.audit.audit import audit
-from analysis.reading.dataset import read
-from experiment.dataset.bids import LABELS
-from experiment.dataset.imported import Imported, import_trials
-from experiment.dataset.reconstruction import import_counts, study_text
-from experiment.dataset.status import status
-from experiment.dataset.trial_files import Layout
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.audit.audit import audit
+from palpate.analysis.reading.dataset import read
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.dataset.imported import Imported, import_trials
+from palpate.experiment.dataset.reconstruction import import_counts, study_text
+from palpate.experiment.dataset.status import status
+from palpate.experiment.dataset.trial_files import Layout
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
 
 LAYOUT = Layout("shown", "said", "who", task="task", trial="n", time_ms="rt")
 HEADER = "who,task,n,shown,said,rt\n"

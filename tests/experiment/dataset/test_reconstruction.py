@@ -11,12 +11,12 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from analysis.export import files
-from analysis.reading.dataset import read
-from experiment.dataset.bids import LABELS
-from experiment.dataset.reconstruction import COLUMNS, OKAMOTO2012, StudyText, import_counts, study_text
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
+from palpate.analysis.export import files
+from palpate.analysis.reading.dataset import read
+from palpate.experiment.dataset.bids import LABELS
+from palpate.experiment.dataset.reconstruction import COLUMNS, OKAMOTO2012, StudyText, import_counts, study_text
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
 
 BOTH = "1,sand,sand,3\n1,sand,snow,1\n1,snow,snow,4\n2,sand,(none),1\n2,snow,sand,2\n"
 HEADER = "participant,presented,answered,count\n"

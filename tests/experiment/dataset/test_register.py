@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.dataset import beliefs, build, register
-from experiment.dataset.register import LOG, Anchor
-from experiment.errors import DatasetError, JournalError
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset.register import LOG, Anchor
+from palpate.experiment.errors import DatasetError, JournalError
+from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import make_study
 

@@ -16,15 +16,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment import storage
-from experiment.dataset import beliefs, build
-from experiment.dataset.beliefs import Plan
-from experiment.dataset.status import Status, months_after, status
-from experiment.errors import DatasetError
-from experiment.protocol import approval, files
-from experiment.protocol.files import shipped
-from experiment.records import chain
-from experiment.study import enrolment
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, build
+from palpate.experiment.dataset.beliefs import Plan
+from palpate.experiment.dataset.status import Status, months_after, status
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import chain
+from palpate.experiment.study import enrolment
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied

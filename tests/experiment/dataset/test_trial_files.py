@@ -16,9 +16,9 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from experiment.dataset.trial_files import ABSENT, Layout, Row, pairs, read_trials
-from experiment.errors import DatasetError
-from experiment.records.events import NO_ANSWER
+from palpate.experiment.dataset.trial_files import ABSENT, Layout, Row, pairs, read_trials
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.events import NO_ANSWER
 
 PLAIN = Layout("shown", "said", "who")
 

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.dataset import beliefs, bids, build, register
-from experiment.dataset.verify import MISTYPED, Report, verify
-from experiment.errors import DatasetError
-from experiment.protocol import approval
-from experiment.records import chain
-from experiment.study import enrolment
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, bids, build, register
+from palpate.experiment.dataset.verify import MISTYPED, Report, verify
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol import approval
+from palpate.experiment.records import chain
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.faults.anchors import forge

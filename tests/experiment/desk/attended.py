@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from experiment.desk.messages import Gauges, Prompt, Standing
-from experiment.desk.port import Remark
+from palpate.experiment.desk.messages import Gauges, Prompt, Standing
+from palpate.experiment.desk.port import Remark
 
 
 class Recorded:

@@ -11,17 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.apparatus.tracker.frames import Samples
-from experiment.desk import interrupts
-from experiment.errors import AudioError, ScreenGone
-from experiment.protocol.models import Protocol
-from experiment.records import chain, journal
-from experiment.records.entries import Footer, Trace
-from experiment.records.footstep import FootStep
-from experiment.session import runner
-from experiment.session.attempt import Event, State, follow
-from experiment.session.runner import SessionLog
+from palpate.experiment import storage
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.desk import interrupts
+from palpate.experiment.errors import AudioError, ScreenGone
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import chain, journal
+from palpate.experiment.records.entries import Footer, Trace
+from palpate.experiment.records.footstep import FootStep
+from palpate.experiment.session import runner
+from palpate.experiment.session.attempt import Event, State, follow
+from palpate.experiment.session.runner import SessionLog
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header
 from tests.experiment.session.scripted import ScriptedConsole
 

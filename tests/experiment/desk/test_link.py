@@ -14,11 +14,22 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.apparatus import host
-from experiment.desk import link
-from experiment.desk.link import Line, Link
-from experiment.desk.messages import Deed, Gauges, Hello, Message, Pause, Reply, TakeNote, View, from_console, line
-from experiment.errors import LinkError
+from palpate.experiment.apparatus import host
+from palpate.experiment.desk import link
+from palpate.experiment.desk.link import Line, Link
+from palpate.experiment.desk.messages import (
+    Deed,
+    Gauges,
+    Hello,
+    Message,
+    Pause,
+    Reply,
+    TakeNote,
+    View,
+    from_console,
+    line,
+)
+from palpate.experiment.errors import LinkError
 
 ME = Hello(role="console", by="test")
 

@@ -10,10 +10,10 @@ from typing import Any, TypeVar
 
 import pytest
 
-from experiment.clock import MonotonicClock
-from experiment.desk import linked as linked_module
-from experiment.desk.linked import LinkedConsole
-from experiment.desk.messages import (
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.desk import linked as linked_module
+from palpate.experiment.desk.linked import LinkedConsole
+from palpate.experiment.desk.messages import (
     CLOSED,
     Choice,
     Choose,
@@ -32,8 +32,8 @@ from experiment.desk.messages import (
     View,
     Write,
 )
-from experiment.desk.port import Remark
-from experiment.errors import LinkError, PauseAsked
+from palpate.experiment.desk.port import Remark
+from palpate.experiment.errors import LinkError, PauseAsked
 
 ME = Hello(role="console", by="test")
 ANSWERS, OTHERS = {"c": "copy paper", "p": "polypropylene"}, {"n": "no answer", "r": "do this trial again"}

@@ -12,12 +12,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
-from experiment.desk import pages
-from experiment.desk.messages import ENTER, Prompt, Show
-from experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, TEXT, Colour, Page
-from experiment.errors import DisplayError
-from experiment.protocol.rules import HEARD_KEY
+from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig, ScreenWords
+from palpate.experiment.desk import pages
+from palpate.experiment.desk.messages import ENTER, Prompt, Show
+from palpate.experiment.desk.pages import BACKGROUND, CAP, LIT, MUTED, TEXT, Colour, Page
+from palpate.experiment.errors import DisplayError
+from palpate.experiment.protocol.rules import HEARD_KEY
 
 FONT = Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
 RIG = ScreenRig()

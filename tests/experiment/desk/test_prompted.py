@@ -8,10 +8,10 @@ from concurrent.futures import Future, ThreadPoolExecutor
 
 import pytest
 
-from experiment.clock import monotonic_ns
-from experiment.desk import linked
-from experiment.desk.linked import LinkedConsole
-from experiment.desk.messages import (
+from palpate.experiment.clock import monotonic_ns
+from palpate.experiment.desk import linked
+from palpate.experiment.desk.linked import LinkedConsole
+from palpate.experiment.desk.messages import (
     ENTER,
     Choose,
     Correct,
@@ -28,8 +28,8 @@ from experiment.desk.messages import (
     View,
     Write,
 )
-from experiment.desk.prompts import Theirs
-from experiment.errors import PauseAsked
+from palpate.experiment.desk.prompts import Theirs
+from palpate.experiment.errors import PauseAsked
 from tests.experiment.desk.attended import Recorded
 
 SCREEN = Hello(role="screen", by="the participant's screen")

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.desk.messages import ENTER, Choice, Ended, Gauges, Prompt, Question, View, line
-from experiment.desk.prompts import AT_QUESTION, Theirs, prompt, theirs
-from experiment.protocol.models import Protocol
-from experiment.protocol.rules import HEARD_KEY, PROBE_KEY
+from palpate.experiment.desk.messages import ENTER, Choice, Ended, Gauges, Prompt, Question, View, line
+from palpate.experiment.desk.prompts import AT_QUESTION, Theirs, prompt, theirs
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 from tests.experiment.desk.views import KINDS, MARK, views
 from tests.experiment.protocol.small import changed, document
 from tests.experiment.protocol.tapping import comparing

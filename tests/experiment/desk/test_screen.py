@@ -8,13 +8,13 @@ from pathlib import Path
 import pytest
 from PIL.Image import Image
 
-from experiment.apparatus.display import ScreenRig
-from experiment.clock import monotonic_ns
-from experiment.desk import pages, screen
-from experiment.desk.link import Line, Link
-from experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, View
-from experiment.desk.screen import Feed, Heard, Screen
-from experiment.errors import DisplayError, LinkError
+from palpate.experiment.apparatus.display import ScreenRig
+from palpate.experiment.clock import monotonic_ns
+from palpate.experiment.desk import pages, screen
+from palpate.experiment.desk.link import Line, Link
+from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, View
+from palpate.experiment.desk.screen import Feed, Heard, Screen
+from palpate.experiment.errors import DisplayError, LinkError
 
 
 class Window:

@@ -7,11 +7,11 @@ import io
 import numpy as np
 import pytest
 
-from experiment.apparatus.ports import Rester, Window
-from experiment.desk.port import RESTS, Console
-from experiment.desk.terminal import TerminalConsole, TerminalTakes
-from experiment.recordings.store import Condition
-from experiment.recordings.workflow import RigConsole, Step
+from palpate.experiment.apparatus.ports import Rester, Window
+from palpate.experiment.desk.port import RESTS, Console
+from palpate.experiment.desk.terminal import TerminalConsole, TerminalTakes
+from palpate.experiment.recordings.store import Condition
+from palpate.experiment.recordings.workflow import RigConsole, Step
 
 CONDITION = Condition("copy paper", 100.0, 2)
 WINDOW = Window(np.zeros(4), clipped=0)

@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 import pytest
 
-from experiment.desk.messages import Correct, TakeNote
-from experiment.desk.terminal import TerminalConsole, typed_ahead
-from experiment.errors import ScreenGone
+from palpate.experiment.desk.messages import Correct, TakeNote
+from palpate.experiment.desk.terminal import TerminalConsole, typed_ahead
+from palpate.experiment.errors import ScreenGone
 
 ANSWERS = {"c": "copy paper"}
 OTHERS = {"n": "no answer"}

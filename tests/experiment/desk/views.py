@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from experiment.desk.messages import (
+from palpate.experiment.desk.messages import (
     ENTER,
     Choice,
     Ended,
@@ -15,7 +15,7 @@ from experiment.desk.messages import (
     Told,
     View,
 )
-from experiment.protocol.rules import HEARD_KEY, PROBE_KEY
+from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 
 MARK = "aluminum foil"
 """Stands for what is presented."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import Protocol
 
 SMALL = """\
 format = 2

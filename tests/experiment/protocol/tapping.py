@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import document
 
 

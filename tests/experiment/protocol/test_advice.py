@@ -10,10 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.protocol.advice import advice
-from experiment.protocol.models import PlannedTest, Protocol
-from experiment.protocol.page import page
-from experiment.study.allocation import allocate
+from palpate.experiment.protocol.advice import advice
+from palpate.experiment.protocol.models import PlannedTest, Protocol
+from palpate.experiment.protocol.page import page
+from palpate.experiment.study.allocation import allocate
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
 
 

@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from experiment.protocol import files
-from experiment.protocol.approval import canonical, names_draws, sha256
-from experiment.protocol.models import Protocol
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.approval import canonical, names_draws, sha256
+from palpate.experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
 
 

@@ -8,11 +8,11 @@ from typing import Any
 
 import pytest
 
-from experiment.errors import ProtocolError
-from experiment.protocol import approval, files
-from experiment.protocol.models import Protocol
-from experiment.protocol.page import page
-from experiment.settings import load
+from palpate.experiment.errors import ProtocolError
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.page import page
+from palpate.experiment.settings import load
 from tests.experiment.protocol import small
 from tests.experiment.protocol.small import changed
 from tests.experiment.protocol.tapping import comparing, live_alone, protocol, rendering

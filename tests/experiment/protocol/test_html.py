@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.protocol.approval import Seal, sha256
-from experiment.protocol.html import html
-from experiment.protocol.models import Protocol
-from experiment.protocol.page import page
-from experiment.settings.characters import JOINERS, hidden
+from palpate.experiment.protocol.approval import Seal, sha256
+from palpate.experiment.protocol.html import html
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.page import page
+from palpate.experiment.settings.characters import JOINERS, hidden
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol, with_text
 
 TODAY = date(2020, 6, 1)

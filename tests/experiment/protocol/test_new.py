@@ -13,10 +13,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.errors import PalpateError, ProtocolError
-from experiment.protocol import approval, files, new
-from experiment.protocol.models import Protocol
-from experiment.protocol.page import page
+from palpate.experiment.errors import PalpateError, ProtocolError
+from palpate.experiment.protocol import approval, files, new
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.page import page
 from tests.experiment.protocol.small import OKAMOTO2012, SMALL
 
 FIVE = new.materials(("felt", "cork", "kraft paper", "foil", "film"))

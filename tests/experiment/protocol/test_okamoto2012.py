@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.protocol import files
-from experiment.protocol.models import Protocol
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import OKAMOTO2012
 
 

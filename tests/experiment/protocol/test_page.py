@@ -13,11 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
 
-from experiment.protocol.approval import Seal, sha256
-from experiment.protocol.models import Protocol
-from experiment.protocol.page import approved
-from experiment.protocol.page import page as page_of
-from experiment.settings.characters import JOINERS, deceptive, hidden, leftward
+from palpate.experiment.protocol.approval import Seal, sha256
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.page import approved
+from palpate.experiment.protocol.page import page as page_of
+from palpate.experiment.settings.characters import JOINERS, deceptive, hidden, leftward
 from tests.experiment.protocol import tapping
 from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol, with_text
 

@@ -7,8 +7,16 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
-from experiment.protocol.models import ExclusionRule, Familiarisation, Order, PlannedTest, Protocol, Step, Synthesis
-from experiment.settings import load
+from palpate.experiment.protocol.models import (
+    ExclusionRule,
+    Familiarisation,
+    Order,
+    PlannedTest,
+    Protocol,
+    Step,
+    Synthesis,
+)
+from palpate.experiment.settings import load
 from tests.experiment.protocol.small import changed, document
 
 SLOW = {"id": "slow", "when": "speed-below", "limit": 30, "action": "exclude-trial", "reason": "x"}

@@ -14,12 +14,12 @@ import rfc8785
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.errors import ProtocolError
-from experiment.protocol import approval
-from experiment.protocol.approval import sha256
-from experiment.protocol.models import Protocol
-from experiment.settings.characters import deceptive, hidden
-from experiment.settings.load import written
+from palpate.experiment.errors import ProtocolError
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.approval import sha256
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.characters import deceptive, hidden
+from palpate.experiment.settings.load import written
 from tests.experiment.protocol.small import SMALL, changed, document, protocol
 
 APPROVAL: dict[str, Any] = {

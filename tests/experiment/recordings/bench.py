@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus.ports import Heard, Tracker, Window
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.gate import GateDetector
-from experiment.clock import ManualClock
-from experiment.protocol.models import Step
-from experiment.recordings import workflow
-from experiment.recordings.store import Condition, Plan
+from palpate.experiment.apparatus.ports import Heard, Tracker, Window
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.gate import GateDetector
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.recordings import workflow
+from palpate.experiment.recordings.store import Condition, Plan
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 HELD_UP_NS = 7_000_000

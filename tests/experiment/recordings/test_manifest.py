@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
-from experiment.errors import RecordingError
-from experiment.protocol.models import Synthesis
-from experiment.recordings.manifest import Recordings, load, load_all
-from experiment.recordings.store import Take, write
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.protocol.models import Synthesis
+from palpate.experiment.recordings.manifest import Recordings, load, load_all
+from palpate.experiment.recordings.store import Take, write
 
 SYNTHESIS = Synthesis(rate_hz=1000, samples=16, takes=2, speeds_mm_s=(50.0, 100.0))
 MATERIALS = ("copy paper", "polypropylene 'film'")

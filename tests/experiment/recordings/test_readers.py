@@ -10,8 +10,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from scipy.io import wavfile
 
-from experiment.errors import RecordingError
-from experiment.recordings.readers import read
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.readers import read
 
 ON_DISK = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 SAMPLES = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)

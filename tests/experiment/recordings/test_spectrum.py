@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.errors import RecordingError
-from experiment.recordings.readers import Recording
-from experiment.recordings.spectrum import AmplitudeSpectrum, amplitude_spectrum, curve, of_file, plot
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.readers import Recording
+from palpate.experiment.recordings.spectrum import AmplitudeSpectrum, amplitude_spectrum, curve, of_file, plot
 
 
 def recording(samples: np.ndarray, rate_hz: float, **more: object) -> Recording:

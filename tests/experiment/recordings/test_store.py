@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.errors import RecordingError
-from experiment.protocol.files import load as load_protocol
-from experiment.protocol.models import Protocol
-from experiment.recordings.store import plan
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.protocol.files import load as load_protocol
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.recordings.store import plan
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from experiment.errors import RecordingError
-from experiment.recordings.readers import Recording
-from experiment.recordings.tap_fit import Tapped, clipped_samples, of_file, of_taps, read_taps, ring
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.readers import Recording
+from palpate.experiment.recordings.tap_fit import Tapped, clipped_samples, of_file, of_taps, read_taps, ring
 
 RATE_HZ = 50_000.0
 

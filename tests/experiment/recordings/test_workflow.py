@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening
-from experiment.apparatus.ports import Tracker, Window
-from experiment.apparatus.tracker import serial_tracker
-from experiment.apparatus.tracker.frames import Samples
-from experiment.clock import ManualClock
-from experiment.desk.terminal import TerminalTakes
-from experiment.errors import PalpateError, RecordingError, RigError
-from experiment.recordings import manifest, workflow
-from experiment.recordings.store import Plan
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.ports import Tracker, Window
+from palpate.experiment.apparatus.tracker import serial_tracker
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.terminal import TerminalTakes
+from palpate.experiment.errors import PalpateError, RecordingError, RigError
+from palpate.experiment.recordings import manifest, workflow
+from palpate.experiment.recordings.store import Plan
 from tests.experiment.recordings.bench import HELD_UP_NS, PLAN, World, good, names, record
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 

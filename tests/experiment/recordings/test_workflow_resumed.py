@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.apparatus.tracker.calibration import ZeroedTracker
-from experiment.desk.terminal import TerminalTakes
-from experiment.errors import RecordingError, TrackerStopped
-from experiment.recordings import manifest, store
+from palpate.experiment import storage
+from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.desk.terminal import TerminalTakes
+from palpate.experiment.errors import RecordingError, TrackerStopped
+from palpate.experiment.recordings import manifest, store
 from tests.experiment.recordings.bench import PLAN, World, Worn, good, interrupted, names, record
 from tests.experiment.session.scripted import rest_samples
 

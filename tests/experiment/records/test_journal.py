@@ -19,12 +19,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.clock import ManualClock
-from experiment.errors import JournalError, SessionLocked
-from experiment.records import chain, journal, transcript
-from experiment.records.entries import Answer, Footer, Phase, Purpose
-from experiment.records.journal import AnyEntry
-from experiment.settings.characters import hidden
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import JournalError, SessionLocked
+from palpate.experiment.records import chain, journal, transcript
+from palpate.experiment.records.entries import Answer, Footer, Phase, Purpose
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.settings.characters import hidden
 from tests.experiment.session.bench import HEADER
 
 pytestmark = pytest.mark.fsync

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.records.entries import Answer, Armed, Footer, Header, PlannedTrial, Redo, Trace
-from experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock
-from experiment.records.journal import AnyEntry
-from experiment.records.progress import progress
+from palpate.experiment.records.entries import Answer, Armed, Footer, Header, PlannedTrial, Redo, Trace
+from palpate.experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.progress import progress
 from tests.experiment.session.bench import HEADER
 
 ORDER = tuple(PlannedTrial(trial=n, presented=("foil",)) for n in range(1, 7))

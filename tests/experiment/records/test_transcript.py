@@ -6,11 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from experiment.errors import JournalError
-from experiment.records import chain, journal, transcript
-from experiment.records.entries import Entry, Footer, MaskerSet, Phase, Shown, Withdrawal
-from experiment.records.footstep import FootStep, TrackerClock, Zeroed
-from experiment.records.stimulus import Computed, Onset, Shaping, Stimulus
+from palpate.experiment.errors import JournalError
+from palpate.experiment.records import chain, journal, transcript
+from palpate.experiment.records.entries import Entry, Footer, MaskerSet, Phase, Shown, Withdrawal
+from palpate.experiment.records.footstep import FootStep, TrackerClock, Zeroed
+from palpate.experiment.records.stimulus import Computed, Onset, Shaping, Stimulus
 from tests.experiment.records.test_resume import broken_off, step
 from tests.experiment.session.bench import COMPUTED, DELIVERED, HEADER
 

@@ -9,23 +9,23 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment import storage
-from experiment.apparatus.ports import Masker, Microphone
-from experiment.apparatus.tracker.calibration import ZeroedTracker
-from experiment.apparatus.tracker.frames import Samples
-from experiment.apparatus.tracker.gate import Scrutiny
-from experiment.apparatus.tracker.guarded import GuardedTracker
-from experiment.clock import ManualClock
-from experiment.errors import PalpateError
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
-from experiment.records import journal
-from experiment.records.entries import Footer, Header, PlannedTrial
-from experiment.records.footstep import BrokenOff
-from experiment.records.stimulus import Computed, Delivered
-from experiment.session import attempt, runner
-from experiment.session.footstep.trials import FootstepDevices
-from experiment.synthesis.waveforms import Basis
+from palpate.experiment import storage
+from palpate.experiment.apparatus.ports import Masker, Microphone
+from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.apparatus.tracker.gate import Scrutiny
+from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import PalpateError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer, Header, PlannedTrial
+from palpate.experiment.records.footstep import BrokenOff
+from palpate.experiment.records.stimulus import Computed, Delivered
+from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.footstep.trials import FootstepDevices
+from palpate.experiment.synthesis.waveforms import Basis
 from tests.experiment.session.scripted import (
     START_NS,
     ScriptedActuator,

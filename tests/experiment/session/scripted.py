@@ -8,15 +8,15 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from experiment.apparatus.panel.conditioning import Played
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.clock import Clock, ManualClock
-from experiment.desk.port import Attended, Remark
-from experiment.errors import PalpateError, TrackerStopped
-from experiment.records.stimulus import Delivered
-from experiment.synthesis.tap import Ring
-from experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.apparatus.panel.conditioning import Played
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.clock import Clock, ManualClock
+from palpate.experiment.desk.port import Attended, Remark
+from palpate.experiment.errors import PalpateError, TrackerStopped
+from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.synthesis.tap import Ring
+from palpate.experiment.synthesis.waveforms import Stimulus
 
 START_NS = 10**18
 

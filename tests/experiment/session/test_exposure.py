@@ -9,24 +9,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment import storage
-from experiment.apparatus.audio import masker as sound_level
-from experiment.apparatus.audio.masker import RESERVE_S
-from experiment.apparatus.ports import MaskerExposure
-from experiment.apparatus.tracker.frames import Samples
-from experiment.clock import ManualClock, MonotonicClock, Uptime
-from experiment.errors import JournalError, ScreenGone, TrackerStopped
-from experiment.protocol.models import Protocol
-from experiment.records import journal, transcript
-from experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
-from experiment.records.footstep import BrokenOff, FootStep
-from experiment.records.journal import AnyEntry, Contents, Line
-from experiment.records.progress import Progress, progress
-from experiment.session import exposure
-from experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WINDOW_NS, Exposed, dose_before, spent_ns
-from experiment.session.kind import nothing_more
-from experiment.session.masker import Masking
-from experiment.session.runner import SessionLog
+from palpate.experiment import storage
+from palpate.experiment.apparatus.audio import masker as sound_level
+from palpate.experiment.apparatus.audio.masker import RESERVE_S
+from palpate.experiment.apparatus.ports import MaskerExposure
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.clock import ManualClock, MonotonicClock, Uptime
+from palpate.experiment.errors import JournalError, ScreenGone, TrackerStopped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal, transcript
+from palpate.experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
+from palpate.experiment.records.footstep import BrokenOff, FootStep
+from palpate.experiment.records.journal import AnyEntry, Contents, Line
+from palpate.experiment.records.progress import Progress, progress
+from palpate.experiment.session import exposure
+from palpate.experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WINDOW_NS, Exposed, dose_before, spent_ns
+from palpate.experiment.session.kind import nothing_more
+from palpate.experiment.session.masker import Masking
+from palpate.experiment.session.runner import SessionLog
 from tests.experiment.session.bench import Bench, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

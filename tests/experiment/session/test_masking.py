@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment import storage
-from experiment.apparatus.ports import MaskerExposure
-from experiment.clock import ManualClock
-from experiment.desk.messages import Repeat
-from experiment.desk.port import Remark
-from experiment.errors import DoseUsedUp
-from experiment.protocol.models import Probe, Protocol
-from experiment.records import journal
-from experiment.records.entries import Footer, MaskerSet, Note
-from experiment.records.footstep import Probed
-from experiment.records.progress import progress
-from experiment.session.masker import FIRST_DB_A, STEP_DB, Masking
+from palpate.experiment import storage
+from palpate.experiment.apparatus.ports import MaskerExposure
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.messages import Repeat
+from palpate.experiment.desk.port import Remark
+from palpate.experiment.errors import DoseUsedUp
+from palpate.experiment.protocol.models import Probe, Protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer, MaskerSet, Note
+from palpate.experiment.records.footstep import Probed
+from palpate.experiment.records.progress import progress
+from palpate.experiment.session.masker import FIRST_DB_A, STEP_DB, Masking
 from tests.experiment.session.bench import Bench, bench, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

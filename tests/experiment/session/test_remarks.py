@@ -9,19 +9,19 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.clock import ManualClock
-from experiment.dataset import build
-from experiment.desk.messages import Correct, Gauges, Repeat, Standing, TakeNote
-from experiment.desk.port import Attended, Remark
-from experiment.errors import ScreenGone
-from experiment.protocol.models import Protocol
-from experiment.records import journal, transcript
-from experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Withdrawal
-from experiment.records.footstep import FootStep
-from experiment.records.progress import progress
-from experiment.session import exposure, remarks
-from experiment.session.remarks import Attendance, Remarks
+from palpate.experiment import storage
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset import build
+from palpate.experiment.desk.messages import Correct, Gauges, Repeat, Standing, TakeNote
+from palpate.experiment.desk.port import Attended, Remark
+from palpate.experiment.errors import ScreenGone
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal, transcript
+from palpate.experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Withdrawal
+from palpate.experiment.records.footstep import FootStep
+from palpate.experiment.records.progress import progress
+from palpate.experiment.session import exposure, remarks
+from palpate.experiment.session.remarks import Attendance, Remarks
 from tests.experiment.session.bench import Bench, bench, entries, header
 from tests.experiment.session.scripted import ScriptedConsole
 from tests.experiment.session.test_exposure import Machine, real_time

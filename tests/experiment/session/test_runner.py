@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from experiment import storage
-from experiment.apparatus.tracker.frames import Samples
-from experiment.clock import ManualClock, day
-from experiment.errors import JournalError, PalpateError, PauseAsked, RigError
-from experiment.protocol.models import Protocol
-from experiment.records import chain, journal, transcript
-from experiment.records.entries import (
+from palpate.experiment import storage
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.clock import ManualClock, day
+from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, RigError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import chain, journal, transcript
+from palpate.experiment.records.entries import (
     Answer,
     Armed,
     Footer,
@@ -28,10 +28,10 @@ from experiment.records.entries import (
     TrackerOpened,
     Withdrawal,
 )
-from experiment.records.footstep import FootStep
-from experiment.records.stimulus import Stimulus
-from experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
-from experiment.study.roster import Roster
+from palpate.experiment.records.footstep import FootStep
+from palpate.experiment.records.stimulus import Stimulus
+from palpate.experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
+from palpate.experiment.study.roster import Roster
 from tests.experiment.session.bench import COMPUTED, ORDER, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole, ScriptedTracker, step_samples
 
@@ -393,7 +393,7 @@ def test_an_attempt_is_on_disk_before_a_sound_of_it_is_possible(
         known.append(entries(tmp_path, "virtual")[-1])
         return watch(*parts)
 
-    monkeypatch.setattr("experiment.session.footstep.trials.watch", seen)
+    monkeypatch.setattr("palpate.experiment.session.footstep.trials.watch", seen)
     asked = header("virtual")
     bench("cpn").run(protocol, asked, tmp_path)
     assert known == [Armed(trial=one.trial, attempt=1, presented=one.presented) for one in asked.order]

@@ -7,13 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus.tracker.frames import Samples
-from experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
-from experiment.protocol.models import Protocol
-from experiment.records.entries import Footer, Redo
-from experiment.records.footstep import BrokenOff, FootStep
-from experiment.records.stimulus import Delivered
-from experiment.session import runner
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.entries import Footer, Redo
+from palpate.experiment.records.footstep import BrokenOff, FootStep
+from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.session import runner
 from tests.experiment.session.bench import DELIVERED, bench, entries, felt_and_on_file, header, in_pieces
 from tests.experiment.session.scripted import START_NS, step_samples
 

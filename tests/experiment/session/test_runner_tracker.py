@@ -11,18 +11,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment import storage
-from experiment.apparatus.tracker.calibration import ZeroedTracker
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.apparatus.tracker.guarded import GuardedTracker
-from experiment.clock import ManualClock
-from experiment.desk.port import Remark
-from experiment.errors import PalpateError, TrackerError, TrackerStopped
-from experiment.protocol.models import Protocol
-from experiment.records.entries import Armed, Footer, Phase, TrackerOpened
-from experiment.records.footstep import BrokenOff, FootStep, Zeroed
-from experiment.session.runner import SLICE_S
+from palpate.experiment import storage
+from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.port import Remark
+from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.entries import Armed, Footer, Phase, TrackerOpened
+from palpate.experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from palpate.experiment.session.runner import SLICE_S
 from tests.experiment.session.bench import ORDER, Bench, bench, entries, header, in_pieces
 from tests.experiment.session.scripted import ScriptedConsole, ScriptedTracker, rest_samples, step_samples
 

@@ -13,24 +13,29 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.masker import masker_noise
-from experiment.apparatus.audio.stream import StreamSettings
-from experiment.apparatus.rig import Rig
-from experiment.clock import ManualClock
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Probe, Protocol
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.session import scene
-from experiment.session.footstep import scene_cost
-from experiment.session.footstep import scene_cost as cost
-from experiment.synthesis import waveforms
-from experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
-from experiment.synthesis.spectra import inverse
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio.masker import masker_noise
+from palpate.experiment.apparatus.audio.stream import StreamSettings
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Probe, Protocol
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.session import scene
+from palpate.experiment.session.footstep import scene_cost
+from palpate.experiment.session.footstep import scene_cost as cost
+from palpate.experiment.synthesis import waveforms
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed, subtract
+from palpate.experiment.synthesis.spectra import inverse
 
-STIMULUS = ("experiment.synthesis", "experiment.recordings.", "experiment.apparatus.panel.pcm", "scipy")
+STIMULUS = (
+    "palpate.experiment.synthesis",
+    "palpate.experiment.recordings.",
+    "palpate.experiment.apparatus.panel.pcm",
+    "scipy",
+)
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -104,13 +109,13 @@ def test_a_session_of_the_real_task_imports_none_of_their_modules(repository_roo
 import sys
 from pathlib import Path
 from datetime import date, timedelta
-from experiment.desk.terminal import TerminalConsole
-from experiment.errors import TrackerError
-from experiment.protocol import approval, files
-from experiment.protocol.files import shipped
-from experiment.session import run
-from experiment.study import enrolment
-from experiment.study.allocation import allocate
+from palpate.experiment.desk.terminal import TerminalConsole
+from palpate.experiment.errors import TrackerError
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.session import run
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.allocation import allocate
 here = Path({str(tmp_path)!r})
 file, rig = here / "study.toml", here / "rig.toml"
 file.write_bytes(shipped("okamoto2012.toml").read_bytes())
@@ -140,7 +145,9 @@ except TrackerError:
 def opens(monkeypatch: pytest.MonkeyPatch, protocol: Protocol, rig: Rig, task_id: str) -> StreamSettings:
     """What a task opens of the audio device."""
     asked: list[StreamSettings] = []
-    monkeypatch.setattr("experiment.apparatus.audio.stream.AudioStream", lambda settings, _: asked.append(settings))
+    monkeypatch.setattr(
+        "palpate.experiment.apparatus.audio.stream.AudioStream", lambda settings, _: asked.append(settings)
+    )
     planned, actuator = scene.plan(protocol=protocol, task_id=task_id), protocol.exposure.vibration_peak_m_s2
     noise = None
     if planned.masker is not None:

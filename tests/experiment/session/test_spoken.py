@@ -16,19 +16,19 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment import storage
-from experiment.apparatus.ports import Loudness, Recorded
-from experiment.clock import ManualClock
-from experiment.dataset import build
-from experiment.desk.voice import ear as ears
-from experiment.desk.voice import enrolling
-from experiment.desk.voice.ear import Ear
-from experiment.desk.voice.enrolling import Enroller
-from experiment.desk.voice.matching import Enrolment
-from experiment.errors import AudioError
-from experiment.protocol.models import Protocol
-from experiment.records import journal, transcript
-from experiment.records.entries import Answer, Footer, Phase, Spoken
+from palpate.experiment import storage
+from palpate.experiment.apparatus.ports import Loudness, Recorded
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset import build
+from palpate.experiment.desk.voice import ear as ears
+from palpate.experiment.desk.voice import enrolling
+from palpate.experiment.desk.voice.ear import Ear
+from palpate.experiment.desk.voice.enrolling import Enroller
+from palpate.experiment.desk.voice.matching import Enrolment
+from palpate.experiment.errors import AudioError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal, transcript
+from palpate.experiment.records.entries import Answer, Footer, Phase, Spoken
 from tests.experiment.session import bench as benches
 from tests.experiment.session.bench import Bench, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole

@@ -6,8 +6,8 @@ import itertools
 
 import pytest
 
-from experiment.errors import SessionError
-from experiment.session.attempt import TRANSITIONS, Event, State, follow
+from palpate.experiment.errors import SessionError
+from palpate.experiment.session.attempt import TRANSITIONS, Event, State, follow
 
 ENDS = {State.COMPLETE, State.PAUSED, State.FAILED}
 

@@ -9,14 +9,14 @@ from typing import Any, cast
 
 import pytest
 
-from experiment.clock import ManualClock
-from experiment.desk.port import Attended
-from experiment.errors import Interrupted, PalpateError, PauseAsked, RosterError, TrackerError
-from experiment.protocol.models import Protocol
-from experiment.records.entries import Footer
-from experiment.session import run
-from experiment.session.visit import asked, told, visit_steps, walk
-from experiment.study.allocation import Allocation
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.port import Attended
+from palpate.experiment.errors import Interrupted, PalpateError, PauseAsked, RosterError, TrackerError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.entries import Footer
+from palpate.experiment.session import run
+from palpate.experiment.session.visit import asked, told, visit_steps, walk
+from palpate.experiment.study.allocation import Allocation
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
 COMPLETE, PAUSED = Footer(reason="complete", answered=3), Footer(reason="paused", detail="by hand", answered=1)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.settings.characters import (
+from palpate.experiment.settings.characters import (
     JOINERS,
     deceptive,
     free,

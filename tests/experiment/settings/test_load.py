@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.errors import Problem, ProtocolError
-from experiment.protocol import files
-from experiment.protocol.models import Protocol
-from experiment.settings import load
+from palpate.experiment import storage
+from palpate.experiment.errors import Problem, ProtocolError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings import load
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, places, protocol, without
 
 JARGON = re.compile(r"pydantic|validat|input|instance|tuple|dict|NoneType|literal|regex|pattern|str\b|int\b", re.I)

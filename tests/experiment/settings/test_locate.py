@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.settings.load import locate
+from palpate.experiment.settings.load import locate
 from tests.experiment.protocol.small import SMALL, document, places
 
 KEYS = st.sampled_from(["a", "b-1", "c_2", "0", "a b", "x.y", 'q"', "#", "=", "[t]", "ü", "", "line\nbreak", "'"])

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.errors import RosterError
-from experiment.protocol.models import Protocol
-from experiment.study.allocation import Allocation, allocate, find, labels
+from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.study.allocation import Allocation, allocate, find, labels
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
 
 

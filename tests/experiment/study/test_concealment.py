@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.dataset import beliefs
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs
+from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.faults.wrong import copied

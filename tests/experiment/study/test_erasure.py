@@ -13,13 +13,13 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.dataset import beliefs, build, register
-from experiment.dataset.verify import verify
-from experiment.errors import DatasetError, PalpateError
-from experiment.records import chain
-from experiment.study import enrolment
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.records import chain
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.errors import RosterError
-from experiment.study import people
-from experiment.study.people import Person
+from palpate.experiment import storage
+from palpate.experiment.errors import RosterError
+from palpate.experiment.study import people
+from palpate.experiment.study.people import Person
 from tests.experiment.protocol.small import protocol
 
 STUDY = protocol()

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.dataset import beliefs, build
-from experiment.dataset.status import status
-from experiment.errors import RosterError
-from experiment.study import enrolment
-from experiment.study.allocation import find
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import beliefs, build
+from palpate.experiment.dataset.status import status
+from palpate.experiment.errors import RosterError
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.allocation import find
+from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.errors import RosterError
-from experiment.study import people, reasons
+from palpate.experiment.errors import RosterError
+from palpate.experiment.study import people, reasons
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 

@@ -11,10 +11,10 @@ from pathlib import Path
 
 import pytest
 
-from experiment.errors import RosterError
-from experiment.protocol.models import Protocol
-from experiment.records import chain
-from experiment.study.roster import Roster
+from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import chain
+from palpate.experiment.study.roster import Roster
 from tests.experiment.protocol.small import changed, document, protocol
 
 TODAY = date(2020, 6, 1)

@@ -15,9 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import chisquare
 
-from experiment.errors import ScheduleError
-from experiment.protocol.models import Protocol
-from experiment.study.schedule import Draws, block_trials, constrained, count_orders, nth_order, schedule
+from palpate.experiment.errors import ScheduleError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.study.schedule import Draws, block_trials, constrained, count_orders, nth_order, schedule
 from tests.experiment.protocol.small import changed, document, okamoto2012
 
 COUNTS = st.lists(st.integers(0, 4), max_size=4).map(tuple).filter(lambda counts: sum(counts) <= 8)

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.study.schedule import block_trials, schedule
+from palpate.experiment.study.schedule import block_trials, schedule
 from tests.experiment.protocol.tapping import protocol
 
 NAMES = ("felt", "cork", "tin")

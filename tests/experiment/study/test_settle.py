@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.errors import DatasetError, RosterError
-from experiment.protocol import files
-from experiment.records import chain
-from experiment.study import enrolment, roster
+from palpate.experiment import storage
+from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.protocol import files
+from palpate.experiment.records import chain
+from palpate.experiment.study import enrolment, roster
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from experiment import storage
-from experiment.clock import ManualClock
-from experiment.dataset.verify import verify
-from experiment.desk.voice import ear
-from experiment.errors import RosterError
-from experiment.session import run
-from experiment.study import enrolment
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.desk.voice import ear
+from palpate.experiment.errors import RosterError
+from palpate.experiment.session import run
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 from tests.experiment.session.scripted import ScriptedConsole

@@ -6,7 +6,7 @@ from typing import Any
 
 import mpmath as mp
 
-from experiment.synthesis.stepping.impact import Collision
+from palpate.experiment.synthesis.stepping.impact import Collision
 
 mp.mp.dps = 50
 

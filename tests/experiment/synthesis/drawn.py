@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.synthesis.crinkle import LOUDEST_M_S2, CrinkleSpectra
+from palpate.experiment.synthesis.crinkle import LOUDEST_M_S2, CrinkleSpectra
 
 RATE_HZ = 50
 SHAPES = ("flat", "falling", "peak", "comb", "equal")

@@ -6,8 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.synthesis.shaping import ROUND_OFF, Loss, Response, Shaped
-from experiment.synthesis.spectra import Bins, spectrum
+from palpate.experiment.synthesis.shaping import ROUND_OFF, Loss, Response, Shaped
+from palpate.experiment.synthesis.spectra import Bins, spectrum
 
 NO_LIMIT = 1e300
 NOTHING = Loss(bins=0, cost_m_s2=0.0)

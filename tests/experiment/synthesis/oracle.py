@@ -11,9 +11,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from analysis.numerics.cases import Way
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.waveforms import denormal_error_m_s2
+from palpate.analysis.numerics.cases import Way
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.waveforms import denormal_error_m_s2
 
 Extended = NDArray[np.longdouble]
 

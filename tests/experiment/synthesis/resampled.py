@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.synthesis.spectra import grid, inverse_on
+from palpate.experiment.synthesis.spectra import grid, inverse_on
 
 
 def resampled(coefficients: ArrayLike, *, rate_hz: int, output_rate_hz: int) -> NDArray[np.float64]:

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.waveforms import Basis, Stimulus, prepare
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.waveforms import Basis, Stimulus, prepare
 
 
 @dataclass(frozen=True)

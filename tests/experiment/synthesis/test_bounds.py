@@ -11,7 +11,7 @@ import numpy as np
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from analysis.numerics.cases import WAYS
+from palpate.analysis.numerics.cases import WAYS
 from tests.experiment.synthesis.drawn import Family, families, feet_mm_s, material
 from tests.experiment.synthesis.oracle import exact, worst_excess
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.rehearsal.footstep.panel import FREQUENCIES_HZ, LEVELS_VRMS, answered
-from experiment.synthesis import budget
-from experiment.synthesis.budget import Budget, of_accelerations, of_voltages
-from experiment.synthesis.crinkle import CrinkleSpectra, leave_out, subtract
-from experiment.synthesis.shaping import Response, drive
-from experiment.synthesis.waveforms import Stimulus, prepare
+from palpate.experiment.rehearsal.footstep.panel import FREQUENCIES_HZ, LEVELS_VRMS, answered
+from palpate.experiment.synthesis import budget
+from palpate.experiment.synthesis.budget import Budget, of_accelerations, of_voltages
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, leave_out, subtract
+from palpate.experiment.synthesis.shaping import Response, drive
+from palpate.experiment.synthesis.waveforms import Stimulus, prepare
 from tests.experiment.synthesis.stimuli import given, of_bins
 
 FLAT = Response(np.array([10.0, 600.0]), np.array([1.0, 10.0]), np.array([[2.0, 20.0], [2.0, 20.0]]))

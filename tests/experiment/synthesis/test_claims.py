@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from analysis.numerics import cases
-from analysis.numerics.cases import PRINTED_SUM, WAYS, Way
-from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.spectra import grid, rms
-from experiment.synthesis.waveforms import prepare, relative_error
+from palpate.analysis.numerics import cases
+from palpate.analysis.numerics.cases import PRINTED_SUM, WAYS, Way
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.spectra import grid, rms
+from palpate.experiment.synthesis.waveforms import prepare, relative_error
 from tests.experiment.synthesis.oracle import exact, random_spectra, spectrum_at, worst_excess
 from tests.experiment.synthesis.resampled import resampled
 

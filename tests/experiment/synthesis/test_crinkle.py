@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.crinkle import Average, CrinkleSpectra, at_speed, subtract
 from tests.experiment.synthesis.stimuli import waveform
 
 SPEEDS = [50.0, 100.0, 200.0, 300.0]

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.shaping import Response, Shaped, _moved_m_s2, at_bins, drive, shape, shape_at
-from experiment.synthesis.spectra import Bins, inverse, spectrum
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.shaping import Response, Shaped, _moved_m_s2, at_bins, drive, shape, shape_at
+from palpate.experiment.synthesis.spectra import Bins, inverse, spectrum
 from tests.experiment.synthesis.measured import (
     F_HZ,
     LEVELS_V,

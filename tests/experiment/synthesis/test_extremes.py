@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from analysis.numerics import oracle
-from analysis.numerics.cases import BINS, OUTPUT_RATES_HZ, material, some
-from analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
-from experiment import synthesis
-from experiment.errors import SynthesisError
-from experiment.synthesis import budget, crinkle, noise, shaping, spectra, voltages, waveforms
+from palpate.analysis.numerics import oracle
+from palpate.analysis.numerics.cases import BINS, OUTPUT_RATES_HZ, material, some
+from palpate.analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
+from palpate.experiment import synthesis
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis import budget, crinkle, noise, shaping, spectra, voltages, waveforms
 from tests.experiment.synthesis.measured import accelerations
 
 Call = Callable[[float], object]

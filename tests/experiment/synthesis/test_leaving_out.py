@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.crinkle import leave_out, rms_outside
-from experiment.synthesis.waveforms import prepare
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.crinkle import leave_out, rms_outside
+from palpate.experiment.synthesis.waveforms import prepare
 from tests.experiment.synthesis.oracle import random_spectra, spectrum_at
 
 BAND_HZ = (2.0, 15.0)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.shaping import Response, not_rising
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.shaping import Response, not_rising
 
 
 @pytest.mark.parametrize(

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.shaping import Loss, Response, shape
-from experiment.synthesis.spectra import inverse
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.shaping import Loss, Response, shape
+from palpate.experiment.synthesis.spectra import inverse
 from tests.experiment.synthesis.measured import (
     F_HZ,
     LEVELS_V,

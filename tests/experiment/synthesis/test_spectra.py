@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.spectra import (
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.spectra import (
     BAND_HZ,
     bin_frequencies_hz,
     dissimilarity,

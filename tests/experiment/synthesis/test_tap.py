@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.errors import SynthesisError
-from experiment.synthesis import tap
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis import tap
 
 TABLE_1 = Path(__file__).parents[2] / "reference" / "wellman1995_table1_materials.csv"
 

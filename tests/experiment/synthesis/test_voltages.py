@@ -11,12 +11,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.synthesis import voltages, waveforms
-from experiment.synthesis.crinkle import CrinkleSpectra
-from experiment.synthesis.shaping import Response, Shaped, drive
-from experiment.synthesis.spectra import Grid, inverse_on
-from experiment.synthesis.voltages import FASTEST, MISSED, DrivenBasis
-from experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.synthesis import voltages, waveforms
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra
+from palpate.experiment.synthesis.shaping import Response, Shaped, drive
+from palpate.experiment.synthesis.spectra import Grid, inverse_on
+from palpate.experiment.synthesis.voltages import FASTEST, MISSED, DrivenBasis
+from palpate.experiment.synthesis.waveforms import Stimulus
 from tests.experiment.synthesis.measured import NO_LIMIT, TABLE, responses
 
 RATE_HZ = 1000

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.spectra import inverse, inverse_on, spectrum
-from experiment.synthesis.waveforms import CANCELLATION, Basis, prepare
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
+from palpate.experiment.synthesis.spectra import inverse, inverse_on, spectrum
+from palpate.experiment.synthesis.waveforms import CANCELLATION, Basis, prepare
 
 SPEEDS = np.array([50.0, 100.0, 200.0, 300.0])
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import pytest
 
-from experiment.apparatus import rig
-from experiment.apparatus.audio import calibration
-from experiment.apparatus.audio.calibration import Loopback
-from experiment.errors import AudioError
-from experiment.protocol.files import shipped
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.audio import calibration
+from palpate.experiment.apparatus.audio.calibration import Loopback
+from palpate.experiment.errors import AudioError
+from palpate.experiment.protocol.files import shipped
 
 AUDIO = rig.load(shipped("rigs/headless.toml")).audio
 assert AUDIO is not None

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.apparatus.audio.actuator import LEAST_DB, Alignment, align, objection, silence_objection
-from experiment.apparatus.rig import DeliveredRig
+from palpate.experiment.apparatus.audio.actuator import LEAST_DB, Alignment, align, objection, silence_objection
+from palpate.experiment.apparatus.rig import DeliveredRig
 
 TOLERANCE = DeliveredRig(onset_ms=1.0, contact_ms=5.0, gain_db=1.0, residual_db=-20.0)
 

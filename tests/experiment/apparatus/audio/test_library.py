@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus.audio import stream
-from experiment.errors import AudioError
+from palpate.experiment.apparatus.audio import stream
+from palpate.experiment.errors import AudioError
 
 MODULE = """
 class {name}(Exception):

@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal, stats
 
-from experiment.apparatus.audio import masker as sound_level
-from experiment.apparatus.audio.masker import ROUND_S, SOFTEST_DB_A, AudioMasker, MaskerNoise, masker_noise
-from experiment.apparatus.audio.mixer import Block, Layout, Loop, Mixer
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.clock import ManualClock
-from experiment.errors import AudioError
-from experiment.session import scene
-from experiment.synthesis.noise import Colour
+from palpate.experiment.apparatus.audio import masker as sound_level
+from palpate.experiment.apparatus.audio.masker import ROUND_S, SOFTEST_DB_A, AudioMasker, MaskerNoise, masker_noise
+from palpate.experiment.apparatus.audio.mixer import Block, Layout, Loop, Mixer
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import AudioError
+from palpate.experiment.session import scene
+from palpate.experiment.synthesis.noise import Colour
 
 RATE_HZ = 48_000
 FULL_SCALE_DB_A = 100.0

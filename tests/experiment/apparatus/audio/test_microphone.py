@@ -7,13 +7,13 @@ from typing import cast
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.audio.microphone import AudioMicrophone, objection
-from experiment.apparatus.audio.mixer import Layout, Loop, Mixer
-from experiment.apparatus.audio.stream import AudioStream
-from experiment.apparatus.ports import Loudness
-from experiment.errors import AudioError
-from experiment.protocol.files import shipped
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, objection
+from palpate.experiment.apparatus.audio.mixer import Layout, Loop, Mixer
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.ports import Loudness
+from palpate.experiment.errors import AudioError
+from palpate.experiment.protocol.files import shipped
 
 AUDIO = rigs.load(shipped("rigs/headless.toml")).audio
 RATE_HZ, BLOCK = 48_000, 128

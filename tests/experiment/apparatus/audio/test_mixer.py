@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from experiment.apparatus.audio import mixer as mixing
-from experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Cue, Layout, Loop, Mixer
-from experiment.errors import AudioError
+from palpate.experiment.apparatus.audio import mixer as mixing
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Cue, Layout, Loop, Mixer
+from palpate.experiment.errors import AudioError
 from tests.experiment.apparatus.audio import interleaved
 
 MODULES = (mixing,)

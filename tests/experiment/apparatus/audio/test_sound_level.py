@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.audio import masker
+from palpate.experiment.apparatus.audio import masker
 
 PRINTED_DB = {
     # IEC 61672-1:2013, table 3: nominal frequency, A-weighting. The exact frequency of band n is 1000 * 10^(n/10) Hz.

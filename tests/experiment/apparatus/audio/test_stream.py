@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiment.apparatus.audio import stream as streams
-from experiment.apparatus.audio.stream import SWITCH_S, AudioStream, StreamSettings
-from experiment.clock import MonotonicClock
-from experiment.errors import AudioError
+from palpate.experiment.apparatus.audio import stream as streams
+from palpate.experiment.apparatus.audio.stream import SWITCH_S, AudioStream, StreamSettings
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import AudioError
 
 BLOCK = 64
 SETTINGS = StreamSettings("an API", "a card", 48_000, BLOCK, 1, (1.0,))

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.audio import stream
-from experiment.apparatus.audio.stream import IN_A_ROW, WINDOW, Timeline
+from palpate.experiment.apparatus.audio import stream
+from palpate.experiment.apparatus.audio.stream import IN_A_ROW, WINDOW, Timeline
 from tests.experiment.apparatus.audio import interleaved
 
 RATE_HZ, BLOCK = 48_000, 256

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus.doctor import checks
-from experiment.clock import ManualClock, MonotonicClock
+from palpate.experiment.apparatus.doctor import checks
+from palpate.experiment.clock import ManualClock, MonotonicClock
 
 pytestmark = pytest.mark.fsync
 

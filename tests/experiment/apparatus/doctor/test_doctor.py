@@ -6,14 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from experiment.apparatus import opening, rig
-from experiment.apparatus import opening as opening_audio
-from experiment.apparatus.doctor import devices, doctor
-from experiment.apparatus.doctor.checks import Check
-from experiment.clock import ManualClock
-from experiment.errors import AudioError, PalpateError, TrackerError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
+from palpate.experiment.apparatus import opening, rig
+from palpate.experiment.apparatus import opening as opening_audio
+from palpate.experiment.apparatus.doctor import devices, doctor
+from palpate.experiment.apparatus.doctor.checks import Check
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import AudioError, PalpateError, TrackerError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
 
 RIG = rig.load(shipped("rigs/headless.toml"))
 ENDS = doctor.SimulatedPorts(port="nowhere")

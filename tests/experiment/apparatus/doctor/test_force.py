@@ -5,17 +5,17 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiment.apparatus import opening
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.doctor import force
-from experiment.apparatus.doctor.checks import Check
-from experiment.apparatus.servo.settings import ServoRig
-from experiment.clock import MonotonicClock
-from experiment.errors import RigError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
-from experiment.rehearsal.wires.force_device import ForceDeviceProcess
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.doctor import force
+from palpate.experiment.apparatus.doctor.checks import Check
+from palpate.experiment.apparatus.servo.settings import ServoRig
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import RigError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 
 RIG = rigs.load(shipped("rigs/tapping.toml"))
 DEVICE = RIG.servo

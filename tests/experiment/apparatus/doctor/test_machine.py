@@ -6,9 +6,9 @@ from datetime import UTC, datetime
 
 import pytest
 
-from experiment.apparatus.doctor import checks
-from experiment.apparatus.doctor.checks import Mark
-from experiment.clock import ManualClock, MonotonicClock
+from palpate.experiment.apparatus.doctor import checks
+from palpate.experiment.apparatus.doctor.checks import Mark
+from palpate.experiment.clock import ManualClock, MonotonicClock
 
 TODAY_NS = int(datetime(2026, 11, 21, 12, tzinfo=UTC).timestamp()) * 10**9
 

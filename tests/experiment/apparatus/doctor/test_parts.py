@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig
-from experiment.apparatus.audio.stream import Fit, StreamHealth
-from experiment.apparatus.doctor import checks, devices
-from experiment.apparatus.doctor.devices import Heard
-from experiment.apparatus.rig import ShapingRig
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts
-from experiment.protocol.files import shipped
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.audio.stream import Fit, StreamHealth
+from palpate.experiment.apparatus.doctor import checks, devices
+from palpate.experiment.apparatus.doctor.devices import Heard
+from palpate.experiment.apparatus.rig import ShapingRig
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts
+from palpate.experiment.protocol.files import shipped
 
 RIG = rig.load(shipped("rigs/headless.toml"))
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from experiment.apparatus.doctor.checks import Check, refused
-from experiment.errors import PalpateError
+from palpate.experiment.apparatus.doctor.checks import Check, refused
+from palpate.experiment.errors import PalpateError
 
 
 @pytest.mark.parametrize(

@@ -16,10 +16,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.tracker.frames import FRAME_BYTES, Samples, encode
-from experiment.apparatus.tracker.gate import Gate, GateDetector
-from experiment.protocol.models import Step
-from experiment.rehearsal.footstep.foot import trajectory
+from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES, Samples, encode
+from palpate.experiment.apparatus.tracker.gate import Gate, GateDetector
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.footstep.foot import trajectory
 from tests.conftest import REPOSITORY
 
 FIRMWARE = REPOSITORY / "experiment" / "apparatus" / "firmware"

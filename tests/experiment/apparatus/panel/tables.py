@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 from math import sqrt
 from pathlib import Path
 
-from experiment.apparatus.panel.response_table import COLUMNS, parse
-from experiment.synthesis.shaping import Response
+from palpate.experiment.apparatus.panel.response_table import COLUMNS, parse
+from palpate.experiment.synthesis.shaping import Response
 
 GOOD = """\
 # bench 2, load 40 N

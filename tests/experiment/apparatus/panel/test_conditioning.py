@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.apparatus.panel.conditioning import Conditioner, open_drive
-from experiment.apparatus.rig import ActuatorRig, ShapingRig
-from experiment.errors import RigError
-from experiment.synthesis.crinkle import CrinkleSpectra, at_speed
-from experiment.synthesis.shaping import drive
-from experiment.synthesis.spectra import Bins, Grid, inverse_on
-from experiment.synthesis.voltages import Driven
-from experiment.synthesis.waveforms import Basis, prepare
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
+from palpate.experiment.apparatus.rig import ActuatorRig, ShapingRig
+from palpate.experiment.errors import RigError
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
+from palpate.experiment.synthesis.shaping import drive
+from palpate.experiment.synthesis.spectra import Bins, Grid, inverse_on
+from palpate.experiment.synthesis.voltages import Driven
+from palpate.experiment.synthesis.waveforms import Basis, prepare
 from tests.experiment.apparatus.panel.tables import GOOD, Write, read
 from tests.experiment.synthesis.stimuli import given, of_bins
 

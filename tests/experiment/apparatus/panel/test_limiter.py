@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-from experiment.apparatus.panel.conditioning import limit
-from experiment.errors import ActuatorError
+from palpate.experiment.apparatus.panel.conditioning import limit
+from palpate.experiment.errors import ActuatorError
 
 ANY = arrays.arrays(np.float64, st.integers(0, 50), elements=st.floats(allow_nan=True, allow_infinity=True))
 

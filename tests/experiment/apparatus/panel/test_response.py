@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.panel.response_table import comments
-from experiment.errors import RecordingError
-from experiment.synthesis.shaping import Response
+from palpate.experiment.apparatus.panel.response_table import comments
+from palpate.experiment.errors import RecordingError
+from palpate.experiment.synthesis.shaping import Response
 from tests.experiment.apparatus.panel.tables import GOOD, Write, read, write
 
 

@@ -11,8 +11,8 @@ from zlib import crc32
 
 import pytest
 
-from experiment.apparatus.servo.device import ANSWER, MESSAGE_BYTES, ForceDevice, decode, encode
-from experiment.errors import ServoError
+from palpate.experiment.apparatus.servo.device import ANSWER, MESSAGE_BYTES, ForceDevice, decode, encode
+from palpate.experiment.errors import ServoError
 
 
 @contextmanager

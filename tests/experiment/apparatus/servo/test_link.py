@@ -10,14 +10,14 @@ from typing import cast
 import numpy as np
 import pytest
 
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.servo.link import ServoHere
-from experiment.apparatus.servo.process import Orders
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import Samples
-from experiment.errors import TrackerStopped
-from experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
-from experiment.synthesis.contact.block import Block
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.servo.link import ServoHere
+from palpate.experiment.apparatus.servo.process import Orders
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.errors import TrackerStopped
+from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
+from palpate.experiment.synthesis.contact.block import Block
 from tests.rig.pushes import pushed
 
 

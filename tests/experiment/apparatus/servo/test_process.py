@@ -13,12 +13,12 @@ from types import SimpleNamespace
 
 import pytest
 
-from experiment.apparatus.servo import process
-from experiment.apparatus.servo.process import RENDER, SILENT_NS, Line, Orders, Servo
-from experiment.apparatus.servo.rendering import NO_FORCE
-from experiment.apparatus.tracker.frames import encode
-from experiment.errors import ServoError
-from experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.apparatus.servo import process
+from palpate.experiment.apparatus.servo.process import RENDER, SILENT_NS, Line, Orders, Servo
+from palpate.experiment.apparatus.servo.rendering import NO_FORCE
+from palpate.experiment.apparatus.tracker.frames import encode
+from palpate.experiment.errors import ServoError
+from palpate.experiment.synthesis.contact.block import Block, Pair
 
 PERIOD_NS = 400_000
 BLOCK = Block((800.0, 800.0), (5.0, 5.0), (inf, inf), into=(-1.0, 0.0), nominal_s=PERIOD_NS * 1e-9)

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.servo.rendering import AGAIN_MM, NO_FORCE, Rendered, Touch, bounded, step
-from experiment.synthesis.contact.block import Block, Pair
+from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, NO_FORCE, Rendered, Touch, bounded, step
+from palpate.experiment.synthesis.contact.block import Block, Pair
 
 K, C, DT_US = 800.0, 5.0, 500
 BLOCK = Block((K, K), (C, C), (inf, inf), into=(-1.0, 0.0), nominal_s=DT_US * 1e-6)

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from experiment.apparatus.servo import settings
-from experiment.apparatus.servo.settings import ServoRig
-from experiment.errors import RigError
-from experiment.protocol.models import Virtual
+from palpate.experiment.apparatus.servo import settings
+from palpate.experiment.apparatus.servo.settings import ServoRig
+from palpate.experiment.errors import RigError
+from palpate.experiment.protocol.models import Virtual
 
 DEVICE: dict[str, Any] = {
     "driver": "force-tcp",

@@ -12,14 +12,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.rig import Rig
-from experiment.apparatus.tracker import calibration
-from experiment.apparatus.tracker.calibration import Level, ZeroedTracker
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import LinkCounts, Samples
-from experiment.clock import ManualClock
-from experiment.errors import RigError, TrackerError, TrackerStopped
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker.calibration import Level, ZeroedTracker
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import RigError, TrackerError, TrackerStopped
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 TODAY = date(2026, 5, 4)

@@ -12,8 +12,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.apparatus.tracker import clock_map
-from experiment.apparatus.tracker.clock_map import ClockState
+from palpate.experiment.apparatus.tracker import clock_map
+from palpate.experiment.apparatus.tracker.clock_map import ClockState
 
 START_NS = 10**18
 

@@ -11,9 +11,9 @@ from cobs import cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.tracker import frame_runs
-from experiment.apparatus.tracker.frame_runs import FEWEST, FRAME_BYTES, Run
-from experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts
+from palpate.experiment.apparatus.tracker import frame_runs
+from palpate.experiment.apparatus.tracker.frame_runs import FEWEST, FRAME_BYTES, Run
+from palpate.experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts
 
 SEEDS = st.integers(0, 2**32 - 1)
 READINGS = st.sampled_from([1, 2])

@@ -12,8 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.apparatus.tracker import frames as tracker_frames
-from experiment.apparatus.tracker.frames import FRAME_BYTES, LONGEST_PAUSE_US, Decoder, Frames, LinkCounts, encode
+from palpate.experiment.apparatus.tracker import frames as tracker_frames
+from palpate.experiment.apparatus.tracker.frames import (
+    FRAME_BYTES,
+    LONGEST_PAUSE_US,
+    Decoder,
+    Frames,
+    LinkCounts,
+    encode,
+)
 
 WRAP_US = 2**32
 

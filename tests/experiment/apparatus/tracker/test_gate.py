@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.apparatus.tracker.frames import Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
-from experiment.protocol.models import Step
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
+from palpate.experiment.protocol.models import Step
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 Heights = NDArray[np.float64]

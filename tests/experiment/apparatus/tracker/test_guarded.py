@@ -9,15 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.ports import Tracker
-from experiment.apparatus.tracker import guarded
-from experiment.clock import ManualClock
-from experiment.errors import RigError, TrackerError
-from experiment.protocol.files import shipped
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.tracker import guarded
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import RigError, TrackerError
+from palpate.experiment.protocol.files import shipped
 
 DRIVER = """
-from experiment.apparatus.tracker.frames import LinkCounts
+from palpate.experiment.apparatus.tracker.frames import LinkCounts
 
 
 class Tracker:
@@ -133,7 +133,7 @@ def test_a_class_that_is_called_otherwise_is_no_driver(opened: Opens) -> None:
 
 READ = """from types import SimpleNamespace
         import numpy as np
-        from experiment.apparatus.tracker.frames import Samples
+        from palpate.experiment.apparatus.tracker.frames import Samples
         self.n = getattr(self, "n", 0) + 1
         a = SimpleNamespace(us=np.array([1000, 2000]) + 2000 * self.n, mm=np.array([5.0, 4.9]), ends=np.array([12, 24]))
         a.raw, a.at = bytes(24), 10**18 + self.n

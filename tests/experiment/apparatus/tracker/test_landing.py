@@ -11,11 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.apparatus.tracker import landing as landings
-from experiment.apparatus.tracker.gate import Contact, Gate
-from experiment.apparatus.tracker.landing import FIRST_MM_S, SLOWEST_MM_S, WANDER_MM, Falling, Landing, LandingPredictor
-from experiment.protocol.models import Step
-from experiment.rehearsal.footstep import foot
+from palpate.experiment.apparatus.tracker import landing as landings
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate
+from palpate.experiment.apparatus.tracker.landing import (
+    FIRST_MM_S,
+    SLOWEST_MM_S,
+    WANDER_MM,
+    Falling,
+    Landing,
+    LandingPredictor,
+)
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.footstep import foot
 from tests.benchmarks.ruler import ruled, sensed
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)

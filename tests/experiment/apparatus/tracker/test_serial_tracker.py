@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 import serial
 
-from experiment.apparatus.rig import CalibrationPoint, TrackerRig
-from experiment.apparatus.tracker import serial_tracker
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.frames import Decoder, LinkCounts, encode
-from experiment.apparatus.tracker.serial_tracker import SerialTracker
-from experiment.clock import ManualClock
-from experiment.errors import PalpateError, TrackerError, TrackerStopped
+from palpate.experiment.apparatus.rig import CalibrationPoint, TrackerRig
+from palpate.experiment.apparatus.tracker import serial_tracker
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, encode
+from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped
 from tests.machine_clock import MachineClock
 
 SETTINGS = TrackerRig(

@@ -13,9 +13,9 @@ from pathlib import Path
 from textual import events
 from textual.pilot import Pilot
 
-from experiment.desk.console.app import Console, Left
-from experiment.desk.link import Line, Link
-from experiment.desk.messages import Choice, Deed, Hello, Message, Question, Typed, View
+from palpate.experiment.desk.console.app import Console, Left
+from palpate.experiment.desk.link import Line, Link
+from palpate.experiment.desk.messages import Choice, Deed, Hello, Message, Question, Typed, View
 
 PATIENCE_S = 20.0
 """What is waited for comes within this time on any machine, s."""

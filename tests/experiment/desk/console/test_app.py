@@ -12,10 +12,10 @@ import pytest
 from textual.widget import Widget
 from textual.widgets import Input
 
-from experiment.desk.console import panes, presses
-from experiment.desk.console.app import Left, attend
-from experiment.desk.console.panes import Pane
-from experiment.desk.messages import (
+from palpate.experiment.desk.console import panes, presses
+from palpate.experiment.desk.console.app import Left, attend
+from palpate.experiment.desk.console.panes import Pane
+from palpate.experiment.desk.messages import (
     CLOSED,
     Choice,
     Choose,
@@ -33,7 +33,7 @@ from experiment.desk.messages import (
     View,
     Write,
 )
-from experiment.errors import LinkError
+from palpate.experiment.errors import LinkError
 from tests.experiment.desk.console.scripted import Desk, desk, question
 
 KINDS = ("agree", "familiarise", "level", "say", "rest", "place", "answer", "confirm", "debrief", "continue")

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.desk.console import forms
-from experiment.desk.messages import Choice, Pause, Standing, TakeNote, Told, View
+from palpate.experiment.desk.console import forms
+from palpate.experiment.desk.messages import Choice, Pause, Standing, TakeNote, Told, View
 from tests.experiment.desk.console.scripted import question
 
 VIEW = View(trial=7, standing=Standing(recent=(Told(trial=6, words="felt"),)))

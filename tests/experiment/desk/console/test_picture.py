@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.desk.console import picture
-from experiment.desk.messages import Choice, Ended, Gauges, Lamp, Question, View
-from experiment.errors import Interrupted
+from palpate.experiment.desk.console import picture
+from palpate.experiment.desk.messages import Choice, Ended, Gauges, Lamp, Question, View
+from palpate.experiment.errors import Interrupted
 
 FINITE = st.floats(-1e6, 1e6)
 

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.desk.console.presses import HELD_S, MOUSE, SEEN_S, Presses
+from palpate.experiment.desk.console.presses import HELD_S, MOUSE, SEEN_S, Presses
 
 DELAYS_S = (0.225, 0.25, 0.375, 0.4, 0.5, 0.6, 0.66)
 """After which the keys of systems begin to repeat, as they are shipped: macOS, Windows, GNOME, KDE, X11 (xset q)."""

@@ -8,8 +8,8 @@ from collections.abc import Awaitable, Callable
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
-from experiment.desk.console.serve import COOKIE, LOOPBACK, served
-from experiment.errors import LinkError
+from palpate.experiment.desk.console.serve import COOKIE, LOOPBACK, served
+from palpate.experiment.errors import LinkError
 
 PATHS = ("/", "/ws", "/static/js/textual.js", "/download/x", "/nothing", "/?token=", "/?token=wrong", "/ws?token=wrong")
 

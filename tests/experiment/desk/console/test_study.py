@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 from textual.pilot import Pilot
 
-from experiment.dataset.status import Person, Status
-from experiment.desk.console.study import StudyPage
-from experiment.errors import DatasetError
+from palpate.experiment.dataset.status import Person, Status
+from palpate.experiment.desk.console.study import StudyPage
+from palpate.experiment.errors import DatasetError
 
 STUDY = Status(
     root=Path("study"),

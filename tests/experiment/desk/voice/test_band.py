@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiment.desk.voice.band import RATE_HZ, banded
-from experiment.errors import VoiceError
+from palpate.experiment.desk.voice.band import RATE_HZ, banded
+from palpate.experiment.errors import VoiceError
 
 
 @pytest.mark.parametrize("rate_hz", [16_000, 22_050, 44_100, 48_000, 96_000, 192_000])

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.desk.voice import cancelling
-from experiment.desk.voice.cancelling import SHORTEST, TAPS, cancelled, leak
-from experiment.errors import VoiceError
-from experiment.synthesis.noise import noise
+from palpate.experiment.desk.voice import cancelling
+from palpate.experiment.desk.voice.cancelling import SHORTEST, TAPS, cancelled, leak
+from palpate.experiment.errors import VoiceError
+from palpate.experiment.synthesis.noise import noise
 
 
 def white(samples: int, seed: int = 0) -> NDArray[np.float64]:

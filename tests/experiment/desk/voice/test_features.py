@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.desk.voice.features import COEFFICIENTS, cepstra
+from palpate.experiment.desk.voice.features import COEFFICIENTS, cepstra
 
 
 def by_sums(samples: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.desk.voice.hearing import SILENCE, Heard, hear, listen, take
-from experiment.desk.voice.matching import Enrolment, enrolled
-from experiment.errors import VoiceError
+from palpate.experiment.desk.voice.hearing import SILENCE, Heard, hear, listen, take
+from palpate.experiment.desk.voice.matching import Enrolment, enrolled
+from palpate.experiment.errors import VoiceError
 
 RATE_HZ = 48_000
 ANSWERABLE_S = 2.0

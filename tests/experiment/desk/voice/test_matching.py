@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from experiment.desk.voice.matching import AGREES, Enrolment, distances, enrolled, match
-from experiment.errors import VoiceError
+from palpate.experiment.desk.voice.matching import AGREES, Enrolment, distances, enrolled, match
+from palpate.experiment.errors import VoiceError
 
 
 def paths(frames: int, others: int) -> Iterator[list[tuple[int, int]]]:

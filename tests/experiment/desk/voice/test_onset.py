@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.desk.voice.onset import Quiet, quiet, risen, utterances
+from palpate.experiment.desk.voice.onset import Quiet, quiet, risen, utterances
 
 RATE_HZ = 16_000
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment import storage
-from experiment.dataset import build
-from experiment.desk.voice import ear, review
-from experiment.desk.voice.review import LOG, Agreement, Second, agreement, flag, rated, utterances
-from experiment.errors import AudioError, DatasetError
-from experiment.protocol.models import Protocol
-from experiment.records import journal
-from experiment.records.entries import Spoken
+from palpate.experiment import storage
+from palpate.experiment.dataset import build
+from palpate.experiment.desk.voice import ear, review
+from palpate.experiment.desk.voice.review import LOG, Agreement, Second, agreement, flag, rated, utterances
+from palpate.experiment.errors import AudioError, DatasetError
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Spoken
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 
@@ -71,8 +71,8 @@ def study(tmp_path: Path) -> MadeStudy:
     footer = contents.entries[-1]
     from contextlib import closing
 
-    from experiment.clock import ManualClock
-    from experiment.records.entries import Footer
+    from palpate.experiment.clock import ManualClock
+    from palpate.experiment.records.entries import Footer
 
     assert isinstance(footer, Footer)
     with closing(journal.Journal(path, ManualClock(contents.lines[-1].t_ns), contents)) as opened:

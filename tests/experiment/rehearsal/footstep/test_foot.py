@@ -10,14 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.apparatus import rig
-from experiment.apparatus.rig import CalibrationPoint, TrackerRig
-from experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts, Samples
-from experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
-from experiment.clock import ManualClock
-from experiment.protocol.models import Step
-from experiment.rehearsal.footstep.foot import Foot, Hesitation, Trajectory, trajectory
-from experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
+from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.rig import CalibrationPoint, TrackerRig
+from palpate.experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol.models import Step
+from palpate.experiment.rehearsal.footstep.foot import Foot, Hesitation, Trajectory, trajectory
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 from tests.rig.faults import Faults
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from experiment.errors import SessionError, SynthesisError
-from experiment.rehearsal.footstep.participant import Observer, third_octaves
-from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
-from experiment.synthesis.crinkle import CrinkleSpectra, subtract
-from experiment.synthesis.waveforms import prepare
+from palpate.experiment.errors import SessionError, SynthesisError
+from palpate.experiment.rehearsal.footstep.participant import Observer, third_octaves
+from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, subtract
+from palpate.experiment.synthesis.waveforms import prepare
 from tests.reference.okamoto2012 import MATERIALS as IDS
 from tests.reference.okamoto2012 import TABLE_1, TABLE_2
 

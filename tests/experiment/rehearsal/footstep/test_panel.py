@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiment.rehearsal.footstep.panel import (
+from palpate.experiment.rehearsal.footstep.panel import (
     FREQUENCIES_HZ,
     LEVELS_VRMS,
     SOFT_V,
@@ -16,8 +16,8 @@ from experiment.rehearsal.footstep.panel import (
     measured,
     moved,
 )
-from experiment.synthesis.shaping import shape
-from experiment.synthesis.spectra import inverse, spectrum
+from palpate.experiment.synthesis.shaping import shape
+from palpate.experiment.synthesis.spectra import inverse, spectrum
 from tests.experiment.apparatus.panel.tables import read, write
 
 WORST_INTERPOLATION = 0.01

@@ -7,17 +7,17 @@ from collections import deque
 
 import pytest
 
-from experiment.apparatus.tracker.calibration import ZeroedTracker
-from experiment.clock import ManualClock
-from experiment.desk.messages import TakeNote
-from experiment.desk.terminal import TerminalConsole
-from experiment.errors import TrackerError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep.foot import Foot
-from experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
-from experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
-from experiment.rehearsal.participant import Practised
+from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.messages import TakeNote
+from palpate.experiment.desk.terminal import TerminalConsole
+from palpate.experiment.errors import TrackerError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
+from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from palpate.experiment.rehearsal.participant import Practised
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 

@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from analysis.validation import validate
-from experiment.errors import RecordingError, SynthesisError
-from experiment.protocol.files import load as load_protocol
-from experiment.protocol.models import Protocol
-from experiment.recordings.manifest import load, load_all
-from experiment.recordings.store import Condition, Plan, plan
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.rehearsal.footstep.recorded_takes import (
+from palpate.analysis.validation import validate
+from palpate.experiment.errors import RecordingError, SynthesisError
+from palpate.experiment.protocol.files import load as load_protocol
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.recordings.manifest import load, load_all
+from palpate.experiment.recordings.store import Condition, Plan, plan
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.footstep.recorded_takes import (
     CRACKLES,
     Course,
     SimulatedMaterials,
@@ -26,8 +26,8 @@ from experiment.rehearsal.footstep.recorded_takes import (
     power_law_energies,
     pulses,
 )
-from experiment.rehearsal.footstep.recorder import fresh_takes
-from experiment.synthesis.spectra import dissimilarity, spectrum
+from palpate.experiment.rehearsal.footstep.recorder import fresh_takes
+from palpate.experiment.synthesis.spectra import dissimilarity, spectrum
 from tests.reference.okamoto2012 import TABLE_3
 
 MATERIALS = SimulatedMaterials(rate_hz=5000, samples=2500)

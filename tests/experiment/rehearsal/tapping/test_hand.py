@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiment.rehearsal.tapping import hand
+from palpate.experiment.rehearsal.tapping import hand
 
 
 def test_it_goes_along_the_face_until_it_is_lifted_and_back() -> None:

@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.special import ndtr
 
-from experiment.clock import ManualClock
-from experiment.protocol import files
-from experiment.records.tapping import FIRST
-from experiment.rehearsal.tapping.participant import DISCRIMINATION, LEANING, SPREAD, Fingers, SimulatedTapper
-from experiment.rehearsal.tapping.surfaces import FITTED
-from experiment.synthesis import tap
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol import files
+from palpate.experiment.records.tapping import FIRST
+from palpate.experiment.rehearsal.tapping.participant import DISCRIMINATION, LEANING, SPREAD, Fingers, SimulatedTapper
+from palpate.experiment.rehearsal.tapping.surfaces import FITTED
+from palpate.experiment.synthesis import tap
 
 PAPER = files.load(files.shipped("wellman1995.toml"))
 NAMES = [material.id for material in PAPER.materials]

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from experiment.clock import ManualClock
-from experiment.protocol import files
-from experiment.protocol.models import Protocol
-from experiment.rehearsal.participant import Practised
-from experiment.rehearsal.tapping.participant import SimulatedTapper
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.rehearsal.participant import Practised
+from palpate.experiment.rehearsal.tapping.participant import SimulatedTapper
 from tests.experiment.protocol.tapping import protocol
 from tests.experiment.session.scripted import ScriptedConsole
 

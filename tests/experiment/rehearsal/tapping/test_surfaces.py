@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from experiment.rehearsal.tapping.surfaces import (
+from palpate.experiment.rehearsal.tapping.surfaces import (
     FITTED,
     RATE_HZ,
     TABLE_1,

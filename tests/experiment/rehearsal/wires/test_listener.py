@@ -12,9 +12,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.errors import AudioError
-from experiment.rehearsal.wires import neighbour
-from experiment.rehearsal.wires.listener import Kept, Tap
+from palpate.experiment.errors import AudioError
+from palpate.experiment.rehearsal.wires import neighbour
+from palpate.experiment.rehearsal.wires.listener import Kept, Tap
 
 KEPT = 20
 
@@ -70,7 +70,7 @@ HANGS = """
 import io, sys, time
 from types import SimpleNamespace
 from unittest.mock import MagicMock
-from experiment.rehearsal.wires import neighbour
+from palpate.experiment.rehearsal.wires import neighbour
 client = MagicMock(samplerate=8)
 client.__exit__.side_effect = lambda *_: time.sleep(60)
 sys.modules["jack"] = SimpleNamespace(Client=lambda *_, **__: client)
@@ -78,8 +78,13 @@ neighbour.ENDS_S = 1
 """
 """The client of a server that was killed, which never closes."""
 
-LISTENS = "from experiment.rehearsal.wires.listener import listen\nlisten('', '', 1.0, io.BytesIO(), io.BytesIO())"
-SPEAKS = "from experiment.rehearsal.wires.mouth import speak\nspeak('', '', '', io.BytesIO(b'1\\n0000'), io.BytesIO())"
+LISTENS = (
+    "from palpate.experiment.rehearsal.wires.listener import listen\nlisten('', '', 1.0, io.BytesIO(), io.BytesIO())"
+)
+SPEAKS = (
+    "from palpate.experiment.rehearsal.wires.mouth import speak\n"
+    "speak('', '', '', io.BytesIO(b'1\\n0000'), io.BytesIO())"
+)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no alarm rings there")

@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.rig import Rig
-from experiment.errors import RigError
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.session import scene
-from experiment.session.footstep.fidelity import (
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.errors import RigError
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.session import scene
+from palpate.experiment.session.footstep.fidelity import (
     ErrorBudget,
     Fidelity,
     aim_ms,
@@ -30,7 +30,7 @@ from experiment.session.footstep.fidelity import (
     refusal,
     speeds_mm_s,
 )
-from experiment.synthesis.budget import Budget
+from palpate.experiment.synthesis.budget import Budget
 
 RIGS = shipped("rigs/rehearsal.toml").parent
 

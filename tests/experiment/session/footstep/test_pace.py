@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.desk.messages import Pace
-from experiment.protocol.models import ExclusionRule
-from experiment.session.footstep.trials import pace
+from palpate.experiment.desk.messages import Pace
+from palpate.experiment.protocol.models import ExclusionRule
+from palpate.experiment.session.footstep.trials import pace
 
 
 def rule(when: Literal["speed-below", "speed-above", "frames-lost"], limit: float) -> ExclusionRule:

@@ -8,15 +8,15 @@ from types import FrameType
 
 import pytest
 
-from experiment.apparatus import rig as rigs
-from experiment.apparatus.panel.conditioning import Conditioner, open_drive
-from experiment.apparatus.panel.pcm import PcmActuator
-from experiment.clock import ManualClock
-from experiment.protocol import files
-from experiment.protocol.files import shipped
-from experiment.rehearsal.footstep import recorded_takes
-from experiment.session import scene
-from experiment.session.footstep.stimulus import Sounder, Sounding
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
+from palpate.experiment.apparatus.panel.pcm import PcmActuator
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.session import scene
+from palpate.experiment.session.footstep.stimulus import Sounder, Sounding
 
 MOST_CALLS, MOST_MODULES = 12, 5
 """Before stimuli were values there were 27 calls in 10 modules, counted in the same way."""
@@ -28,7 +28,7 @@ def calls(sounding: Sounding, speed_mm_s: float) -> list[tuple[str, str]]:
 
     def note(frame: FrameType, event: str, _: object) -> None:
         module = str(frame.f_globals.get("__name__"))
-        if event == "call" and module.startswith("experiment."):
+        if event == "call" and module.startswith("palpate.experiment."):
             called.append((module, frame.f_code.co_name))
 
     sys.setprofile(note)
@@ -55,6 +55,6 @@ def test_a_preparation_from_gate_speed_to_limiter_is_a_dozen_calls_in_five_modul
     sounding.prepare(120.0)
     for speed_mm_s in (50.0, 171.3, 299.0):
         called = calls(sounding, speed_mm_s)
-        assert ("experiment.apparatus.panel.conditioning", "limit") in called
+        assert ("palpate.experiment.apparatus.panel.conditioning", "limit") in called
         assert len(called) <= MOST_CALLS, called
         assert len({module for module, _ in called}) <= MOST_MODULES, called

@@ -6,13 +6,13 @@ import hashlib
 
 import pytest
 
-from experiment.apparatus.panel.conditioning import Conditioner, Played
-from experiment.apparatus.tracker.landing import Landing
-from experiment.clock import ManualClock
-from experiment.records.stimulus import Delivered
-from experiment.session.footstep.stimulus import Sounder, Sounding
-from experiment.synthesis.tap import Ring
-from experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
+from palpate.experiment.apparatus.tracker.landing import Landing
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.records.stimulus import Delivered
+from palpate.experiment.session.footstep.stimulus import Sounder, Sounding
+from palpate.experiment.synthesis.tap import Ring
+from palpate.experiment.synthesis.waveforms import Stimulus
 from tests.experiment.synthesis.stimuli import basis_of
 
 LEAD_NS = 10_000_000

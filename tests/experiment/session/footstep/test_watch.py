@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from experiment.apparatus.tracker.frames import Samples
-from experiment.apparatus.tracker.gate import GateDetector, Scrutiny
-from experiment.apparatus.tracker.landing import Landing, LandingPredictor
-from experiment.clock import ManualClock
-from experiment.rehearsal.footstep import foot
-from experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
+from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
+from palpate.experiment.apparatus.tracker.landing import Landing, LandingPredictor
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.rehearsal.footstep import foot
+from palpate.experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from tests.benchmarks.ruler import STEP
 from tests.experiment.session.scripted import START_NS, Endless, ScriptedTracker
 

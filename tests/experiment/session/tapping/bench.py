@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from experiment import storage
-from experiment.clock import ManualClock
-from experiment.desk.port import Remark
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol
-from experiment.records import journal
-from experiment.records.entries import Footer, PlannedTrial
-from experiment.session import attempt, runner
-from experiment.session.tapping.trials import ComparisonDevices
+from palpate.experiment import storage
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.port import Remark
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Footer, PlannedTrial
+from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.tapping.trials import ComparisonDevices
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import pytest
 
-from experiment.apparatus import host
-from experiment.clock import ManualClock, day, wall_ns
-from experiment.dataset.verify import verify
-from experiment.protocol import approval, files
-from experiment.protocol.files import shipped
-from experiment.session.run import run
-from experiment.study import enrolment
+from palpate.experiment.apparatus import host
+from palpate.experiment.clock import ManualClock, day, wall_ns
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.session.run import run
+from palpate.experiment.study import enrolment
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
 CHANGED = {

@@ -7,15 +7,15 @@ from typing import cast
 
 import pytest
 
-from experiment.clock import ManualClock
-from experiment.desk.messages import Correct, Measured, Repeat
-from experiment.protocol.models import Protocol
-from experiment.records import transcript
-from experiment.records.entries import Answer, Armed, Correction, Redo
-from experiment.records.progress import progress
-from experiment.records.tapping import PairLaidOut
-from experiment.session.kind import Lent, Log, Meaning
-from experiment.session.tapping.trials import Comparisons
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.messages import Correct, Measured, Repeat
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records import transcript
+from palpate.experiment.records.entries import Answer, Armed, Correction, Redo
+from palpate.experiment.records.progress import progress
+from palpate.experiment.records.tapping import PairLaidOut
+from palpate.experiment.session.kind import Lent, Log, Meaning
+from palpate.experiment.session.tapping.trials import Comparisons
 from tests.experiment.protocol.tapping import protocol
 from tests.experiment.session.scripted import START_NS, Endless, ScriptedConsole
 from tests.experiment.session.tapping.bench import ASKED, ORDER, console, contents, run

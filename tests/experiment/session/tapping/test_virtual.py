@@ -12,24 +12,24 @@ from typing import Any, TypeVar
 import numpy as np
 import pytest
 
-from experiment.apparatus.servo.rendering import Felt, Touch
-from experiment.apparatus.tracker.clock_map import ClockMap
-from experiment.apparatus.tracker.landing import LandingPredictor
-from experiment.clock import ManualClock
-from experiment.errors import PalpateError, ServoError
-from experiment.protocol.files import shipped
-from experiment.protocol.models import Protocol, Step
-from experiment.records import transcript
-from experiment.records.entries import Answer, PlannedTrial, Redo
-from experiment.records.tapping import Changed, Place, Tapped
-from experiment.rehearsal.tapping import hand
-from experiment.session import attempt, runner
-from experiment.session.kind import Lent
-from experiment.session.tapping import taps, virtual
-from experiment.session.tapping.taps import Taps
-from experiment.session.tapping.virtual import PLACES
-from experiment.synthesis import tap
-from experiment.synthesis.contact.block import Block
+from palpate.experiment.apparatus.servo.rendering import Felt, Touch
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.landing import LandingPredictor
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.errors import PalpateError, ServoError
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import Protocol, Step
+from palpate.experiment.records import transcript
+from palpate.experiment.records.entries import Answer, PlannedTrial, Redo
+from palpate.experiment.records.tapping import Changed, Place, Tapped
+from palpate.experiment.rehearsal.tapping import hand
+from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.kind import Lent
+from palpate.experiment.session.tapping import taps, virtual
+from palpate.experiment.session.tapping.taps import Taps
+from palpate.experiment.session.tapping.virtual import PLACES
+from palpate.experiment.synthesis import tap
+from palpate.experiment.synthesis.contact.block import Block
 from tests.experiment.protocol.tapping import rendering
 from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact.oscillator import carry, falls_through_zero, moved, oscillator, parabola_rises
-from experiment.synthesis.stepping.impact import Collision
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact.oscillator import carry, falls_through_zero, moved, oscillator, parabola_rises
+from palpate.experiment.synthesis.stepping.impact import Collision
 from tests.experiment.synthesis.collisions import Exact
 
 RATIOS = st.one_of(

@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact import exact
-from experiment.synthesis.contact.block import ENTERING, FREE, Block, Motion, Switch
-from experiment.synthesis.contact.exact import advance, touch
-from experiment.synthesis.contact.path import Left, Trajectory, init, step, trajectory
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact import exact
+from palpate.experiment.synthesis.contact.block import ENTERING, FREE, Block, Motion, Switch
+from palpate.experiment.synthesis.contact.exact import advance, touch
+from palpate.experiment.synthesis.contact.path import Left, Trajectory, init, step, trajectory
 
 DT = 400e-6
 

@@ -13,9 +13,9 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.stepping.impact import Collision, answer, closed_form, condition, in_steps
-from experiment.synthesis.stepping.steppers import STEPPERS
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.stepping.impact import Collision, answer, closed_form, condition, in_steps
+from palpate.experiment.synthesis.stepping.steppers import STEPPERS
 from tests.experiment.synthesis.collisions import Exact
 from tests.experiment.synthesis.contact.test_oscillator import RATIOS
 

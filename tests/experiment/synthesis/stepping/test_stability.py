@@ -10,11 +10,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from analysis.numerics import contact as simulated
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact.block import RETURNING, Block, Motion
-from experiment.synthesis.stepping import stability
-from experiment.synthesis.stepping.steppers import STEPPERS
+from palpate.analysis.numerics import contact as simulated
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact.block import RETURNING, Block, Motion
+from palpate.experiment.synthesis.stepping import stability
+from palpate.experiment.synthesis.stepping.steppers import STEPPERS
 
 
 @pytest.mark.parametrize("ratio", [0.01, 0.1, 0.7, 1.0, 1.5, 4.0])

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from experiment.errors import SynthesisError
-from experiment.synthesis.contact.block import FREE, RETURNING, Block, Motion
-from experiment.synthesis.stepping.impact import Collision, closed_form, in_steps
-from experiment.synthesis.stepping.steppers import STEPPERS, stepper
+from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact.block import FREE, RETURNING, Block, Motion
+from palpate.experiment.synthesis.stepping.impact import Collision, closed_form, in_steps
+from palpate.experiment.synthesis.stepping.steppers import STEPPERS, stepper
 
 OF = Collision(4500.0, 8.0, 0.1, 0.2)
 
