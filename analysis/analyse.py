@@ -24,6 +24,7 @@ from palpate.analysis.reading.study import Study, nothing_left
 from palpate.analysis.report.sections import methods, sections
 from palpate.analysis.statistics.anova import Anova
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.records import software
 from palpate.experiment.records.events import NO_ANSWER
 
 if TYPE_CHECKING:
@@ -169,12 +170,12 @@ def _compared(study: Study, found: Compared) -> dict[str, Any]:
 
 
 def _bids(study: Study) -> dict[str, bytes]:
-    name, version = page.software().split(" ", 1)
+    ours = software.this()
     description = {
         "Name": f"{study.name}: analysis",
         "BIDSVersion": "1.10.0",
         "DatasetType": "derivative",
-        "GeneratedBy": [{"Name": name, "Version": version}],
+        "GeneratedBy": [{"Name": "palpate", "Version": ours.version, "SourceSha256": ours.source_sha256}],
     }
     ignored = f"{page.REPORT}\nresults.json\n{MANIFEST}\ntables\nfigures\n"
     readme = f"{study.label}\n\n" * bool(study.label) + "palpate analyse made these tables, figures and report.\n"

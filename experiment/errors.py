@@ -24,6 +24,7 @@ PalpateError                exit code 2, one line for the experimenter
 ├── LinkError               a session and its console cannot reach one another
 ├── Interrupted             ended at the keyboard; exit code 130
 ├── PowerError              a choice model, a number or a cluster that simulated studies cannot be run with
+├── OtherFormat             a whole file, of a format that this palpate does not read
 └── DatasetError            a dataset that cannot be read, or would be overwritten
 """
 
@@ -152,6 +153,30 @@ class Interrupted(PalpateError):
     """The experimenter ended it at the keyboard."""
 
     exit_code = 130
+
+
+class OtherFormat(PalpateError):
+    """A file of a format that this palpate does not read; it is not damaged."""
+
+
+def other_format(
+    file: object, what: str, got: object, known: int, *, software: str = "", remedy: str = ""
+) -> OtherFormat | None:
+    """Return the error of a file whose format `got` is not the `known` one, None where it is.
+
+    `what` names the kind of file, and `software` what wrote it. No release wrote a format below the known one, nor a
+    file without a number.
+    """
+    if type(got) is int and got == known:
+        return None
+    newer = type(got) is int and got > known
+    by = f"{'a newer' if newer else 'an unreleased'} palpate"
+    number = "has no number" if got is None else f"is {got!r:.20}"
+    use = "install a newer palpate" if newer else "read it with the palpate that made it"
+    return OtherFormat(
+        f"{file}: made by {by}{f' ({software:.80})' if software else ''}. The format of this {what} {number}; this "
+        f"palpate reads format {known}. The file is not damaged. To use it, {remedy or use}"
+    )
 
 
 class DatasetError(PalpateError):

@@ -19,15 +19,18 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, other_format
 
 if sys.platform != "win32":
     import fcntl
 
 RECORDINGS = Path("stimuli") / "recordings"
 """Where the recordings stand that a study's stimuli are made from, inside its dataset."""
+
+DATASET_FORMAT: Literal[1] = 1
+"""The format of a dataset: its files, their columns and keys, and what stands in `sourcedata` beside journals."""
 
 TEMPORARY = re.compile(r"\.palpate-[0-9a-f]{16}")
 
@@ -354,3 +357,27 @@ def rig_path(journal_file: Path) -> Path:
 def foot_path(journal_file: Path) -> Path:
     """Return where the raw tracker frames of a session stand, beside its journal."""
     return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_foot.cobs"))
+
+
+def refuse_other_format(root: Path) -> None:
+    """Raise `OtherFormat` for a dataset of another format: nothing else said of it would be true.
+
+    Files that cannot be read, or say nothing of themselves, are left to the checks of their content.
+    """
+    settled = ((seed_path(root), "seed"), (plan_path(root), "participants"))
+    stated = [(path, found.get("format")) for path, key in settled if key in (found := _object(path))]
+    tables = root / "dataset_description.json"
+    if isinstance(facts := _object(tables).get("Palpate"), dict):
+        stated.append((tables, facts.get("Format")))
+    for path, got in stated:
+        if (other := other_format(path, "dataset", got, DATASET_FORMAT)) is not None:
+            raise other
+
+
+def _object(path: Path) -> dict[str, Any]:
+    """Return the JSON object in a file, an empty one where there is none."""
+    try:
+        content = json_of(read_bytes(path))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}

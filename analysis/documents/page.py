@@ -8,13 +8,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from functools import partial
 from html import escape
-from importlib import metadata
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from palpate.analysis.documents.tables import Section, Table, comma_separated, latex, markdown
 from palpate.analysis.forked import forked
+from palpate.experiment.records import software
 
 if TYPE_CHECKING:
     from palpate.analysis.documents.drawing import Sheet
@@ -23,6 +23,9 @@ COLUMN_POINTS = 300.0
 """A figure wider than this takes the whole width of the page."""
 
 REPORT = "report.html"
+
+FORMAT = 1
+"""The format of a folder of results: its `results.json` and the columns of its tables."""
 
 Methods = Sequence[tuple[str, str]]
 """Names and formulas, in the order of the report."""
@@ -47,6 +50,10 @@ def folder(
     """
     files = drawings(sheets, "figures/", pictures=pictures) if sheets else {}
     files |= tables((*sections, *further), label, "tables/")
+    ours = software.this()
+    made_by = f"palpate {ours.version}, source {ours.source_sha256[:12]}"
+    about = {"format": FORMAT, "made_by": {"palpate": ours.version, "source_sha256": ours.source_sha256}}
+    numbers = {**about, **numbers}
     files["results.json"] = (json.dumps(numbers, indent=1, allow_nan=False, ensure_ascii=False) + "\n").encode()
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
     headed = f"{label}: {title}" if label else title
@@ -66,14 +73,9 @@ def folder(
         f"<h1>{escape(title)}</h1>{first}"
         f'<nav aria-label="Contents"><ul>{_contents(sections)}<li><a href="#methods">Formulas</a></li></ul></nav>'
         f'{body}<section id="methods"><h2>Formulas</h2><dl>{formulas}</dl></section>'
-        f"<footer><p>{escape(label)}</p><p>{escape(software())}</p></footer></main>{band}</body></html>\n"
+        f"<footer><p>{escape(label)}</p><p>{made_by}</p></footer></main>{band}</body></html>\n"
     )
     return {**files, REPORT: page.encode()}
-
-
-def software() -> str:
-    """Return the name and version of palpate."""
-    return f"palpate {metadata.version('palpate')}"
 
 
 def _contents(sections: Sequence[Section]) -> str:

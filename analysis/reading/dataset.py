@@ -24,7 +24,7 @@ import pandas as pd
 from palpate.analysis.documents.tables import plural
 from palpate.analysis.reading.study import Part, Study, Task, check_chances, exclude
 from palpate.experiment import storage
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, other_format
 from palpate.experiment.records.events import NO_ANSWER, columns_of
 from palpate.experiment.records.tapping import FIRST, SECOND, TIE
 from palpate.experiment.settings.characters import JOINERS, hidden, quoted
@@ -59,7 +59,7 @@ def read(root: Path) -> Study:
     """Read the dataset in the folder `root`.
 
     Raises `DatasetError` if a file is missing, broken or truncated; the message names the file and what to do;
-    `ProtocolError` if the copy of the protocol is broken.
+    `OtherFormat` for a dataset of another format; and `ProtocolError` if the copy of the protocol is broken.
     """
     description = _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
     facts = _facts(description, root / "dataset_description.json")
@@ -109,7 +109,7 @@ def read(root: Path) -> Study:
     if (plan := root / "sourcedata" / "protocol.toml").exists():
         from palpate.experiment.protocol import files
 
-        protocol = files.load_kept(plan)
+        protocol = files.load(plan)
         sealed = _sealed(plan, protocol)
     attempts = pd.DataFrame(rows)
     rules = protocol.exclusion if protocol else ()
@@ -163,6 +163,10 @@ def _answers(sidecar: dict[str, Any]) -> tuple[str, ...] | None:
 
 def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
     facts = description.get("Palpate")
+    if isinstance(facts, dict) and (
+        other := other_format(path, "dataset", facts.get("Format"), storage.DATASET_FORMAT)
+    ):
+        raise other
     if not isinstance(facts, dict) or not {"Study", "Origin", "Label", "Tasks"} <= set(facts):
         raise DatasetError(
             f"{path}: the key Palpate lacks Study, Origin, Label or Tasks; give a dataset made by palpate"

@@ -493,7 +493,7 @@ def review(
     from palpate.experiment.protocol import files
     from palpate.experiment.storage import protocol_path
 
-    protocol = files.load_kept(protocol_path(dataset))
+    protocol = files.load(protocol_path(dataset))
     found, known = reviews.utterances(dataset, share=share, seed=seed), reviews.rated(dataset, by)
     left = [one for one in found if one.sha256 not in known]
     if only_list:

@@ -70,6 +70,7 @@ class Plan(BaseModel):
 
     model_config = ConfigDict(frozen=True, strict=True)
 
+    format: Literal[1] = storage.DATASET_FORMAT
     label: Literal["REHEARSAL", "PRACTICE"] = "REHEARSAL"
     protocol_sha256: str
     rig_sha256: str
@@ -300,6 +301,7 @@ def collected(doubts: list[PalpateError]) -> Iterator[None]:
 
 
 def _study(root: Path) -> _Study:
+    storage.refuse_other_format(root)
     kept = storage.protocol_path(root)
     if not kept.exists() and not has_journals(root):
         got = "holds no study" if root.is_dir() else "is no folder"
@@ -307,7 +309,7 @@ def _study(root: Path) -> _Study:
             f"{root}: {got}; allowed: the folder of a study's dataset, which holds sourcedata; give that one, or "
             "restore its sourcedata from a backup"
         )
-    protocol = files.load_kept(kept)
+    protocol = files.load(kept)
     sha256 = approval.sha256(protocol)
     plan_file = storage.plan_path(root)
     if not plan_file.exists():

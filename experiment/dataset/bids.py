@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER, Columns, columns_of
+from palpate.experiment.records.software import Software
 
 BIDS_VERSION = "1.10.0"
 MISSING = "n/a"
@@ -57,7 +58,7 @@ class DatasetText:
     authors: tuple[str, ...]
     tasks: tuple[str, ...]
     readme: str
-    software_version: str
+    software: Software
     references: tuple[str, ...] = ()
     ordered: bool | None = None
 
@@ -137,6 +138,7 @@ def description(root: Path, text: DatasetText) -> Files:
     label = LABELS[text.origin]
     name = _labelled(text.name, text.origin)
     facts = {
+        "Format": storage.DATASET_FORMAT,
         "Study": text.study,
         "Origin": text.origin,
         "Label": label,
@@ -149,7 +151,14 @@ def description(root: Path, text: DatasetText) -> Files:
         "DatasetType": "raw",
         "License": text.license,
         "Authors": list(text.authors),
-        "GeneratedBy": [{"Name": "palpate", "Version": text.software_version, "Description": label or "measured"}],
+        "GeneratedBy": [
+            {
+                "Name": "palpate",
+                "Version": text.software.version,
+                "SourceSha256": text.software.source_sha256,
+                "Description": label or "measured",
+            }
+        ],
         "Palpate": facts,
     }
     if text.references:

@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate import __version__
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.tracker import frames
@@ -23,7 +22,7 @@ from palpate.experiment.dataset import bids, comparison
 from palpate.experiment.dataset.beliefs import Believed, Each, believed, build_again, collected
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol.models import Protocol, Task
-from palpate.experiment.records import entries, journal
+from palpate.experiment.records import entries, journal, software
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.records.progress import progress
@@ -234,7 +233,7 @@ def _study_files(root: Path, dataset: Believed) -> bids.Files:
         tasks=tuple(task.id for task in protocol.tasks),
         references=(protocol.study.source,),
         readme=(readmes["all"] | readmes["pairs" if protocol.comparison is not None else "all"])[origin],
-        software_version=__version__,
+        software=software.this(),
     )
     return bids.participants(root, people, origin=origin) | bids.description(root, text)
 
@@ -471,7 +470,7 @@ def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: 
         instructions=task.instruction,
         materials={m.id: m.description for m in protocol.materials},
         presented=task.materials,
-        stimulus_presentation={"SoftwareName": "palpate", "SoftwareVersion": __version__},
+        stimulus_presentation={"SoftwareName": "palpate", "SoftwareVersion": software.this().version},
         origin=origin,
         session_id=session_id,
         answers=answers,

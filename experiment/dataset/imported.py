@@ -17,7 +17,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate import __version__
 from palpate.experiment import storage
 from palpate.experiment.dataset.bids import (
     LABELS,
@@ -32,6 +31,7 @@ from palpate.experiment.dataset.bids import write_files as write
 from palpate.experiment.dataset.reconstruction import STUDIES, check_study_id, check_texts
 from palpate.experiment.dataset.trial_files import Layout, Row, Trials, read_trials
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.records import software
 from palpate.experiment.records.events import NO_ANSWER
 
 TASK = "identification"
@@ -220,7 +220,7 @@ def _description(study: str, source: str, tasks: tuple[str, ...], said: Sequence
         authors=(f"Whoever measured {study}",),
         tasks=tasks,
         references=(source,),
-        software_version=__version__,
+        software=software.this(),
         readme="\n\n".join(textwrap.fill(paragraph, 100) for paragraph in paragraphs),
     )
 

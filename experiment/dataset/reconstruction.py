@@ -19,12 +19,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from palpate import __version__
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.trial_files import text_of
 from palpate.experiment.errors import DatasetError, ProtocolError
 from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.records.software import Software, this
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import MISSING, Confined, Name, Text, checked
 
@@ -248,12 +248,10 @@ def study_text(
     )
 
 
-def import_counts(
-    counts: Mapping[str, Path], out: Path, *, study: StudyText, software_version: str = __version__
-) -> Path:
+def import_counts(counts: Mapping[str, Path], out: Path, *, study: StudyText, software: Software | None = None) -> Path:
     """Build the dataset `out` from one counts file a task, and return its folder.
 
-    `counts` maps task ids, in the order of the tables, to counts files; `software_version` is what `GeneratedBy`
+    `counts` maps task ids, in the order of the tables, to counts files; `software` is what `GeneratedBy`
     states. Raises `DatasetError` if a counts file is bad, there are fewer than two materials, a task is not the
     study's, or `out` would be overwritten.
     """
@@ -273,7 +271,7 @@ def import_counts(
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}
     with bids.new_dataset(out) as root:
         people = ({"participant_id": f"sub-{labels[n]}"} for n in numbers)
-        files = bids.description(root, _description(study, tables, software_version))
+        files = bids.description(root, _description(study, tables, software or this()))
         files |= bids.participants(root, people, origin=study.origin)
         for task, table in tables.items():
             text = _task_text(study, task)
@@ -318,7 +316,7 @@ def _unknown(study: StudyText) -> str:
     return UNKNOWN if study.origin == "RECONSTRUCTION" else f"{NO_TIME} {ORDER}"
 
 
-def _description(study: StudyText, tables: Mapping[str, Counts], software_version: str) -> bids.DatasetText:
+def _description(study: StudyText, tables: Mapping[str, Counts], software: Software) -> bids.DatasetText:
     paragraphs = (
         ABOUT[study.origin].format(source=study.source),
         *(f"Task {task}: {_summary(table)}." for task, table in tables.items()),
@@ -336,7 +334,7 @@ def _description(study: StudyText, tables: Mapping[str, Counts], software_versio
         authors=study.authors,
         tasks=tuple(tables),
         references=(study.source,),
-        software_version=software_version,
+        software=software,
         readme="\n\n".join(textwrap.fill(paragraph, 100) for paragraph in paragraphs),
     )
 

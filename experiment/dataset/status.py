@@ -259,6 +259,7 @@ def status(given: Path, today: date) -> Status:
     """
     protocol_file = given if given.is_file() else None
     root = enrolment.default_root(files.load(given)) if protocol_file else given
+    storage.refuse_other_format(root)
     if not beliefs.has_journals(root):
         described = (root / "dataset_description.json").exists()
         alone = beliefs.ALONE.get(beliefs.origin_of(root)) if described else None

@@ -21,7 +21,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import beliefs, bids, build, register
 from palpate.experiment.dataset.beliefs import Believed
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Signer
-from palpate.experiment.errors import DatasetError, PalpateError, RecordingError, RosterError
+from palpate.experiment.errors import DatasetError, OtherFormat, PalpateError, RecordingError, RosterError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.page import count
 from palpate.experiment.records import journal
@@ -94,6 +94,11 @@ def verify(
         signer.keys()
     for path in registers:
         _check_place(root, path)
+    try:
+        storage.refuse_other_format(root)
+    except OtherFormat as other:
+        verdict = "NOT CHECKED: this palpate does not read datasets of that format, and found no damage."
+        return Report(f"a dataset of another format: {root}", (_refused(root, other),), (verdict,))
     journals = beliefs.journals(root)
     roster = storage.roster_path(root)
     headers: list[Header] = []

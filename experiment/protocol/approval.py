@@ -2,7 +2,8 @@
 
 The form is RFC 8785 JSON of every field, defaults included: what is approved is what is carried out, whether a value
 was written down or left to its default. So comments, the order of keys, inline tables and the way a number is written
-(`20`, `20.0`, `2e1`) do not change it.
+(`20`, `20.0`, `2e1`) do not change it. It has the keys of the format that the protocol's file names, and no younger
+one, so that a key added later breaks no seal.
 
 The seal is a record beside the protocol's file that names the hash of what was approved, and holds that form itself, so
 that a change names its field. It shows that the protocol is the one approved, not who approved it: whoever can write
@@ -17,13 +18,13 @@ import re
 from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal
 
 import rfc8785
 from pydantic import Field
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Problem, ProtocolError
+from palpate.experiment.errors import PalpateError, Problem, ProtocolError, other_format
 from palpate.experiment.protocol import rules
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
@@ -43,75 +44,26 @@ WHOLE, BEFORE = 55, 20
 UNFILLED = "TO BE FILLED IN"
 """Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
 
-YOUNGER = (
-    ("consent", "kept_months"),
-    ("exposure", "force_peak_n"),
-    ("masker", "probe"),
-    ("answers", "on_screen"),
-    ("answers", "microphone"),
-    ("footstep", "synthesis", "left_out_max"),
-)
-"""Keys that are younger than format 2, below their tables."""
+FORMAT: Literal[1] = 1
+"""The format of the seal's file."""
+
+SEAL_AGAIN = "seal the protocol again (palpate seal --replace)"
 
 
 def canonical(protocol: Protocol) -> bytes:
-    """Return the RFC 8785 JSON of `protocol`, UTF-8; dates are ISO 8601 text."""
-    return rfc8785.dumps(_document(protocol))
-
-
-def _document(protocol: Protocol) -> dict[str, Any]:
-    """Return every field, defaults included, but for keys that are younger than format 2 and are not stated.
-
-    Without it the seals that were given before hold on.
-    """
+    """Return the RFC 8785 JSON of `protocol`, UTF-8: exactly the keys of its format; dates are ISO 8601 text."""
     document = protocol.model_dump(mode="json")
-    for *tables, key in YOUNGER:
+    for *tables, key in load.younger(protocol, protocol.format):
         table: Any = document
-        for name in tables:
-            table = table[name] if table is not None else None
-        if table is not None and (table[key] is None or table[key] is False):
-            del table[key]
-    for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker", "materials"))):
-        for one in document[listed]:
-            for key in younger:
-                if one[key] is None:
-                    del one[key]
-    for kind in ("footstep", "comparison"):
-        if document[kind] is None:
-            del document[kind]
-    if protocol.comparison is not None:
-        for key in ("tie_key", "virtual"):
-            if document["comparison"][key] is None:
-                del document["comparison"][key]
-        if protocol.comparison.virtual is not None and protocol.comparison.virtual.mass_kg is None:
-            del document["comparison"]["virtual"]["mass_kg"]
-        for material in document["materials"]:
-            del material["key"], material["spoken"]
-    for material in document["materials"]:
-        for key in ("attack_hz", "amplitude"):
-            if material[key] is None:
-                del material[key]
-    return document
+        for part in tables:
+            table = table[part]
+        del table[key]
+    return rfc8785.dumps(document)
 
 
 def sha256(protocol: Protocol) -> str:
     """Return the SHA-256 of the canonical form, 64 hexadecimal digits."""
     return hashlib.sha256(canonical(protocol)).hexdigest()
-
-
-def names_draws(protocol: Protocol) -> str:
-    """Return the hash that names a study's random draws: of footsteps, that of its canonical form in format 1.
-
-    Format 2 gave the tables of a kind of trial its name and a task the name of its kind. A study that was moved to it
-    keeps every order that it had. Comparisons never were of format 1.
-    """
-    if protocol.footstep is None:
-        return sha256(protocol)
-    document = _document(protocol)
-    document |= document.pop("footstep") | {"format": 1}
-    for task in document["tasks"]:
-        del task["kind"]
-    return hashlib.sha256(rfc8785.dumps(document)).hexdigest()
 
 
 def unfilled(protocol: Protocol) -> tuple[str, ...]:
@@ -121,16 +73,17 @@ def unfilled(protocol: Protocol) -> tuple[str, ...]:
 
 
 class Seal(Confined):
-    """One approval; `protocol` is the canonical form of what was approved, None in a seal of an older palpate."""
+    """One approval; `protocol` is the canonical form of what was approved, which names its format."""
 
     RULES: ClassVar[Rules] = rules.ethics
 
+    format: Literal[1]
     protocol_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits")]
     approval_number: Line
     board: Text
     approved_on: date
     expires_on: date
-    protocol: Text | None = None
+    protocol: Text
 
 
 def seal_path(protocol_path: Path) -> Path:
@@ -162,6 +115,7 @@ def write(
     allowed = "a text of your own; write it, then have the board read the page (palpate check)"
     _refuse(protocol_path, [Problem(name, None, f"'{UNFILLED}'", allowed) for name in unfilled(protocol)])
     stated = {
+        "format": FORMAT,
         "protocol_sha256": sha256(protocol),
         "approval_number": approval_number,
         "board": board,
@@ -172,7 +126,7 @@ def write(
     seal = load.checked(path, Seal, stated)
     _refuse(path, _contradictions(protocol, seal))
     if path.exists() and not replace:
-        same = load.read(path, Seal).protocol_sha256 == seal.protocol_sha256
+        same = read(protocol_path).protocol_sha256 == seal.protocol_sha256
         there = "this version of the protocol is sealed already" if same else "there is one for another version"
         allowed = f"no seal: {there}; replace it (--replace), or move it away"
         _refuse(path, [Problem("seal", None, "an existing seal", allowed)])
@@ -184,7 +138,7 @@ def replaced(protocol_path: Path, protocol: Protocol) -> str:
     """Return in a sentence what another seal of `protocol` would take the place of."""
     try:
         seal = read(protocol_path)
-    except ProtocolError:
+    except PalpateError:
         return "This replaces a seal that cannot be read."
     version = "this version" if seal.protocol_sha256 == sha256(protocol) else "another version of the protocol"
     number = quoted(seal.approval_number)
@@ -196,7 +150,7 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
 
     Raises `ProtocolError` if the protocol is not sealed, was changed since, or is not approved on this day.
     """
-    seal = _whole(protocol_path)
+    seal = read(protocol_path)
     problems = _changed(protocol_path, protocol, seal)
     if today < seal.approved_on:
         problems.append(Problem("approved_on", None, str(seal.approved_on), f"no later than today ({today}); wait"))
@@ -226,23 +180,17 @@ def read(protocol_path: Path) -> Seal:
             "not, have it approved, then seal it (palpate seal)"
         )
         _refuse(path, [Problem("seal", None, "no seal", allowed)])
-    seal = load.read(path, Seal)
-    own = seal.protocol_sha256 if seal.protocol is None else hashlib.sha256(seal.protocol.encode()).hexdigest()
+    document, text = load.parsed(path)
+    if (other := other_format(path, "seal", document.get("format"), FORMAT, remedy=SEAL_AGAIN)) is not None:
+        raise other
+    seal = load.checked(path, Seal, document, text)
+    own = hashlib.sha256(seal.protocol.encode()).hexdigest()
     if own != seal.protocol_sha256:
         allowed = (
             f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited; put back the "
             "one that palpate seal wrote"
         )
         _refuse(path, [Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed)])
-    return seal
-
-
-def _whole(protocol_path: Path) -> Seal:
-    """Return the seal of a protocol that is to run: one that lost the form of what was approved is refused."""
-    seal = read(protocol_path)
-    if seal.protocol is None:
-        allowed = "what palpate seal wrote; put it back, or seal again (--replace)"
-        _refuse(seal_path(protocol_path), [Problem("protocol", None, "nothing", allowed)])
     return seal
 
 
@@ -253,10 +201,10 @@ def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Se
     """
     if not seal_path(protocol_path).exists():
         return "NOT SEALED: no approval of this protocol is recorded beside its file.", None
-    seal = _whole(protocol_path)
+    seal = read(protocol_path)
     if _changed(protocol_path, protocol, seal):
         version = f"{seal.protocol_sha256[:12]}..."
-        changed = _changed_fields(protocol, seal.protocol or "{}")
+        changed = _changed_fields(protocol, seal.protocol)
         fields = "; ".join(
             one.got
             if one.path == MORE
@@ -280,7 +228,7 @@ def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Proble
             "undo the change, or have it approved and seal it again"
         )
         problems.append(Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
-        problems += _changed_fields(protocol, seal.protocol) if seal.protocol is not None else ()
+        problems += _changed_fields(protocol, seal.protocol)
     return problems
 
 

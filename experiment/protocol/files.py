@@ -4,45 +4,28 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.experiment.errors import DatasetError, PalpateError, Problem, ProtocolError
+from palpate.experiment.errors import PalpateError, Problem, ProtocolError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.characters import quoted
-from palpate.experiment.settings.load import checked, locate, parsed
+from palpate.experiment.settings.load import checked, locate, parsed, written, younger
 
 PACKAGE = Path(__file__).parent.parent
 
-FORMAT_1_MOVES = (
-    '2; write format = 2, add kind = "footstep" to every [[tasks]], and rename the tables [step] to [footstep.step], '
-    "[synthesis] to [footstep.synthesis] and [tactile] to [footstep.tactile]; orders of trials stay the same, and the "
-    "board approves the new file"
-)
-"""What a protocol of format 1 needs to become one of format 2."""
-
 
 def load(path: Path) -> Protocol:
-    """Read the protocol file at `path`.
+    """Return the protocol of the file at `path`.
 
-    Raises `ProtocolError` with every problem of the file, or with the first of its syntax. For an older format it says
-    what to move where.
+    Raises `ProtocolError` with every problem of the file, or with the first of its syntax.
     """
     document, text = parsed(path)
-    if document.get("format") == 1:
-        raise ProtocolError(str(path), [Problem("format", locate(text).get(("format",)), "1", FORMAT_1_MOVES)])
-    return checked(path, Protocol, document, text)
-
-
-def load_kept(path: Path) -> Protocol:
-    """Return the protocol of which a dataset keeps a copy, which nobody may change. Raises as `load`.
-
-    Raises `DatasetError` if the copy is of an older format.
-    """
-    document, text = parsed(path)
-    if document.get("format") == 1:
-        raise DatasetError(
-            f"{path}: got a dataset whose protocol is of format 1; allowed: format 2; use the palpate that made the "
-            "dataset, and leave the file as it is"
-        )
-    return checked(path, Protocol, document, text)
+    protocol = checked(path, Protocol, document, text)
+    if too_young := tuple(younger(protocol, protocol.format)):
+        lines = locate(text)
+        allowed = f"no such key in a file of format {protocol.format}; leave it out, or write a newer format"
+        problems = [Problem(written(place), lines[place], "a key", allowed) for place in too_young if place in lines]
+        if problems:
+            raise ProtocolError(str(path), problems)
+    return protocol
 
 
 def shipped(name: str) -> Path:

@@ -83,7 +83,9 @@ class _Take(Confined):
     ]
 
 
-class _Manifest(Confined):
+class Manifest(Confined):
+    """What `manifest.toml` holds."""
+
     format: Literal[1]
     label: Remark
     note: Remark = ""
@@ -151,7 +153,7 @@ def load_all(directory: Path) -> Recordings:
 
 
 def _loaded(
-    directory: Path, manifest: _Manifest, speeds_mm_s: Sequence[float], takes: int, material_ids: Sequence[str]
+    directory: Path, manifest: Manifest, speeds_mm_s: Sequence[float], takes: int, material_ids: Sequence[str]
 ) -> Recordings:
     path = directory / MANIFEST
     by_condition: dict[tuple[str | None, float, int], _Take] = {}
@@ -199,18 +201,18 @@ def _unreadable(path: Path) -> RecordingError:
     )
 
 
-def _read(path: Path) -> _Manifest:
+def _read(path: Path) -> Manifest:
     if not path.is_file():
         raise _unreadable(path)
     try:
-        return settings.checked(path, _Manifest, *settings.parsed(path, LARGEST))
+        return settings.checked(path, Manifest, *settings.parsed(path, LARGEST))
     except ProtocolError as error:
         first, *others = error.problems
         more = f" ({len(others)} more)" if others else ""
         raise RecordingError(f"{path}: {first}; correct the manifest, or restore it from its copy{more}") from error
 
 
-def _samples(path: Path, *, take: _Take, manifest: _Manifest) -> NDArray[np.float64]:
+def _samples(path: Path, *, take: _Take, manifest: Manifest) -> NDArray[np.float64]:
     try:
         content = storage.read_bytes(path)
     except OSError as error:

@@ -12,14 +12,8 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-FORMAT: Literal[5] = 5
-"""The format of the journal: its models and their meaning.
-
-Format 1 was never written down. Format 2 had one line from device time to session time, without drift, for all steps
-since the tracker was opened, and no times of scheduling and arming. Format 3 presented one material as plain text and
-journaled the hash of an acceleration waveform on rigs that play voltages. Format 4 told rehearsals alone from studies,
-and said nothing of an attempt before it had ended.
-"""
+FORMAT: Literal[6] = 6
+"""The format of the journal: its models and their meaning."""
 
 Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
 """What a session is for. Only sessions of one purpose stand in one dataset, and only a STUDY is data of its study."""
@@ -61,6 +55,7 @@ class PlannedTrial(Record):
 class Header(Entry):
     """What this session is; written before the first trial, never again.
 
+    `software` is palpate's version, and `source_sha256` the hash of its source, as `software.this` gives both.
     `session_id` are 32 hexadecimal digits that no other session has: copies of one in two datasets are told by it.
     `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
     `order` falls into blocks of `block_trials`; a trial that is put off is run again at the end of its block.
@@ -68,11 +63,12 @@ class Header(Entry):
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[5] = FORMAT
+    format: Literal[6] = FORMAT
     session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
     software: str
+    source_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
     rig: str
     rig_sha256: str
     recordings_sha256: str | None

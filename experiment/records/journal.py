@@ -17,7 +17,7 @@ from filelock import FileLock, Timeout
 from pydantic import Field, TypeAdapter, ValidationError
 
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import JournalError, SessionLocked
+from palpate.experiment.errors import JournalError, SessionLocked, other_format
 from palpate.experiment.records import chain, entries
 from palpate.experiment.records.chain import End
 from palpate.experiment.records.entries import Header
@@ -115,11 +115,10 @@ def _line(where: str, link: chain.Link, first: bool) -> Line:
     remedy = "keep a copy of it as it is, and restore it from a backup"
     try:
         # A journal of another format is refused in plain words, before its models refuse it in theirs.
-        if link.entry["kind"] == "header" and link.entry.get("format", 1) != entries.FORMAT:
-            raise JournalError(
-                f"{where}: got a journal of format {link.entry.get('format', 1)}; allowed: {entries.FORMAT}; read it "
-                f"with the palpate that wrote it ({link.entry.get('software', 'not named')})"
-            )
+        if link.entry["kind"] == "header":
+            got, by = link.entry.get("format"), str(link.entry.get("software", ""))
+            if (other := other_format(where, "journal", got, entries.FORMAT, software=by)) is not None:
+                raise other
         entry = ENTRY.validate_json(link.json)
     except (KeyError, ValidationError) as error:
         raise JournalError(f"{where} is no journal entry that this palpate knows; {remedy}") from error

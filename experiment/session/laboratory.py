@@ -12,7 +12,6 @@ from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from palpate import __version__
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
@@ -21,7 +20,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock, utc
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records import journal
+from palpate.experiment.records import journal, software
 from palpate.experiment.records.entries import Header, Purpose
 from palpate.experiment.session import exposure, masker, scene
 from palpate.experiment.session.attempt import Devices
@@ -125,11 +124,13 @@ def header(
         from palpate.experiment.recordings import manifest
 
         recordings_sha256 = manifest.sha256(recordings)
+    ours = software.this()
     return Header(
         session_id=secrets.token_hex(16),
         study=protocol.study.id,
         protocol_sha256=approval.sha256(protocol),
-        software=f"palpate {__version__}",
+        software=f"palpate {ours.version}",
+        source_sha256=ours.source_sha256,
         rig=rig.rig.name,
         rig_sha256=rigs.sha256(rig),
         recordings_sha256=recordings_sha256,

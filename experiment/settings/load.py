@@ -22,7 +22,7 @@ from dataclasses import dataclass
 from datetime import date, time
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
+from typing import Annotated, Any, ClassVar, Self, TypeVar, cast, get_args
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
@@ -144,6 +144,26 @@ class Confined(BaseModel):
             text = "; ".join(f"{written(one.path)}: allowed: {one.allowed}" for one in broken)
             raise PydanticCustomError(BROKEN_RULE, "{text}", {"text": text})
         return self
+
+
+def younger(model: Confined, number: int, at: Place = ()) -> Iterator[Place]:
+    """Yield the path of each key of a model, and of those inside it, that came after the format `number` of its file.
+
+    A key that is younger than the first format says so: `Field(json_schema_extra={"since": 3})`.
+    """
+    for name, field in type(model).model_fields.items():
+        extra = field.json_schema_extra
+        if isinstance(extra, dict) and cast("int", extra.get("since", 0)) > number:
+            yield (*at, name)
+            continue
+        value = getattr(model, name)
+        for inner, place in ((value, (*at, name)), *((one, (*at, name, i)) for i, one in _numbered(value))):
+            if isinstance(inner, Confined):
+                yield from younger(inner, number, place)
+
+
+def _numbered(value: object) -> Iterable[tuple[int, object]]:
+    return enumerate(value) if isinstance(value, tuple) else ()
 
 
 Model = TypeVar("Model", bound=Confined)

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import permutations
 
 from palpate.experiment.errors import RosterError
-from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.study.schedule import Draws
 
@@ -35,7 +34,7 @@ def labels(protocol: Protocol) -> tuple[str, ...]:
 def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
     """Return what every participant of a study does, in the order of enrolment.
 
-    It depends on the arguments alone, on any machine: on the protocol by `approval.names_draws`, and on the seed.
+    The draws are named by the seed and the tasks' ids alone, on any machine.
     """
     blocks: dict[tuple[str, ...], Iterator[tuple[str, ...]]] = {}
     allocations = []
@@ -43,7 +42,7 @@ def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
         tasks = tuple(task.id for task in protocol.tasks if place < task.participants)
         if protocol.task_order.kind == "counterbalanced":
             if tasks not in blocks:
-                blocks[tasks] = _permuted_blocks(tasks, approval.names_draws(protocol), seed)
+                blocks[tasks] = _permuted_blocks(tasks, seed)
             tasks = next(blocks[tasks])
         allocations.append(Allocation(participant, tasks))
     return tuple(allocations)
@@ -58,8 +57,8 @@ def allocated(protocol: Protocol, seed: int, takes: Mapping[str, str]) -> tuple[
     return tuple(Allocation(participant, its) for participant, its in tasks.items())
 
 
-def _permuted_blocks(tasks: tuple[str, ...], study: str, seed: int) -> Iterator[tuple[str, ...]]:
-    draws = Draws("task orders", study, *tasks, seed)
+def _permuted_blocks(tasks: tuple[str, ...], seed: int) -> Iterator[tuple[str, ...]]:
+    draws = Draws("task orders", seed, *tasks)
     while True:
         yield from draws.shuffled(tuple(permutations(tasks)))
 

@@ -135,7 +135,10 @@ def purpose_of(root: Path) -> Purpose:
     return _settled(root).purpose
 
 
-class _Settled(Record):
+class Settled(Record):
+    """What `sourcedata/seed.json` holds."""
+
+    format: Literal[1]
     seed: int
     purpose: Literal["STUDY", "PILOT"]
     salt: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None
@@ -146,10 +149,11 @@ class _Settled(Record):
         return hashlib.sha256(f"{self.salt}:{self.seed}".encode()).hexdigest()
 
 
-def _settled(root: Path) -> _Settled:
+def _settled(root: Path) -> Settled:
     file = storage.seed_path(root)
+    storage.refuse_other_format(root)
     try:
-        return _Settled.model_validate_json(storage.read_bytes(file))
+        return Settled.model_validate_json(storage.read_bytes(file))
     except (OSError, ValidationError) as error:
         raise DatasetError(
             f"{file}: seed and purpose of the study cannot be read; restore the file from a backup, or write it anew "
@@ -339,8 +343,8 @@ def settle(
         if not kept.exists():
             storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed
-            settled_as = {"seed": drawn, "purpose": purpose or "STUDY", "salt": secrets.token_hex(16)}
-            storage.write_json(storage.seed_path(root), settled_as)
+            settled_as = {"format": storage.DATASET_FORMAT, "seed": drawn, "purpose": purpose or "STUDY"}
+            storage.write_json(storage.seed_path(root), settled_as | {"salt": secrets.token_hex(16)})
             storage.owners_alone(storage.seed_path(root))
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):

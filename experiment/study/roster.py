@@ -19,7 +19,7 @@ from filelock import FileLock
 from pydantic import Field, TypeAdapter, ValidationError
 
 from palpate.experiment.clock import wall_ns
-from palpate.experiment.errors import RosterError
+from palpate.experiment.errors import RosterError, other_format
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain
 from palpate.experiment.records.chain import Chain
@@ -27,6 +27,9 @@ from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import VISIBLE, Line
 from palpate.experiment.study.allocation import labels, stranger
+
+FORMAT: Literal[1] = 1
+"""The format of the roster's file."""
 
 
 class Enrolled(Entry):
@@ -41,6 +44,7 @@ class First(Entry):
     """The first participant of a study took up their place; its seed was drawn at that moment, as the hash holds."""
 
     kind: Literal["first"] = "first"
+    format: Literal[1] = FORMAT
     participant: str
     consent_on: date | None
     seed_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
@@ -251,6 +255,10 @@ class Roster:
         """Replay the lines of a roster's file."""
         roster = cls(path, lines=lines)
         for number, link in enumerate(lines.links, start=1):
+            if link.entry.get("kind") == "first":
+                got = link.entry.get("format")
+                if (other := other_format(f"{path}: line {number}", "roster", got, FORMAT)) is not None:
+                    raise other
             try:
                 roster._apply(_ENTRY.validate_json(link.json))
             except (ValidationError, RosterError) as error:

@@ -25,7 +25,6 @@ from math import comb
 from typing import TypeVar
 
 from palpate.experiment.errors import ScheduleError
-from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import PlannedTrial
 
@@ -74,15 +73,15 @@ class Draws:
 def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -> tuple[PlannedTrial, ...]:
     """Return the trials of one participant in one task, in order.
 
-    The order depends on the arguments alone, on any machine: on the protocol by `approval.names_draws`, on the label,
-    the task and the seed. Raises `ScheduleError` if there is no such task, or no order that satisfies it.
+    The draws are named by seed, label and task alone, so that an amended protocol keeps every order that its design
+    still has. Raises `ScheduleError` if there is no such task, or no order that satisfies it.
     """
     known = {task.id: task for task in protocol.tasks}
     if task_id not in known:
         raise ScheduleError(f"no task '{task_id}' in study {protocol.study.id}; its tasks: {', '.join(known)}")
     task = known[task_id]
     presented = protocol.presentations(task)
-    draws = Draws("order of trials", approval.names_draws(protocol), participant, task_id, seed)
+    draws = Draws("order of trials", seed, participant, task_id)
     match task.order.kind:
         case "full-random":
             order = draws.shuffled(presented * task.repetitions)

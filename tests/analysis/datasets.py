@@ -14,6 +14,7 @@ from palpate.experiment.dataset.bids import (
     participants,
     write_files,
 )
+from palpate.experiment.records.software import Software
 
 MATERIALS = ("glass", "sand", "snow")
 
@@ -69,7 +70,7 @@ def write_dataset(
         authors=("Somebody", "Somebody else"),
         tasks=tuple(tasks),
         readme="A dataset for tests, made of answers that nobody gave. " * 4,
-        software_version="0",
+        software=Software("0", "5" * 64),
     )
     people = ({"participant_id": f"sub-{label}", "withdrawn": label in withdrawn} for label in sessions)
     write_files({**description(root, text), **participants(root, people, origin=origin)})

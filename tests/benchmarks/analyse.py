@@ -21,6 +21,7 @@ import numpy as np
 from palpate.experiment.dataset import reconstruction
 from palpate.experiment.dataset import reconstruction as counts_file
 from palpate.experiment.dataset.bids import DatasetText, TaskText, description, events, participants, write_files
+from palpate.experiment.records.software import this
 
 ROOT = Path(__file__).parents[2]
 PARTICIPANTS, REPETITIONS, RUNS = 1000, 10, 5
@@ -62,7 +63,7 @@ def trials_dataset(folder: Path) -> Path:
     """As a rehearsal makes it, without sessions behind it."""
     root = folder / "trials"
     readme = "Simulated answers for a benchmark. " * 6
-    text = DatasetText("simulated", "Simulated", "REHEARSAL", "CC0-1.0", ("Nobody",), tuple(RATIOS), readme, "0")
+    text = DatasetText("simulated", "Simulated", "REHEARSAL", "CC0-1.0", ("Nobody",), tuple(RATIOS), readme, this())
     write_files(description(root, text))
     labels = [f"{number:04}" for number in range(1, PARTICIPANTS + 1)]
     first = ("virtual", "real")

@@ -118,7 +118,14 @@ def _planned(label: str) -> Act:
     def act(study: MadeStudy, _: Path) -> None:
         header = journal.read(study.journal()).header
         known = {"protocol_sha256": header.protocol_sha256, "rig_sha256": header.rig_sha256, "participants": 15}
-        plan = {"label": label, **known, "seed": 1, "control": "none", "real_time": False}
+        plan = {
+            "format": storage.DATASET_FORMAT,
+            "label": label,
+            **known,
+            "seed": 1,
+            "control": "none",
+            "real_time": False,
+        }
         storage.write_json(storage.plan_path(study.root), plan)
         for path in (storage.roster_path(study.root), storage.seed_path(study.root)):
             path.unlink()
@@ -144,7 +151,7 @@ def _replaced(path: Callable[[MadeStudy], Path], old: bytes, new: bytes) -> Act:
 
 
 def _reseeded(study: MadeStudy, _: Path) -> None:
-    _seed(study).write_text('{"seed": 2, "purpose": "STUDY"}', "utf-8")
+    _seed(study).write_text('{"format": 1, "seed": 2, "purpose": "STUDY"}', "utf-8")
 
 
 def _gone(*paths: Callable[[MadeStudy], Path]) -> Act:

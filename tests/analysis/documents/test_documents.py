@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import multiprocessing
 import os
 import signal
@@ -10,9 +11,11 @@ from multiprocessing.connection import Connection
 import pytest
 from matplotlib.figure import Figure
 
+from palpate import __version__
 from palpate.analysis.documents import page
 from palpate.analysis.documents.drawing import Sheet
 from palpate.analysis.documents.tables import Section, Table
+from palpate.experiment.records import software
 
 TABLE = Table("A table", ("a", "b"), (("x", "1"),))
 RECORDS = ({"a": "x", "b": 1},)
@@ -115,7 +118,9 @@ def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_at_the
     assert "<figcaption>" not in before
     assert section.count("<figcaption>Figure 1. SIMULATED. What it shows.</figcaption>") == 1
     assert section.index("<figcaption>") < section.index("<dt>Name</dt><dd>formula</dd>")
-    assert made["results.json"] == b'{\n "n": 1\n}\n'
+    results = json.loads(made["results.json"])
+    assert (results["format"], results["n"]) == (page.FORMAT, 1)
+    assert results["made_by"] == {"palpate": __version__, "source_sha256": software.this().source_sha256}
 
 
 def test_the_first_section_stands_before_the_contents_and_a_folded_one_is_opened_by_its_reader() -> None:

@@ -86,7 +86,7 @@ def test_whether_the_plan_was_sealed_is_said(root: Path) -> None:
     plan = root / "sourcedata" / "protocol.toml"
     said = overview_section(read(root), compute(read(root), {})).paragraphs
     assert "The plan is sourcedata/protocol.toml; no seal stands beside it." in said
-    protocol = files.load_kept(plan)
+    protocol = files.load(plan)
     days: dict[str, Any] = {"approved_on": date(2026, 1, 2), "expires_on": date(2027, 1, 2)}
     approval.write(plan, protocol, approval_number="7", board=protocol.ethics.board, **days)
     (part,) = read(root).parts

@@ -185,7 +185,7 @@ def test_a_protocol_that_comes_with_palpate_is_named_by_its_id_and_a_file_goes_b
     assert shown[0] == shown[1]
     monkeypatch.chdir(tmp_path)
     assert palpate("check", "okamoto2012")[0] == 0
-    (tmp_path / "okamoto2012").write_text("format = 1", "utf-8")
+    (tmp_path / "okamoto2012").write_text("format = ", "utf-8")
     code, _, err = palpate("check", "okamoto2012")
     assert (code, "okamoto2012: 1 error" in err) == (2, True)
 

@@ -17,6 +17,7 @@ from palpate.experiment.dataset.bids import LABELS
 from palpate.experiment.dataset.reconstruction import COLUMNS, OKAMOTO2012, StudyText, import_counts, study_text
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.records.software import Software
 
 BOTH = "1,sand,sand,3\n1,sand,snow,1\n1,snow,snow,4\n2,sand,(none),1\n2,snow,sand,2\n"
 HEADER = "participant,presented,answered,count\n"
@@ -39,9 +40,9 @@ def _files(root: Path) -> dict[str, bytes]:
     return {name: content for name, content in relative.items() if not name.startswith("derivatives/")}
 
 
-def _version(root: Path) -> str:
-    description = json.loads((root / "dataset_description.json").read_text())
-    return str(description["GeneratedBy"][0]["Version"])
+def _made_by(root: Path) -> Software:
+    (by,) = json.loads((root / "dataset_description.json").read_text())["GeneratedBy"]
+    return Software(by["Version"], by["SourceSha256"])
 
 
 def test_the_committed_dataset_is_rebuilt_from_the_reference(
@@ -49,14 +50,14 @@ def test_the_committed_dataset_is_rebuilt_from_the_reference(
 ) -> None:
     committed = repository_root / "participants" / "okamoto2012"
     counts = {task: reference / f"okamoto2012_counts_{task}.csv" for task in ("virtual", "real")}
-    import_counts(counts, tmp_path / "again", study=OKAMOTO2012, software_version=_version(committed))
+    import_counts(counts, tmp_path / "again", study=OKAMOTO2012, software=_made_by(committed))
     assert _files(tmp_path / "again") == _files(committed)
 
 
 def test_the_committed_dataset_is_rebuilt_from_its_own_sources(repository_root: Path, tmp_path: Path) -> None:
     committed = repository_root / "participants" / "okamoto2012"
     counts = {task: committed / "sourcedata" / f"okamoto2012_counts_{task}.csv" for task in ("virtual", "real")}
-    import_counts(counts, tmp_path / "again", study=OKAMOTO2012, software_version=_version(committed))
+    import_counts(counts, tmp_path / "again", study=OKAMOTO2012, software=_made_by(committed))
     assert _files(tmp_path / "again") == _files(committed)
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs, bids, build, register
+from palpate.experiment.dataset import beliefs, bids, build, register, status
 from palpate.experiment.dataset.verify import MISTYPED, Report, verify
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, OtherFormat
 from palpate.experiment.protocol import approval
 from palpate.experiment.records import chain
 from palpate.experiment.study import enrolment
@@ -431,10 +431,11 @@ def test_every_finding_is_told(study: MadeStudy) -> None:
     first, second = study.journal(0), study.journal(1)
     cut(first, 5)
     storage.foot_path(second).write_bytes(storage.foot_path(second).read_bytes()[:-1])
-    (second.parent / "sub-02_task-real_journal.jsonl").write_bytes(second.read_bytes())
+    task = study.tasks[1].tasks[1]
+    storage.journal_path(study.root, "02", task).write_bytes(second.read_bytes())
     found = refused(verify(study.root))
     assert {inside(study, first), inside(study, storage.foot_path(second))} < set(found)
-    assert any("sub-02_task-real" in item for item in found)
+    assert any(f"sub-02_task-{task}" in item for item in found)
 
 
 def test_a_log_without_an_anchor_that_can_be_read_is_refused(study: MadeStudy) -> None:
@@ -452,7 +453,11 @@ def test_the_name_of_a_folder_makes_no_line_of_the_report(study: MadeStudy, palp
 
 def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
     tables = sorted(study.root.glob("sub-*/beh/*_events.tsv"))
-    tables[0].write_text(tables[0].read_text().replace("copy paper\tcopy paper", "copy paper\ttyping paper"))
+    header, row, *rows = tables[0].read_text().splitlines(keepends=True)
+    cells = row.split("\t")
+    said = header.split("\t").index("answered")
+    cells[said] = "copy paper" if cells[said] != "copy paper" else "typing paper"
+    tables[0].write_text("".join([header, "\t".join(cells), *rows]))
     tables[1].unlink()
     report = verify(study.root)
     found = refused(report)
@@ -623,3 +628,34 @@ def test_the_command_says_the_same_in_words_and_in_json(study: MadeStudy, anchor
     assert (code, [one["word"] for one in found["findings"]].count("refused")) == (1, 1)
     code, out, _ = palpate("verify", study.root, "--register", anchored)
     assert (code, f"  REFUSED  {inside(study, study.journal())}: " in out) == (1, True)
+
+
+@pytest.mark.parametrize("number", [None, 0, 2])
+@pytest.mark.parametrize("name", ["sourcedata/seed.json", "dataset_description.json"])
+def test_a_dataset_of_another_format_is_no_damaged_one(study: MadeStudy, name: str, number: int | None) -> None:
+    path = study.root / name
+    content = json.loads(path.read_text("utf-8"))
+    if "Palpate" in content:
+        content["Palpate"]["Format"] = number
+    else:
+        content["format"] = number
+    path.write_text(json.dumps(content), "utf-8")
+    report = verify(study.root)
+    (finding,) = report.findings
+    assert finding.item == name
+    assert f"made by {'a newer' if number == 2 else 'an unreleased'} palpate" in finding.text
+    assert report.verdict[0].startswith("NOT CHECKED")
+    with pytest.raises(OtherFormat):
+        status.status(study.root, date(2020, 6, 1))
+    with pytest.raises(OtherFormat):
+        build.build(study.root)
+
+
+def test_a_roster_of_another_format_is_no_damaged_one(study: MadeStudy) -> None:
+    path = storage.roster_path(study.root)
+    lines = path.read_bytes().splitlines(keepends=True)
+    first = json.loads(lines[0])
+    del first["entry"]["format"]
+    rechained(path, [json.dumps(first, separators=(",", ":"), ensure_ascii=False).encode() + b"\n"])
+    found = refused(verify(study.root))
+    assert "made by an unreleased palpate" in found[inside(study, path)]

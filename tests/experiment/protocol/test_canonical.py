@@ -8,14 +8,16 @@ import re
 import tomllib
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
-from pydantic import ValidationError
+from pydantic import Field, ValidationError
 
+from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol import files
-from palpate.experiment.protocol.approval import canonical, names_draws, sha256
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.approval import canonical, sha256
+from palpate.experiment.protocol.models import Material, Protocol
+from palpate.experiment.settings.load import Confined
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
 
 
@@ -36,45 +38,49 @@ def plain(value: Any) -> Any:
 
 def test_form_is_that_of_rfc_8785() -> None:
     # For ASCII keys and numbers of few digits, Python's own JSON with sorted keys is the same form.
-    for study, left_out in ((protocol(), YOUNGER), (stated(), ())):
-        document = json.loads(study.model_dump_json())
-        assert document.pop("comparison") is None
-        # Younger keys of footsteps' materials and limits, which these do not have.
-        assert document["exposure"].pop("force_peak_n") is None
-        assert {one.pop(key) for one in document["materials"] for key in ("attack_hz", "amplitude")} == {None}
-        for *tables, key in left_out:
-            table = document
-            for name in tables:
-                table = table[name]
-            del table[key]
-        for listed, younger in (("analysis", ("correction", "margin")), ("tasks", ("masker", "materials"))):
-            document[listed] = [
-                {key: held for key, held in one.items() if key not in younger or held} for one in document[listed]
-            ]
-        expected = json.dumps(plain(document), sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-        assert canonical(study) == expected.encode()
-        assert sha256(study) == hashlib.sha256(expected.encode()).hexdigest()
+    study = protocol()
+    document = plain(json.loads(study.model_dump_json()))
+    expected = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
+    assert canonical(study) == expected.encode()
+    assert sha256(study) == hashlib.sha256(expected.encode()).hexdigest()
 
 
-YOUNGER = (
-    ("consent", "kept_months"),
-    ("answers", "on_screen"),
-    ("answers", "microphone"),
-    ("masker", "probe"),
-    ("footstep", "synthesis", "left_out_max"),
-)
-"""Keys that are younger than format 2, and are left out where they are not stated."""
+class Amplifier(Confined):
+    """A table that format 3 would bring."""
+
+    gain_db: float = 0.0
 
 
-def stated() -> Protocol:
-    """With all of them."""
-    tables = document()
-    probe = {"material": tables["materials"][0]["id"], "speed_mm_s": 200.0}
-    for where, value in zip(YOUNGER, (18, True, True, probe, 0.25), strict=True):
-        tables = changed(tables, where, value)
-    same = {"test": "equivalence", "tasks": (tables["tasks"][0]["id"],), "question": "?", "margin": 0.1}
-    tables["analysis"] = (*tables["analysis"], same)
-    return Protocol.model_validate(changed(tables, ("analysis", 0, "correction"), "materials"))
+class LaterMaterial(Material):
+    """A material with a key of format 3."""
+
+    color: str | None = Field("white", json_schema_extra={"since": 3})
+
+
+class LaterStudy(Protocol):
+    """A protocol as format 3 would have it: keys with defaults at the top, and inside the tables of an array."""
+
+    format: Literal[2, 3]  # type: ignore[assignment]
+    materials: tuple[LaterMaterial, ...]
+    amplifier: Amplifier = Field(Amplifier(), json_schema_extra={"since": 3})
+
+
+def test_a_key_that_is_added_with_a_default_changes_no_form_of_an_older_format() -> None:
+    older, newer = (LaterStudy.model_validate({**document(), "format": number}) for number in (2, 3))
+    assert canonical(older) == canonical(protocol())
+    form = json.loads(canonical(newer))
+    assert (form["amplifier"], form["materials"][0]["color"]) == ({"gain_db": 0}, "white")
+
+
+def test_a_younger_key_is_refused_in_a_file_of_an_older_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "Protocol", LaterStudy)
+    text = SMALL + "\n[amplifier]\ngain_db = 6.0\n"
+    with pytest.raises(ProtocolError) as refused:
+        loaded(tmp_path, text)
+    (problem,) = refused.value.problems
+    assert (problem.path, problem.line) == ("amplifier", SMALL.count("\n") + 2)
+    assert loaded(tmp_path, text.replace("format = 2", "format = 3")).model_dump()["format"] == 3
+    assert loaded(tmp_path, SMALL).format == 2
 
 
 def test_every_value_of_the_file_stands_in_the_form() -> None:
@@ -133,26 +139,3 @@ def test_any_other_value_changes_the_hash() -> None:
             continue
     assert tried > 50
     assert len(hashes) == tried + 1
-
-
-def test_a_study_moved_to_format_2_keeps_the_name_of_its_draws(repository_root: Path) -> None:
-    # What palpate 0.1 gave as canonical hash of the same study in format 1, and named its draws by.
-    study = files.load(repository_root / "protocols" / "okamoto2012.toml")
-    assert names_draws(study) == "c2bbbf35cb953c97f328aa6819b0fcaa408e5e6420023a34fb35377f3605ed1a"
-    assert names_draws(study) != sha256(study)
-
-
-def test_a_seal_that_was_given_before_a_key_was_there_holds_on(repository_root: Path) -> None:
-    # What palpate gave as hash of the published study before these were keys, on its board's page.
-    study = files.load(repository_root / "protocols" / "okamoto2012.toml")
-    assert sha256(study) == "8b60d1b6a50b0cf7d7030d0d4e7e2c25ad5501d369432e7fd73225a590d0f9a5"
-    stated = study.model_copy(update={"consent": study.consent.model_copy(update={"kept_months": 120})})
-    assert sha256(stated) != sha256(study)
-    footstep = study.footsteps.model_copy(
-        update={"synthesis": study.footsteps.synthesis.model_copy(update={"left_out_max": 0.5})}
-    )
-    assert sha256(study.model_copy(update={"footstep": footstep})) != sha256(study)
-    quiet = study.tasks[0].model_copy(update={"masker": "none"})
-    assert sha256(study.model_copy(update={"tasks": (quiet, *study.tasks[1:])})) != sha256(study)
-    fewer = study.tasks[0].model_copy(update={"materials": ("copy paper",)})
-    assert sha256(study.model_copy(update={"tasks": (fewer, *study.tasks[1:])})) != sha256(study)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from palpate.experiment.errors import ProtocolError
-from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import page
 from palpate.experiment.settings import load
@@ -114,14 +113,6 @@ def test_the_page_of_a_study_without_a_virtual_task_does_not_tell_how_one_would_
     assert ["Virtual stimuli are made" in page(one, "study.toml") for one in (both, alone)] == [True, False]
 
 
-def test_what_is_not_stated_of_virtual_surfaces_is_not_in_the_canonical_form() -> None:
-    form = json.loads(approval.canonical(Protocol.model_validate(rendering())))
-    assert form["comparison"] == rendering()["comparison"]
-    assert set(form["materials"][0]) == {"id", "description", "attack_hz", "amplitude"}
-    assert form["exposure"]["force_peak_n"] == 2.0
-    assert "force_peak_n" not in json.loads(approval.canonical(protocol()))["exposure"]
-
-
 @pytest.mark.parametrize("how", [{}, {"tie_key": "3"}, {"repetitions": 8, "order": "blocked-random"}])
 def test_what_is_within_the_rules_is_accepted(how: dict[str, Any]) -> None:
     assert load.find(Protocol, comparing(**how), {}) == ()
@@ -143,16 +134,6 @@ def test_it_presents_every_pair_and_a_material_with_itself() -> None:
     assert {" ".join(pair) for pair in study.presentations(study.tasks[0])} == pairs
     assert study.trials(study.tasks[0]) == 24
     assert (plain := small.protocol()).presentations(plain.tasks[0]) == (("felt",), ("cork",))
-
-
-@pytest.mark.parametrize("tie_key", [None, "3"])
-def test_the_canonical_form_holds_what_the_file_states_and_nothing_of_another_kind(tie_key: str | None) -> None:
-    study = protocol(tie_key=tie_key)
-    form = json.loads(approval.canonical(study))
-    assert form["comparison"] == comparing(tie_key=tie_key)["comparison"]
-    assert "footstep" not in form
-    assert [set(one) for one in form["materials"]] == [{"id", "description"}] * 3
-    assert approval.names_draws(study) == approval.sha256(study)
 
 
 def test_the_other_kind_of_study_is_refused_in_words() -> None:

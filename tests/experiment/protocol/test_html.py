@@ -116,7 +116,7 @@ def test_nothing_is_fetched_and_nothing_may_run() -> None:
 def test_every_sheet_says_which_version_it_is_of_and_until_when_it_is_approved() -> None:
     # A browser repeats the foot of a table on every sheet.
     days: dict[str, Any] = {"approved_on": date(2020, 2, 1), "expires_on": date(2021, 2, 1)}
-    form: dict[str, Any] = {"protocol_sha256": sha256(protocol()), "protocol": "{}"}
+    form: dict[str, Any] = {"format": 1, "protocol_sha256": sha256(protocol()), "protocol": "{}"}
     seal = Seal(approval_number="17<", board="Board\nof tests", **form, **days)
     foot = r"<tfoot>.*Study small, {}\. SHA-256 of the protocol:.*" + sha256(protocol()) + ".*</tfoot>"
     assert re.search(foot.format("NOT SEALED"), made(protocol()))

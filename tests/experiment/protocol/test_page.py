@@ -288,7 +288,7 @@ def test_letters_that_run_from_right_to_left_stand_behind_a_bar_alone(path: tupl
 
 def test_a_seal_is_told_in_lines_of_its_own() -> None:
     days: dict[str, Any] = {"approved_on": date(2020, 2, 1), "expires_on": date(2021, 2, 1)}
-    form: dict[str, Any] = {"protocol_sha256": "0" * 64, "protocol": "{}"}
+    form: dict[str, Any] = {"format": 1, "protocol_sha256": "0" * 64, "protocol": "{}"}
     seal = Seal(approval_number="17 \u05d0", board="Board\nof tests", **form, **days)
     assert approved(seal).split("\n") == [
         "  Board            | Board of tests",

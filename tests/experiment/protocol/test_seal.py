@@ -14,7 +14,7 @@ import rfc8785
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.experiment.errors import ProtocolError
+from palpate.experiment.errors import OtherFormat, ProtocolError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sha256
 from palpate.experiment.protocol.models import Protocol
@@ -44,16 +44,29 @@ def other() -> Protocol:
 def test_a_sealed_protocol_may_run(file: Path) -> None:
     written = approval.write(file, protocol(), **APPROVAL)
     form = approval.canonical(protocol()).decode()
-    assert written == approval.Seal(protocol_sha256=sha256(protocol()), protocol=form, **APPROVAL)
+    assert written == approval.Seal(format=1, protocol_sha256=sha256(protocol()), protocol=form, **APPROVAL)
     assert approval.verify(file, protocol(), date(2020, 6, 1)) == written
     assert sorted(path.name for path in file.parent.iterdir()) == ["small.seal.toml", "small.toml"]
+
+
+@pytest.mark.parametrize(
+    ("number", "maker"), [("", "an unreleased"), ("format = 0\n", "an unreleased"), ("format = 2\n", "a newer")]
+)
+def test_a_seal_of_another_format_is_no_damaged_one(file: Path, number: str, maker: str) -> None:
+    path = file.parent / "small.seal.toml"
+    approval.write(file, protocol(), **APPROVAL)
+    path.write_text(path.read_text("utf-8").replace("format = 1\n", number), "utf-8")
+    with pytest.raises(OtherFormat, match=f"made by {maker} palpate"):
+        approval.verify(file, protocol(), date(2020, 6, 1))
+    approval.write(file, protocol(), **APPROVAL, replace=True)
+    assert approval.verify(file, protocol(), date(2020, 6, 1)).format == 1
 
 
 def test_the_seal_is_readable_as_it_stands(file: Path) -> None:
     approval.write(file, protocol(), **APPROVAL)
     stated = tomllib.loads((file.parent / "small.seal.toml").read_text(encoding="utf-8"))
     assert json.loads(stated.pop("protocol"))["study"]["id"] == "small"
-    assert stated == {"protocol_sha256": sha256(protocol()), **APPROVAL}
+    assert stated == {"format": 1, "protocol_sha256": sha256(protocol()), **APPROVAL}
 
 
 def test_a_seal_that_was_given_the_hash_of_another_version_is_refused(file: Path) -> None:
@@ -275,15 +288,15 @@ def test_the_seal_of_another_form_is_replaced_on_request_alone(file: Path) -> No
 
 def test_a_damaged_seal_is_refused_and_kept_until_it_is_replaced_on_request(file: Path) -> None:
     path = file.parent / "small.seal.toml"
-    path.write_text("protocol_sha256 = 'abc'\nboard = 3\n", encoding="utf-8")
+    path.write_text("format = 1\nprotocol_sha256 = 'abc'\nboard = 3\n", encoding="utf-8")
     attempts: tuple[Callable[[], object], ...] = (
         lambda: approval.verify(file, protocol(), date(2020, 6, 1)),
         lambda: approval.write(file, protocol(), **APPROVAL),
     )
     for attempt in attempts:
-        with pytest.raises(ProtocolError, match="line 1: protocol_sha256: got 'abc'; allowed: 64 hexadecimal digits"):
+        with pytest.raises(ProtocolError, match="line 2: protocol_sha256: got 'abc'; allowed: 64 hexadecimal digits"):
             attempt()
-    assert path.read_text(encoding="utf-8").startswith("protocol_sha256 = 'abc'")
+    assert path.read_text(encoding="utf-8").startswith("format = 1\nprotocol_sha256 = 'abc'")
     sealed = approval.write(file, protocol(), **APPROVAL, replace=True)
     assert approval.verify(file, protocol(), date(2020, 6, 1)) == sealed
 

@@ -41,6 +41,7 @@ HEADER = Header(
     study="s",
     protocol_sha256="0" * 64,
     software="palpate 0",
+    source_sha256="5" * 64,
     rig="r",
     rig_sha256="1" * 64,
     recordings_sha256=None,

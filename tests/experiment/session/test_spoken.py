@@ -29,7 +29,6 @@ from palpate.experiment.errors import AudioError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Answer, Footer, Phase, Spoken
-from tests.experiment.session import bench as benches
 from tests.experiment.session.bench import Bench, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
@@ -333,4 +332,3 @@ def test_bench_has_no_microphone_by_itself(protocol: Protocol, tmp_path: Path) -
     path = storage.journal_path(tmp_path, "01", "real")
     rows = build._rows(build._session(path, journal.read(path)), "PARTICIPANT")
     assert all("response_end" not in row and "voice_onset" not in row for row in rows)
-    assert benches.HEADER.format == 5

@@ -321,19 +321,6 @@ def test_a_folder_is_no_file(tmp_path: Path) -> None:
         files.load(tmp_path)
 
 
-def test_a_protocol_of_format_1_is_refused_with_what_to_move_where(tmp_path: Path) -> None:
-    text = SMALL.replace("format = 2", "format = 1").replace("[footstep.", "[").replace('kind = "footstep"\n', "")
-    (problem,) = refused(tmp_path, text)
-    assert (problem.path, problem.line, problem.got) == ("format", 1, "1")
-    moved = text.replace("format = 1", "format = 2").replace("[[tasks]]", '[[tasks]]\nkind = "footstep"')
-    for table in ("step", "synthesis", "tactile"):
-        assert f"[{table}] to [footstep.{table}]" in problem.allowed
-        moved = moved.replace(f"[{table}]", f"[footstep.{table}]")
-    assert 'kind = "footstep" to every [[tasks]]' in problem.allowed
-    (tmp_path / "moved.toml").write_text(moved)
-    assert files.load(tmp_path / "moved.toml") == protocol()
-
-
 def test_a_file_of_nothing_but_unknown_keys_is_told_in_part(tmp_path: Path) -> None:
     """Words for each of the 90,000 that a file can hold took minutes."""
     path = tmp_path / "many.toml"

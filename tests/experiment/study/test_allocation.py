@@ -67,11 +67,12 @@ def test_a_fixed_order_is_that_of_the_file() -> None:
     assert [allocation.tasks for allocation in allocations] == [("b", "a")] * 3 + [("b",)]
 
 
-def test_allocation_is_a_function_of_protocol_and_seed() -> None:
-    small = study(40, {"a": 40, "b": 40})
-    retitled = small.model_copy(update={"study": small.study.model_copy(update={"title": "Another"})})
+def test_allocation_is_a_function_of_tasks_and_seed() -> None:
+    small, renamed = study(40, {"a": 40, "b": 40}), study(40, {"a": 40, "c": 40})
     assert allocate(small, 1) == allocate(small, 1)
-    assert len({allocate(small, 1), allocate(small, 2), allocate(retitled, 1)}) == 3
+    assert allocate(small, 1) != allocate(small, 2)
+    first = [[one.tasks[0] == "a" for one in allocate(each, 1)] for each in (small, renamed)]
+    assert first[0] != first[1]
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,145 @@
+"""A description of every format that palpate writes, for tests/reference/formats: `python -m tests.formats`.
+
+A file there is named by format and number, such as `journal-6.json`. A format that changes needs another number, and so
+another file; those of released numbers stay.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+from pydantic import TypeAdapter
+
+from palpate.analysis import export
+from palpate.analysis.analyse import analyse
+from palpate.analysis.documents import page
+from palpate.experiment import storage
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.dataset import build
+from palpate.experiment.dataset.beliefs import Plan
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.recordings.manifest import Manifest
+from palpate.experiment.records import entries, events, journal
+from palpate.experiment.settings.load import Confined
+from palpate.experiment.study import enrolment, roster
+from tests.analysis.datasets import compared, write_dataset
+
+REPOSITORY = Path(__file__).parent.parent
+FOLDER = Path(__file__).parent / "reference" / "formats"
+
+PROSE = ("title", "description")
+"""What a JSON schema says for readers alone."""
+
+Description = dict[str, Any]
+
+
+def descriptions() -> dict[str, Description]:
+    """Return what describes each format today, by its name and number."""
+    return {
+        _named("protocol", Protocol): schema(Protocol),
+        _named("rig", Rig): schema(Rig),
+        _named("manifest", Manifest): schema(Manifest),
+        f"seal-{approval.FORMAT}": schema(approval.Seal),
+        f"roster-{roster.FORMAT}": _plain(TypeAdapter(roster.AnyEntry).json_schema()),
+        f"journal-{entries.FORMAT}": _plain(journal.ENTRY.json_schema()),
+        f"dataset-{storage.DATASET_FORMAT}": _dataset(),
+        f"results-{page.FORMAT}": _results(),
+    }
+
+
+def _named(name: str, model: type[Confined]) -> str:
+    """Return a format's name with the newest number that its files may have."""
+    return f"{name}-{max(get_args(model.model_fields['format'].annotation))}"
+
+
+def schema(model: type[Any]) -> Description:
+    """Return the JSON schema of a model without its prose."""
+    described: Description = _plain(model.model_json_schema())
+    return described
+
+
+def _plain(schema: Any) -> Any:
+    """Return a JSON schema without its prose; a property may have the name of a word for prose."""
+    if isinstance(schema, dict):
+        prose = {key for key in PROSE if isinstance(schema.get(key), str)}
+        return {key: _plain(value) for key, value in schema.items() if key not in prose}
+    return [_plain(one) for one in schema] if isinstance(schema, list) else schema
+
+
+def _dataset() -> Description:
+    kinds: tuple[Literal["footstep", "comparison", "further", "imported", "participants"], ...]
+    kinds = "footstep", "comparison", "further", "imported", "participants"
+    with tempfile.TemporaryDirectory() as folder:
+        root = _compared(Path(folder))
+        files = {path.relative_to(root).as_posix(): path for path in sorted(root.rglob("*.json"))}
+        keys = {name: sorted(json.loads(path.read_text("utf-8"))) for name, path in files.items()}
+        palpate = sorted(json.loads(files["dataset_description.json"].read_text("utf-8"))["Palpate"])
+    return {
+        "columns": {kind: list(events.columns_of(kind)) for kind in kinds},
+        "keys": {**keys, "Palpate": palpate},
+        "read": {end: list(read) for end, read in build.READ.items()},
+        "plan.json": schema(Plan),
+        "seed.json": schema(enrolment.Settled),
+    }
+
+
+def _compared(folder: Path) -> Path:
+    """A small dataset of comparisons by two participants."""
+    said = [("felt", "cork", "second"), ("cork", "felt", "first"), ("felt", "felt", "first"), ("cork", "cork", "first")]
+    sessions = {who: {"live": compared(said)} for who in ("1", "2")}
+    return write_dataset(
+        folder / "study",
+        sessions,
+        materials=("felt", "cork"),
+        tasks=("live",),
+        answers=("first", "second"),
+        origin="REHEARSAL",
+    )
+
+
+def _results() -> Description:
+    """Describe the results of an identification study and of a comparison, and the tables for other programs."""
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder)
+        datasets = {"identification": REPOSITORY / "participants" / "okamoto2012", "comparison": _compared(place)}
+        found = {}
+        for design, root in datasets.items():
+            out = place / design
+            analyse([root], out, figures=False)
+            tables = {path.name: path.read_text("utf-8").splitlines() for path in sorted(out.glob("tables/*.csv"))}
+            headings = {
+                name: next(line for line in lines if not line.startswith("#")) for name, lines in tables.items()
+            }
+            found[design] = {
+                "results.json": _shape(json.loads((out / "results.json").read_text("utf-8"))),
+                "tables": headings,
+            }
+    columns = json.loads(Path(export.__file__).with_name("export_columns.json").read_text("utf-8"))
+    exported = {design: {name: list(table) for name, table in tables.items()} for design, tables in columns.items()}
+    return {**found, "export": exported}
+
+
+def _shape(value: object) -> object:
+    """Return the keys of JSON objects and the types of what they hold; a list has the shapes of all of its elements."""
+    if isinstance(value, Mapping):
+        return {key: _shape(inner) for key, inner in value.items()}
+    if isinstance(value, list):
+        shapes = [_shape(inner) for inner in value]
+        return [shape for place, shape in enumerate(shapes) if shape not in shapes[:place]]
+    return {float: "number", int: "number", str: "text", bool: "flag"}.get(type(value), "nothing")
+
+
+def text(description: Description) -> str:
+    """Return a description as its file has it."""
+    return json.dumps(description, indent=1, sort_keys=True, ensure_ascii=False) + "\n"
+
+
+if __name__ == "__main__":
+    FOLDER.mkdir(exist_ok=True)
+    for name, description in descriptions().items():
+        (FOLDER / f"{name}.json").write_text(text(description), "utf-8")
