@@ -112,8 +112,8 @@ def analyse(
 
     `out` is by default `derivatives/palpate` in a single dataset. Drawing the figures takes most of the time, half of
     it for `pictures`, which are PNG files of them. They have `titles` inside for slides, and for a paper none, for the
-    caption says what they show. The CSV file of `dissimilarities` is that of
-    `analysis.reading.dissimilarities.from_file`; by default they are the published ones. `say` is told what is done.
+    caption says what they show. The CSV file of `dissimilarities` is one that
+    `reading/dissimilarities.py` reads; by default they are the published ones. `say` is told what is done.
     Raises `DatasetError` for a dataset or file that cannot be read, datasets that do not go together or have no trial
     left, a folder within a dataset, and a file in the way, and `ProtocolError` for a broken copy of the protocol in the
     dataset.

@@ -49,7 +49,7 @@ Render = Callable[[float], NDArray[np.float64]]
 class Way:
     """A way to compute stimuli.
 
-    `claim` returns the bound on its relative error on a grid, as `experiment.synthesis.waveforms` defines that error.
+    `claim` returns the bound on its relative error on a grid, as `experiment/synthesis/waveforms.py` defines it.
     `prepare` takes an output rate in Hz and does beforehand what does not depend on the speed; it returns what renders
     a stimulus, and the memory that this holds, in bytes.
     """

@@ -1,4 +1,4 @@
-"""The oracle that `experiment.synthesis` is compared with: exact whole numbers, extended precision, closed forms.
+"""The oracle that `experiment/synthesis/` is compared with: exact whole numbers, extended precision, closed forms.
 
 Nothing here calls what it judges. Grids are fractions, phases are reduced in whole numbers, and sums are of
 `numpy.longdouble`, which has a mantissa of 64 bits on x86. Where a platform's is no longer than that of a float64,
@@ -36,7 +36,7 @@ SUSPENSION_HZ, SUSPENSION_DAMPING, PEAK_HZ, DAMPING, GAIN_M_S2_PER_V, SOFT_V = 3
 class Exact:
     """A stimulus in extended precision: samples in m/s^2, or V, shape (n,), of recordings with N = `bins`.
 
-    `scale` divides a relative error, as `experiment.synthesis.waveforms` defines it. The line of equation (3) makes
+    `scale` divides a relative error, as `experiment/synthesis/waveforms.py` defines it. The line of equation (3) makes
     `floored` bins negative, and the output rate cannot carry `dropped` bins of the recordings.
     """
 
