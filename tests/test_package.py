@@ -224,23 +224,37 @@ def test_git_has_links_and_no_folders(repository_root: Path, name: str) -> None:
     assert (str(path.readlink()) if path.is_symlink() else path.read_text("utf-8")) == LINKS[name]
 
 
-@pytest.mark.parametrize("beside", ["link", "text", "copy", "nothing"])
-def test_a_checkout_loads_the_folders_at_its_root(repository_root: Path, tmp_path: Path, beside: str) -> None:
-    """A copy is what unpacking an archive, or copying with links followed, makes of a link."""
-    root, face = tmp_path / "experiment", tmp_path / "palpate"
+@pytest.mark.parametrize(
+    ("inside", "loaded"),
+    [
+        ("link", "experiment"),
+        ("text", "experiment"),
+        ("copy", "experiment"),
+        ("nothing", "experiment"),
+        ("wheel", "palpate/experiment"),
+    ],
+)
+def test_only_a_wheel_loads_the_folders_inside_of_palpate(
+    repository_root: Path, tmp_path: Path, inside: str, loaded: str
+) -> None:
+    """A copy is what unpacking an archive makes of a link. Beside a wheel there may be another's `experiment`."""
+    root, link = tmp_path / "experiment", tmp_path / "palpate" / "experiment"
     root.mkdir()
-    face.mkdir()
+    link.parent.mkdir()
     (root / "__init__.py").touch()
-    shutil.copy(repository_root / "palpate" / "__init__.py", face)
-    match beside:
+    shutil.copy(repository_root / "palpate" / "__init__.py", link.parent)
+    match inside:
         case "link":
-            (face / "experiment").symlink_to("../experiment")
+            link.symlink_to("../experiment")
         case "text":
-            (face / "experiment").write_text("../experiment", "utf-8")
+            link.write_text("../experiment", "utf-8")
         case "copy":
-            shutil.copytree(root, face / "experiment")
+            shutil.copytree(root, link)
+        case "wheel":
+            shutil.copytree(root, link)
+            (link / "shipped").mkdir()
     found = call(sys.executable, "-c", "import palpate.experiment as e; print(e.__file__)", cwd=tmp_path)
-    assert found.strip() == str(root / "__init__.py")
+    assert found.strip() == str(tmp_path / loaded / "__init__.py")
 
 
 @pytest.mark.parametrize("name", ["experiment", "analysis"])
