@@ -1,0 +1,151 @@
+"""How the modules hang together: circles, arrows upward, and the lines of the trunks and of the wings.
+
+A trunk is the module that it begins at, and every module that one of its modules imports, at the top of the file, in a
+function or for the type checker alone, with the `__init__.py` of each room on the way. The session trunk begins at
+`session/run.py`, which `palpate run` calls for a participant in the room. It leaves out the rooms of voice, tapping,
+servo, contact and stepping, and so what only they import; it counts three modules of tapping that modules of the trunk
+import, until they no longer do. The analysis trunk begins at `analyse.py` and leaves nothing out.
+
+A wing is what would leave the source with it. A module is in one wing at most, and in a trunk as well while a module of
+the trunk imports it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Set
+from dataclasses import dataclass
+from typing import Any
+
+from tests.figures.source import PACKAGE, Source, is_inside, module_of
+
+Imports = Set[tuple[str, str]]
+"""Pairs of modules: the first one imports the second one."""
+
+
+@dataclass(frozen=True)
+class Trunk:
+    """Everything that one module imports."""
+
+    root: str
+    without: tuple[str, ...] = ()
+    """Rooms that do not count, with what only they import."""
+
+
+TRUNKS: Mapping[str, Trunk] = {
+    "session": Trunk(
+        "experiment/session/run.py",
+        without=(
+            "experiment/desk/voice",
+            "experiment/session/tapping",
+            "experiment/apparatus/servo",
+            "experiment/synthesis/contact",
+            "experiment/synthesis/stepping",
+        ),
+    ),
+    "analysis": Trunk("analysis/analyse.py"),
+}
+
+WINGS: Mapping[str, tuple[str, ...]] = {
+    "voice": (
+        "experiment/apparatus/audio/microphone.py",
+        "experiment/desk/voice",
+        "experiment/rehearsal/voice.py",
+        "experiment/rehearsal/wires/mouth.py",
+    ),
+    "tapping": (
+        "analysis/comparison",
+        "analysis/report/comparison_figures.py",
+        "analysis/report/comparison_sections.py",
+        "experiment/apparatus/doctor/force.py",
+        "experiment/apparatus/servo",
+        "experiment/dataset/comparison.py",
+        "experiment/records/tapping.py",
+        "experiment/rehearsal/tapping",
+        "experiment/rehearsal/wires/force_device.py",
+        "experiment/session/tapping",
+        "experiment/synthesis/contact",
+        "experiment/synthesis/tap.py",
+    ),
+    "stepping": ("experiment/synthesis/stepping",),
+    "tap fit": ("experiment/cli/tap.py", "experiment/recordings/tap_fit.py"),
+    "imports": (
+        "experiment/dataset/imported.py",
+        "experiment/dataset/reconstruction.py",
+        "experiment/dataset/trial_files.py",
+    ),
+    "audit": ("analysis/audit", "analysis/published"),
+    "power": ("analysis/power",),
+    "numerics": ("analysis/numerics",),
+    "validation": ("analysis/validation",),
+}
+"""The rooms and modules of each wing; `tapping` is with servo and contact, `audit` with `published`."""
+
+
+def trunk_modules(trunk: Trunk, imports: Imports) -> set[str]:
+    """Return the modules of a trunk."""
+    left_out = tuple(module_of(room) for room in trunk.without)
+    onward: dict[str, set[str]] = {}
+    for one, other in imports:
+        if not any(f"{other}.".startswith(f"{room}.") for room in left_out):
+            onward.setdefault(one, set()).add(other)
+    root = module_of(trunk.root)
+    return {room for module in {root} | _reachable(root, onward) for room in _module_and_rooms(module)}
+
+
+def _module_and_rooms(module: str) -> Iterable[str]:
+    parts = module.split(".")
+    return (".".join(parts[:end]) for end in range(1, len(parts) + 1))
+
+
+def wing_lines(rooms: Iterable[str], sources: Iterable[Source]) -> int:
+    """Return the number of lines in the rooms and modules of a wing."""
+    rooms = tuple(rooms)
+    return sum(source.lines for source in sources if is_inside(source.path, rooms))
+
+
+def circles(imports: Imports) -> set[str]:
+    """Return every set of modules of which each leads to each other one by its imports."""
+    onward: dict[str, set[str]] = {}
+    for one, other in imports:
+        onward.setdefault(one, set()).add(other)
+    reached = {module: _reachable(module, onward) for module in onward}
+    return {
+        ", ".join(sorted({one} | {other for other in reached[one] if one in reached.get(other, set())}))
+        for one in onward
+        if one in reached[one]
+    }
+
+
+def _reachable(module: str, onward: Mapping[str, set[str]]) -> set[str]:
+    found: set[str] = set()
+    ahead = list(onward.get(module, ()))
+    while ahead:
+        if (one := ahead.pop()) not in found:
+            found.add(one)
+            ahead += onward.get(one, ())
+    return found
+
+
+def upward_imports(imports: Imports, contracts: Iterable[Mapping[str, Any]]) -> set[str]:
+    """Return the imports from a room to a higher one, or to one beside it, by the contracts of import-linter."""
+    floor: dict[str, int] = {}
+    beside: set[tuple[str, str]] = set()
+    for contract in contracts:
+        if contract["type"] == "layers":
+            (package,) = contract["containers"]
+            for number, layer in enumerate(contract["layers"]):
+                names = [f"{package}.{name.strip(' ()')}" for name in layer.replace(":", "|").split("|")]
+                floor |= dict.fromkeys(names, number)
+                if "|" in layer:
+                    beside |= {(one, other) for one in names for other in names if one != other}
+
+    def room(module: str) -> str:
+        return ".".join(module.split(".")[: PACKAGE.count(".") + 3])
+
+    return {
+        f"{one} -> {other}"
+        for one, other in imports
+        if room(one).rpartition(".")[0] == room(other).rpartition(".")[0]
+        if room(one) in floor and room(other) in floor
+        if floor[room(other)] < floor[room(one)] or (room(one), room(other)) in beside
+    }

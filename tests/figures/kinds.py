@@ -1,0 +1,94 @@
+"""Decisions by the kind of trial that are made outside of the kinds' own rooms: a new kind would change each.
+
+Such a decision is a line that
+
+- asks whether a protocol has `comparison` or `footstep`, or a study or task its `answers`, by `is None`,
+- asks with `isinstance` or `case` whether something is of a class from a kind's room,
+- reads `pairs` of a view, or compares a `kind` with the name of a kind of trial,
+- or is an entry of a table by the names of the kinds.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+from tests.figures.source import Source, is_inside, module_of
+
+ROOMS = (
+    "analysis/comparison",
+    "analysis/identification",
+    "analysis/power/comparisons.py",
+    "analysis/report/comparison_figures.py",
+    "analysis/report/comparison_sections.py",
+    "analysis/report/identification_sections.py",
+    "experiment/dataset/comparison.py",
+    "experiment/records/footstep.py",
+    "experiment/records/tapping.py",
+    "experiment/rehearsal/footstep",
+    "experiment/rehearsal/tapping",
+    "experiment/session/footstep",
+    "experiment/session/tapping",
+)
+"""Where a kind of trial, or what is asked in it, is at home."""
+
+NAMES = frozenset({"footstep", "comparison"})
+"""The kinds of trial as a protocol file names them."""
+
+ABSENT = NAMES | {"answers"}
+"""What is None where a study is of another kind."""
+
+
+def decisions(source: Source) -> Iterator[str]:
+    """Yield the place of every line of a file outside of the kinds' rooms that decides by the kind of trial."""
+    if is_inside(source.path, ROOMS):
+        return
+    classes = _kind_names(source)
+    places = {found for node in source.nodes for found in _decision_lines(node, classes)}
+    yield from (f"{source.path}:{line}" for line in sorted(places))
+
+
+def _kind_names(source: Source) -> frozenset[str]:
+    """Return the names under which a file imports something from a kind's room, or the room itself."""
+    rooms = tuple(module_of(room) for room in ROOMS)
+    return frozenset(
+        each.asname or each.name
+        for node in source.nodes
+        if isinstance(node, ast.ImportFrom) and node.module
+        for each in node.names
+        if any(f"{node.module}.{each.name}.".startswith(f"{room}.") for room in rooms)
+    )
+
+
+def _decision_lines(node: ast.AST, classes: frozenset[str]) -> Iterator[int]:
+    """Yield the line of a node that decides by the kind of trial, and of each key of a table by kinds."""
+    match node:
+        case ast.Compare(left=left, ops=[ast.Is() | ast.IsNot()], comparators=[ast.Constant(value=None)]):
+            if _last_name(left) in ABSENT:
+                yield node.lineno
+        case ast.Compare(left=left, ops=[ast.Eq() | ast.NotEq()], comparators=[ast.Constant(value=str(name))]):
+            if name in NAMES and _last_name(left).strip("_") == "kind":
+                yield node.lineno
+        case ast.Call(func=ast.Name(id="isinstance"), args=[_, asked]):
+            if any(isinstance(each, ast.Name) and each.id in classes for each in ast.walk(asked)):
+                yield node.lineno
+        case ast.MatchClass(cls=cls):
+            if any(isinstance(each, ast.Name) and each.id in classes for each in ast.walk(cls)):
+                yield node.lineno
+        case ast.Attribute(value=value, attr="pairs"):
+            if _last_name(value).strip("_") == "view":
+                yield node.lineno
+        case ast.Dict(keys=keys):
+            named = [key for key in keys if isinstance(key, ast.Constant) and key.value in NAMES]
+            if len(named) == len(NAMES):
+                yield from (key.lineno for key in named)
+
+
+def _last_name(node: ast.expr) -> str:
+    """Return `kind` of `kind`, of `task.kind` and of `_kind(task)`."""
+    match node:
+        case ast.Name(id=name) | ast.Attribute(attr=name):
+            return name
+        case ast.Call(func=function):
+            return _last_name(function)
+    return ""

@@ -1,0 +1,90 @@
+"""What is counted in the syntax tree of one file: long-winded functions, sentences in tests, texts as arithmetic."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+
+from radon.visitors import ComplexityVisitor
+
+from tests.figures.source import Source
+
+GRADE_D = 21
+"""The least cyclomatic complexity of radon's grade D."""
+
+SENTENCE = 4
+"""So many words, each of two letters or more, make part of a sentence."""
+
+
+def complex_functions(source: Source) -> Iterator[str]:
+    """Yield each function and method of grade D or worse, with its complexity; one inside of another counts alone."""
+    visitor = ComplexityVisitor.from_ast(source.tree)
+    ahead = [*visitor.functions, *(method for each in visitor.classes for method in each.methods)]
+    while ahead:
+        one = ahead.pop()
+        ahead += one.closures
+        if one.complexity >= GRADE_D:
+            yield f"{source.path}:{one.lineno} {one.name} ({one.complexity})"
+
+
+def sentence_assertions(source: Source) -> Iterator[str]:
+    """Yield each `assert` that holds four words or more of a sentence: in one text, its own message included."""
+    for node in source.nodes:
+        if isinstance(node, ast.Assert) and _has_sentence(node):
+            yield source.place(node)
+
+
+def sentence_matches(source: Source) -> Iterator[str]:
+    """Yield each `match=` of a call that holds four words or more of a sentence in one text."""
+    for node in source.nodes:
+        if isinstance(node, ast.Call):
+            for given in node.keywords:
+                if given.arg == "match" and _has_sentence(given.value):
+                    yield source.place(given.value)
+
+
+def _has_sentence(node: ast.AST) -> bool:
+    return any(
+        isinstance(each, ast.Constant)
+        and isinstance(each.value, str)
+        and len(re.findall(r"[A-Za-z]{2,}", each.value)) >= SENTENCE
+        for each in ast.walk(node)
+    )
+
+
+def multiplied_texts(source: Source) -> Iterator[str]:
+    """Yield each text that is multiplied by a condition: `"s" * (n != 1)`.
+
+    A text of two letters or more counts if it is multiplied by anything that has a name, because nobody repeats a
+    sentence: `" of 40" * several` counts, and `"-" * width` does not.
+    """
+    for node in source.nodes:
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Mult):
+            for text, factor in ((node.left, node.right), (node.right, node.left)):
+                if _is_text(text) and (_is_condition(factor) or (_is_name(factor) and _has_letters(text))):
+                    yield source.place(node)
+
+
+def _is_text(node: ast.expr) -> bool:
+    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str | bytes))
+
+
+def _is_condition(node: ast.expr) -> bool:
+    match node:
+        case ast.Compare() | ast.BoolOp() | ast.UnaryOp(op=ast.Not()):
+            return True
+        case ast.Call(func=ast.Name(id="bool" | "any" | "all" | "isinstance")):
+            return True
+    return False
+
+
+def _is_name(node: ast.expr) -> bool:
+    return isinstance(node, ast.Name | ast.Attribute)
+
+
+def _has_letters(text: ast.expr) -> bool:
+    return any(
+        isinstance(each, ast.Constant) and isinstance(each.value, str) and re.search(r"[A-Za-z]{2,}", each.value)
+        for each in ast.walk(text)
+    )
