@@ -8,10 +8,11 @@ from textwrap import dedent
 
 import pytest
 
-from tests.figures import TRUNKS, WINGS, Figure, imports, kinds
-from tests.figures.parameters import unvaried_parameters
-from tests.figures.patterns import complex_functions, multiplied_texts, sentence_assertions, sentence_matches
-from tests.figures.source import Source, entries, is_inside, module_of, read_sources, tracked_files
+from tests.figures import TRUNKS, WINGS, Figure
+from tests.measures import imports, kinds
+from tests.measures.parameters import unvaried_parameters
+from tests.measures.patterns import complex_functions, multiplied_texts, sentence_assertions, sentence_matches
+from tests.measures.source import Source, entries, is_inside, module_of, read_sources, tracked_files
 
 Count = Callable[[Source], Iterator[str]]
 

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass
 from typing import Any
 
-from tests.figures.source import PACKAGE, Source, is_inside, module_of
+from tests.measures.source import PACKAGE, Source, is_inside, module_of
 
 Imports = Set[tuple[str, str]]
 """Pairs of modules: the first one imports the second one."""

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from radon.visitors import ComplexityVisitor
 
-from tests.figures.source import Source
+from tests.measures.source import Source
 
 GRADE_D = 21
 """The least cyclomatic complexity of radon's grade D."""

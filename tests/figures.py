@@ -1,21 +1,22 @@
 """How large the house is, how its modules hang together, and what is to become less: run `python -m tests.figures`.
 
 Each figure has a limit, which was set once, at what was found then. It may be lowered, and is not raised by the change
-that breaks it: something leaves, or the change waits. `imports.py` says what trunks and wings are, and each of
+that breaks it: something leaves, or the change waits. `measures/imports.py` says what trunks and wings are, and each of
 `definitions.py` with `parameters.py`, `patterns.py` and `kinds.py` what it counts.
 """
 
 from __future__ import annotations
 
 import gc
+import sys
 import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import grimp
 
-from tests.figures import imports, kinds, parameters, patterns
-from tests.figures.source import FOLDERS, PACKAGE, REPOSITORY, Source, entries, read_sources, tracked_files
+from tests.measures import imports, kinds, parameters, patterns
+from tests.measures.source import FOLDERS, PACKAGE, REPOSITORY, Source, entries, read_sources, tracked_files
 
 LINES = 60_000
 """31,500 when the house was redrawn; and what proofs of a dataset, exposure at every moment, texts that cannot deceive,
@@ -74,9 +75,10 @@ def figures() -> tuple[Figure, ...]:
 
 def _all_figures() -> tuple[Figure, ...]:
     sources = read_sources(tracked_files(*FOLDERS))
+    face = read_sources(tracked_files(PACKAGE))
     return (
         Figure("modules of source", len(sources), 268),
-        Figure("lines of source", sum(source.lines for source in sources), LINES),
+        Figure("lines of source", sum(source.lines for source in (*face, *sources)), LINES),
         *_room_figures(),
         *_import_figures(sources),
         _count("functions of grade D or worse", sources, patterns.complex_functions, 31),
@@ -123,3 +125,13 @@ def _count(name: str, sources: Iterable[Source], count: Callable[[Source], Itera
 def _figure(name: str, places: Iterable[str], most: int) -> Figure:
     where = tuple(sorted(places))
     return Figure(name, len(where), most, where)
+
+
+if __name__ == "__main__":
+    found = figures()
+    # With words of a figure's name: each place that it counts.
+    if words := " ".join(sys.argv[1:]):
+        print("\n".join(place for figure in found if words in figure.name for place in figure.where))
+    else:
+        print("\n".join(figure.line for figure in found))
+    sys.exit(any(figure.found > figure.most for figure in found))

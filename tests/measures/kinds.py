@@ -13,7 +13,7 @@ from __future__ import annotations
 import ast
 from collections.abc import Iterator
 
-from tests.figures.source import Source, is_inside, module_of
+from tests.measures.source import Source, is_inside, module_of
 
 ROOMS = (
     "analysis/comparison",

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 
-from tests.figures.source import Source
+from tests.measures.source import Source
 
 FunctionNode = ast.FunctionDef | ast.AsyncFunctionDef
 

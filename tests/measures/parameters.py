@@ -11,8 +11,8 @@ import ast
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
-from tests.figures.definitions import Definitions, Function, FunctionNode, dotted_name
-from tests.figures.source import Source
+from tests.measures.definitions import Definitions, Function, FunctionNode, dotted_name
+from tests.measures.source import Source
 
 HARMLESS = frozenset({"cache", "classmethod", "contextmanager", "lru_cache", "staticmethod"})
 """Decorators that call a function only when it is called."""
