@@ -129,6 +129,33 @@ def test_the_readme_is_short(repository_root: Path) -> None:
     assert len(words) <= 600
 
 
+def changelog_faults(text: str) -> list[str]:
+    """Return what keeps a user from reading the section on top: each name of a test, and more than 900 words."""
+    top = re.split(r"^## .*$", text, flags=re.MULTILINE)[1]
+    faults: list[str] = re.findall(r"\btest_\w*", top)
+    if (words := len(top.split())) > 900:
+        faults.append(f"{words} words")
+    return faults
+
+
+def test_the_changelog_is_readable(repository_root: Path) -> None:
+    assert changelog_faults((repository_root / "CHANGELOG.md").read_text("utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    ("top", "faults"),
+    [
+        ("word " * 900, []),
+        ("word " * 901, ["901 words"]),
+        ("### A heading\n\n- A page (`tests/rig/test_browser.py`).", ["test_browser"]),
+    ],
+    ids=["short", "long", "test"],
+)
+def test_a_changelog_that_is_not_readable_is_found(top: str, faults: list[str]) -> None:
+    older = "word " * 901 + "test_browser"
+    assert changelog_faults(f"# Changelog\n\n## Unreleased\n\n{top}\n\n## 0.1.0\n\n{older}\n") == faults
+
+
 @pytest.mark.parametrize("document", DOCUMENTS, ids=str)
 def test_what_a_document_names_is_there(repository_root: Path, document: str) -> None:
     text = (repository_root / document).read_text("utf-8")
