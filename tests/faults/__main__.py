@@ -1,4 +1,7 @@
-"""Run the fault campaign: `python -m tests.faults [PART...] [--subset]`; without --subset it writes the README."""
+"""Run the fault campaign: `python -m tests.faults [PART...] [--subset]`; without --subset it writes the README.
+
+`python -m tests.faults forged OUT` writes what verify reports of forged datasets, which is no part of the campaign.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,12 @@ import time
 
 from tests.faults import campaign
 from tests.faults.campaign import PARTS, Count, Size
+from tests.faults.forged import baseline
 
 
 def main() -> None:
+    if sys.argv[1:2] == ["forged"]:
+        sys.exit(baseline.main(sys.argv[2:]))
     parser = argparse.ArgumentParser(prog="python -m tests.faults", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"parts to run [default: {' '.join(PARTS)}]")
     parser.add_argument("--subset", action="store_true", help="run the subset that the suite runs")
