@@ -7,9 +7,9 @@ import re
 from datetime import date
 from pathlib import Path
 
-from experiment import storage
-from experiment.apparatus import rig as rigs
-from experiment.protocol import approval, files
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.protocol import approval, files
 from tests.faults.forged.case import (
     Act,
     Case,

@@ -10,9 +10,9 @@ from pathlib import Path
 from random import Random
 from typing import TypeVar
 
-from experiment import storage
-from experiment.dataset.register import LOG
-from experiment.protocol import approval
+from palpate.experiment import storage
+from palpate.experiment.dataset.register import LOG
+from palpate.experiment.protocol import approval
 from tests.experiment.dataset.studies import MadeStudy
 from tests.faults.anchors import forge
 from tests.faults.forged.studies import read_lines, write_chain

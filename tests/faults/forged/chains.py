@@ -6,12 +6,12 @@ import hashlib
 from collections.abc import Callable
 from typing import Any
 
-from experiment import storage
-from experiment.dataset import build
-from experiment.errors import DatasetError
-from experiment.records import chain
-from experiment.study import enrolment
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.dataset import build
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records import chain
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import DAY
 from tests.faults.anchors import HIDES, forge, smuggle
 from tests.faults.forged.case import (

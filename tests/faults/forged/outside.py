@@ -9,8 +9,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from experiment.dataset import beliefs, build, register
-from experiment.dataset.register import Kept
+from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset.register import Kept
 from tests.experiment.dataset.studies import make_study
 from tests.faults.forged.case import (
     Act,

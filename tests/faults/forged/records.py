@@ -11,9 +11,9 @@ from itertools import groupby
 from pathlib import Path
 from random import Random
 
-from experiment.dataset import verify
-from experiment.dataset.register import Signer
-from experiment.errors import PalpateError
+from palpate.experiment.dataset import verify
+from palpate.experiment.dataset.register import Signer
+from palpate.experiment.errors import PalpateError
 from tests.faults.forged import beside, chains, outside, tables
 from tests.faults.forged.case import Case, Forgery
 from tests.faults.forged.studies import CLEAN, Clean

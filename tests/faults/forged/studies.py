@@ -9,25 +9,25 @@ from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 
-from experiment import storage
-from experiment.apparatus import rig as rigs
-from experiment.clock import ManualClock
-from experiment.dataset import beliefs, build, register
-from experiment.dataset.imported import import_trials
-from experiment.dataset.reconstruction import import_counts, study_text
-from experiment.dataset.trial_files import Layout
-from experiment.errors import DatasetError
-from experiment.protocol import approval
-from experiment.protocol.files import shipped
-from experiment.records import chain
-from experiment.records.entries import Header
-from experiment.rehearsal import study as rehearsing
-from experiment.session import attempt, runner
-from experiment.session.laboratory import header
-from experiment.session.tapping.trials import ComparisonDevices
-from experiment.study import enrolment
-from experiment.study.allocation import allocate
-from experiment.study.roster import Roster
+from palpate.experiment import storage
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset.imported import import_trials
+from palpate.experiment.dataset.reconstruction import import_counts, study_text
+from palpate.experiment.dataset.trial_files import Layout
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.records import chain
+from palpate.experiment.records.entries import Header
+from palpate.experiment.rehearsal import study as rehearsing
+from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.laboratory import header
+from palpate.experiment.session.tapping.trials import ComparisonDevices
+from palpate.experiment.study import enrolment
+from palpate.experiment.study.allocation import allocate
+from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.protocol.tapping import live_alone
 from tests.experiment.session.scripted import START_NS

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from experiment import storage
+from palpate.experiment import storage
 from tests.faults.forged.case import (
     Act,
     At,
