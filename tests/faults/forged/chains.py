@@ -209,7 +209,7 @@ GONE = _entry("withdrawn", "03", reason=REASON)
 ROSTERS: dict[str, list[dict[str, object]]] = {
     "a label that is not the next": [_enrolled("09")],
     "a label twice": [_enrolled("01")],
-    "a first participant twice": [_enrolled("04", kind="first", seed_sha256="0" * 64)],
+    "a first participant twice": [_enrolled("04", kind="first", format=1, seed_sha256="0" * 64)],
     "a place that is not free": [_enrolled("04", kind="replacing", takes="01")],
     "a consent twice": [_entry("consented", "03", consent_on=str(DAY))],
     "a correction of no consent": [
