@@ -156,8 +156,8 @@ def _settled(root: Path) -> Settled:
         return Settled.model_validate_json(storage.read_bytes(file))
     except (OSError, ValidationError) as error:
         raise DatasetError(
-            f"{file}: seed and purpose of the study cannot be read; restore the file from a backup, or write it anew "
-            "from a journal's header"
+            f"{file}: seed and purpose of the study cannot be read; restore the file from a backup, or write "
+            f'{{"format": {storage.DATASET_FORMAT}, "seed": ..., "purpose": "..."}} with those of a journal\'s header'
         ) from error
 
 

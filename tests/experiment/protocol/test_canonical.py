@@ -14,7 +14,7 @@ import pytest
 from pydantic import Field, ValidationError
 
 from palpate.experiment.errors import ProtocolError
-from palpate.experiment.protocol import files
+from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import canonical, sha256
 from palpate.experiment.protocol.models import Material, Protocol
 from palpate.experiment.settings.load import Confined
@@ -70,6 +70,24 @@ def test_a_key_that_is_added_with_a_default_changes_no_form_of_an_older_format()
     assert canonical(older) == canonical(protocol())
     form = json.loads(canonical(newer))
     assert (form["amplifier"], form["materials"][0]["color"]) == ({"gain_db": 0}, "white")
+
+
+def test_a_seal_holds_on_when_a_later_palpate_has_more_keys(tmp_path: Path) -> None:
+    file = tmp_path / "study.toml"
+    file.write_text(SMALL, "utf-8")
+    sealed = approval.write(
+        file,
+        files.load(file),
+        approval_number="2020-17",
+        board="Board of tests",
+        approved_on=date(2020, 2, 1),
+        expires_on=date(2021, 2, 1),
+    )
+    later = LaterStudy.model_validate(document())
+    assert approval.verify(file, later, date(2020, 6, 1)) == sealed
+    louder = later.model_copy(update={"amplifier": Amplifier(gain_db=6.0), "format": 3})
+    with pytest.raises(ProtocolError, match="amplifier"):
+        approval.verify(file, louder, date(2020, 6, 1))
 
 
 def test_a_younger_key_is_refused_in_a_file_of_an_older_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
