@@ -20,6 +20,9 @@ from tests.rig.terminal import PATIENCE_S, Terminal
 
 TRIALS = 4
 
+SECOND = "--participant", "02", "--task", "one"
+"""Whose first task is the other one, so that the debriefing follows this."""
+
 
 @pytest.fixture
 def terminal(tmp_path: Path) -> Iterator[Terminal]:
@@ -41,7 +44,7 @@ def is_python(process: int) -> bool:
 
 
 def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Terminal) -> None:
-    terminal.begin("--task", "one")
+    terminal.begin(*SECOND)
     terminal.until(lambda text: "FAMILIARISE" in text and "Enter" in text)
     terminal.press("Enter", times=25)
     terminal.until(lambda text: "ARMED" in text)
@@ -58,14 +61,14 @@ def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Ter
     terminal.until(lambda text: "left with 0" in text and "The same command comes back to it." in text)
     terminal.close()
     (session,) = terminal.processes("--session-at")
-    terminal.begin("--task", "one")
+    terminal.begin(*SECOND)
     terminal.answer()
 
     # Killed: it comes back to the step.
     (console,) = (one for one in terminal.processes("run") if one != session and is_python(one))
     os.kill(console, signal.SIGKILL)
     terminal.until(lambda text: "left with 137" in text)
-    terminal.again("--task", "one")
+    terminal.again(*SECOND)
     terminal.until(lambda text: "ARMED" in text or "What did the participant say?" in text)
 
     # Its terminal closed: nothing of the console stays, and the session does.
@@ -74,7 +77,7 @@ def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Ter
     while terminal.processes("run") != [session]:
         assert time.monotonic() - begun_s < PATIENCE_S
         time.sleep(0.05)
-    terminal.begin("--task", "one")
+    terminal.begin(*SECOND)
     terminal.answer()
 
     # Its session killed: it is told, nothing that was confirmed is lost, and a key starts it again.
@@ -94,7 +97,7 @@ def test_a_session_outlives_its_consoles_and_a_console_its_session(terminal: Ter
     terminal.until(lambda text: "left with 0" in text)
 
     root = terminal.folder / "participants" / "practice-small"
-    entries = journal.read(storage.journal_path(root, "01", "one")).entries
+    entries = journal.read(storage.journal_path(root, "02", "one")).entries
     assert len([entry for entry in entries if isinstance(entry, Answer)]) == TRIALS
     assert [entry.text for entry in entries if isinstance(entry, Note)] == ["q"]
     asked = [entry.command for entry in entries if isinstance(entry, Commanded) and entry.taken]

@@ -150,7 +150,7 @@ def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(
     ("options", "refused"),
     [
         (["--practice", "-p", "99"], "no participant '99': this study has '01' to '06'"),
-        (["--practice", "--task", "three"], "does not do task 'three'; allowed: two, one; name one of these"),
+        (["--practice", "--task", "three"], "does not do task 'three'; allowed: one, two; name one of these"),
         (["--practice", "--recordings", "there"], "got --recordings with --practice"),
         (["--practice", "--rig", "rig.toml"], "rig.toml: is a real rig"),
         (["--practice", "--dataset", "."], "is no dataset of practice, and practice never writes into anything else"),
