@@ -31,7 +31,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose, Record, Withdrawal
 from palpate.experiment.records.progress import progress
-from palpate.experiment.study import people, reasons
+from palpate.experiment.study import people
 from palpate.experiment.study.allocation import allocated, labels, stranger
 from palpate.experiment.study.roster import Roster, check_consent
 
@@ -258,7 +258,7 @@ def withdraw(
 
 def _check_reason(protocol_file: Path, root: Path, reason: str) -> None:
     protocol = files.load(protocol_file)
-    reasons.check(reason, (person.name for person in people.known(protocol, root).values()))
+    people.check_reason(reason, (person.name for person in people.known(protocol, root).values()))
 
 
 def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:

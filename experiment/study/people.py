@@ -1,14 +1,15 @@
 """Who the participants are, where a laboratory wants to know: for each dataset a file outside of it, for one owner.
 
 A study needs labels alone. Names stand here so that the right person sits at the panel and can be called back, and
-nothing of palpate copies them: no journal, table, export, anchor or log holds any.
+nothing of palpate copies them: no journal, table, export, anchor or log holds any, and no reason that goes on record.
 """
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
+import re
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -19,9 +20,23 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 from palpate.experiment import storage
 from palpate.experiment.errors import RosterError
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.settings.characters import one_line
+from palpate.experiment.settings.characters import one_line, quoted
 
 Line = Annotated[str, AfterValidator(one_line)]
+
+HEALTH = re.compile(
+    r"\b(?:ill|illness|sick\w*|disease\w*|disorder\w*|disab\w*|injur\w*|wound\w*|hurt|hurts|hurting|pains?|painful"
+    r"|(?:\w*(?:head|tooth|stomach|back|ear) ?)?aches?|migraine\w*|nause\w*|vomit\w*|dizz\w*|faint\w*|fever\w*|flu"
+    r"|influenza|covid\w*|infect\w*|cancer\w*|tumou?r\w*|diabet\w*|asthma\w*|allerg\w*|epilep\w*|seizure\w*|stroke"
+    r"|pregnan\w*|depress\w*|anxi\w*|panic|psychi\w*|psycho(?:sis|ses|tic\w*|log\w*)|autis\w*|adhd|dementia"
+    r"|neuropath\w*|arthrit\w*|diagnos\w*|symptom\w*|medic\w*|drug\w*|surger\w*|hospitals?|hospitali[sz]\w*|doctors?"
+    r"|therap\w*|health\w*|unwell|handicap\w*|amput\w*|paraly\w*)\b",
+    re.IGNORECASE,
+)
+"""Words that tell of somebody's health."""
+
+SHORTEST = 3
+"""Letters of a part of a name that is looked for: a shorter one is a word of many sentences."""
 
 
 class Person(BaseModel):
@@ -111,3 +126,19 @@ def _write(path: Path, protocol: Protocol, dataset: Path, people: dict[str, Pers
         storage.write_json(path, kept.model_dump())
     finally:
         os.umask(before)
+
+
+def check_reason(reason: str, names: Iterable[str]) -> None:
+    """Refuse a reason, which stays on record, with a word that tells of health or a part of one of these `names`.
+
+    Raises `RosterError`, which does not repeat the reason. Words that tell of health are found in English alone.
+    """
+    words = {word.casefold() for word in re.findall(r"\w+", reason)}
+    parts = {part.casefold() for name in names for part in re.findall(r"\w+", name) if len(part) >= SHORTEST}
+    found = HEALTH.search(reason)
+    told = f"a word that tells of health, {quoted(found[0])}" if found else "the name of a participant"
+    if found or words & parts:
+        raise RosterError(
+            f"--reason: got {told}; allowed: one line that names no person and no state of health, such as 'asked to "
+            "stop'; it stays on record for ever, so say it in other words"
+        )

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment.errors import RosterError
-from palpate.experiment.study import people, reasons
+from palpate.experiment.study import people
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 
@@ -24,7 +24,7 @@ from tests.experiment.dataset.studies import MadeStudy, make_study
     ],
 )
 def test_a_reason_that_tells_of_nobody_passes(reason: str) -> None:
-    reasons.check(reason, ["Ann Uebermut", "O. Li"])
+    people.check_reason(reason, ["Ann Uebermut", "O. Li"])
 
 
 @pytest.mark.parametrize(
@@ -33,14 +33,14 @@ def test_a_reason_that_tells_of_nobody_passes(reason: str) -> None:
 )
 def test_a_reason_that_tells_of_health_is_refused_and_not_repeated(reason: str) -> None:
     with pytest.raises(RosterError, match="tells of health") as refused:
-        reasons.check(f"secret and {reason}", [])
+        people.check_reason(f"secret and {reason}", [])
     assert "secret" not in str(refused.value)
 
 
 @pytest.mark.parametrize("reason", ["Ann asked to stop", "asked by mr. \u00dcBERMUT"])
 def test_a_reason_that_names_a_participant_is_refused(reason: str) -> None:
     with pytest.raises(RosterError, match="the name of a participant") as refused:
-        reasons.check(reason, ["", "Ann \u00dcbermut"])
+        people.check_reason(reason, ["", "Ann \u00dcbermut"])
     assert "bermut" not in str(refused.value).casefold()
 
 
