@@ -47,6 +47,9 @@ ORIGINS: dict[entries.Purpose, bids.Origin] = {
 }
 """What produced the rows of a dataset, by what its sessions are for."""
 
+LABELS = {purpose: bids.LABELS[origin] for purpose, origin in ORIGINS.items()}
+"""What stands at the head of all that tells of such a dataset."""
+
 READ = {
     "dataset_description.json": ("Name", "Palpate"),
     "_events.json": ("TaskTitle", "Instructions", "Materials", "Answers", "Rows", "SessionId"),

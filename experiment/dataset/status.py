@@ -20,8 +20,7 @@ from typing import Literal
 from palpate.experiment import storage
 from palpate.experiment.dataset import beliefs
 from palpate.experiment.dataset.beliefs import Believed
-from palpate.experiment.dataset.bids import LABELS
-from palpate.experiment.dataset.build import ORIGINS
+from palpate.experiment.dataset.build import LABELS
 from palpate.experiment.errors import DatasetError, ProtocolError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.records import chain, journal
@@ -118,7 +117,7 @@ class Status:
     @property
     def heading(self) -> str:
         """What the dataset is, where it is no study, and which study it is of."""
-        label = LABELS[ORIGINS[self.purpose]]
+        label = LABELS[self.purpose]
         return f"{label}: {self.study}" if label else self.study
 
     def those(self, state: State) -> list[Person]:

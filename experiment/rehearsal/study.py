@@ -19,7 +19,6 @@ from palpate.experiment.apparatus.panel.conditioning import open_drive
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.beliefs import Plan
-from palpate.experiment.dataset.bids import LABELS
 from palpate.experiment.desk.port import Attended, Console
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import approval, files
@@ -177,7 +176,7 @@ def practise(
             raise RosterError(
                 f"participant {participant} does not do task '{task_id}'; allowed: {', '.join(left)}; name one of these"
             )
-        facts = {"label": LABELS["PRACTICE"], "participant": participant, "task": tasks[0], "out": out}
+        facts = {"label": build.LABELS["PRACTICE"], "participant": participant, "task": tasks[0], "out": out}
         for said in filter(None, (WELCOME.format(**facts), generic(protocol), TO_DO.format(**facts))):
             console.show(said)
         practice = _Practice(job, console)

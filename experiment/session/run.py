@@ -17,7 +17,6 @@ from palpate.experiment.apparatus.servo import settings as servo
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from palpate.experiment.dataset import beliefs, build, register
-from palpate.experiment.dataset.bids import LABELS
 from palpate.experiment.desk.port import LAB_BOOK, NOT_ANCHORED, Attended, Console
 from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError, RosterError, SessionLocked
 from palpate.experiment.protocol import approval, files
@@ -91,7 +90,7 @@ def run(
     seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
     if purpose == "PILOT":
-        console.show(LABELS["PILOT"])
+        console.show(build.LABELS["PILOT"])
     takes = roster.Roster.load(storage.roster_path(root)).takes
     allocation = find(allocated(protocol, seed, takes), participant)
     beliefs.believed(root)
