@@ -7,4 +7,5 @@ nothing heavy.
 """
 
 if __name__ != "palpate.experiment":
-    raise ImportError(f"got {__name__}; palpate's is palpate.experiment: run palpate, or python -m palpate.experiment")
+    said = f"got {__name__}; palpate's is palpate.experiment: run palpate, or python -m palpate.experiment"
+    raise ImportError(said, name=__name__)

@@ -1,16 +1,18 @@
 """`palpate`, and `python -m palpate.experiment`: from the first import on, Ctrl-C is one line and exit code 130."""
 
-from __future__ import annotations
-
 import os
 import sys
+
+if __name__ == "__main__" and not sys.flags.safe_path and os.path.isdir(sys.path[0]):  # noqa: PTH112
+    # `-m` has put the working folder first, unless that was deleted; a lab's own random.py may be there.
+    del sys.path[0]
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
     from sys import UnraisableHookArgs
 
 
-def _unraisable(told: UnraisableHookArgs) -> None:
+def _unraisable(told: "UnraisableHookArgs") -> None:
     """Bring back an interrupt from a callback that cannot raise it, as in the middle of an import."""
     if told.exc_type is not KeyboardInterrupt:
         sys.__unraisablehook__(told)
@@ -31,6 +33,8 @@ def main() -> None:
         import atexit
         import gc
 
+        # For workers that libraries start, too; the parts of palpate are started by `storage.python_command`.
+        os.environ["PYTHONSAFEPATH"] = "1"
         # Threads of linear algebra gain nothing with matrices of a study's size, and spin while they wait.
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         # The system frees what is left at once; searching it for garbage takes a tenth of a second.

@@ -1,4 +1,4 @@
-"""Files that are whole and on disk, or not there, and where every file of a study stands in its dataset.
+"""Files that are whole and on disk, or not there, where a study's files stand in its dataset, how Python is started.
 
 What is on its way to its place has a name that `TEMPORARY` knows, in the folder that it goes to. Whoever writes there
 next removes what a killed process left of that kind. Modes follow the umask.
@@ -41,6 +41,25 @@ DEEPEST = 32
 """Tables and arrays stand in one another at most as often as this."""
 
 Place = tuple[str | int, ...]
+
+
+def python_command(*arguments: str) -> list[str]:
+    """Return the command that starts Python with `-m` and a module, or `-c` and a text, and then their arguments.
+
+    It looks for no module in the working folder, where a laboratory may have its own `experiment.py` and `random.py`.
+    """
+    return [sys.executable, "-P", *arguments]
+
+
+@contextmanager
+def safe_path() -> Iterator[None]:
+    """Have workers that a library starts in this block do as well, whatever program it was that called palpate."""
+    before = os.environ.get("PYTHONSAFEPATH", "")
+    os.environ["PYTHONSAFEPATH"] = "1"
+    try:
+        yield
+    finally:
+        os.environ["PYTHONSAFEPATH"] = before
 
 
 def read_bytes(path: Path, most: int = MOST) -> bytes:

@@ -16,6 +16,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 # Otherwise each command that a test starts would compile palpate for itself.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
+# As in a shell; the command sets it for its own processes.
+os.environ.pop("PYTHONSAFEPATH", None)
+
 # The same cases on every run, however busy the machine: a failure can be repeated, and none is one of time.
 settings.register_profile("palpate", deadline=None, derandomize=True)
 settings.load_profile("palpate")
@@ -68,11 +71,12 @@ def _fsync(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _interruptible() -> Iterator[None]:
-    """A command that ran in this process has ended, and hears no Ctrl-C; the tests after it do."""
+def _as_in_a_shell() -> Iterator[None]:
+    """A command that ran in this process hears no Ctrl-C and has a safe path; the tests after it are as before it."""
     before = signal.getsignal(signal.SIGINT)
     yield
     signal.signal(signal.SIGINT, before)
+    os.environ.pop("PYTHONSAFEPATH", None)
 
 
 @pytest.fixture

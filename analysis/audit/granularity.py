@@ -214,8 +214,7 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
     `pinned` holds the variances of a cell, by its index, where a test says more than the SD does. `work` is what is
     left of `MOST_COLUMNS`.
 
-    Raises:
-        Undecided: when there are too many ways, the search gives no answer, or no work is left.
+    Raises `Undecided`: when there are too many ways, the search gives no answer, or no work is left.
     """
     answers = range(len(cells))
     columns = {
@@ -251,8 +250,7 @@ def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int, work:
 
     Each of `n` participants has `trials`; `missing` of all these are without an answer.
 
-    Raises:
-        Undecided: when there are too many ways, the search gives no answer, or no `work` is left.
+    Raises `Undecided`: when there are too many ways, the search gives no answer, or no `work` is left.
     """
     ways = _ways(trials, len(columns), some_missing=missing > 0)
     for sums in _sums(columns, n * trials - missing):

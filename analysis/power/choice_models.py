@@ -105,8 +105,7 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
     A row whose printed means miss 1 by no more than their rounding explains is scaled to 1. A larger gap is the share
     of trials in which no material was named. A larger surplus is impossible; it is scaled and noted.
 
-    Raises:
-        PowerError: the tables lack a task or a material of the protocol.
+    Raises `PowerError`: the tables lack a task or a material of the protocol.
     """
     ids = [material.id for material in protocol.materials]
     cells = {cell.key: cell for table in printed.table for cell in printed.cells_of(table)}

@@ -436,8 +436,7 @@ def as_dict(result: Power) -> dict[str, Any]:
 def write(result: Power, out: Path) -> tuple[Path, ...]:
     """Write tables (CSV, Markdown, LaTeX) and the plot (PNG, SVG) into a folder, and return the files.
 
-    Raises:
-        DatasetError: the folder is within a dataset, a file is in the way, or the file system refuses.
+    Raises `DatasetError`: the folder is within a dataset, a file is in the way, or the file system refuses.
     """
     files = page.tables(sections(result), result.label) | page.drawings([plot(result)])
     return publish(out, files, result.label, "power")

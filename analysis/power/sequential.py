@@ -139,8 +139,7 @@ def run(
 ) -> Sequential:
     """Return what a design with these looks finds, in `studies` SIMULATED studies under the model and the control.
 
-    Raises:
-        PowerError: the looks are not at least two, rising, of three participants or more.
+    Raises `PowerError`: the looks are not at least two, rising, of three participants or more.
     """
     if len(looks) < 2 or list(looks) != sorted(set(looks)) or not 3 <= looks[0] <= looks[-1] <= MOST:
         raise PowerError(

@@ -24,6 +24,7 @@ from palpate.analysis.power.choice_models import ChoiceModel, draw, guessing
 from palpate.analysis.power.comparisons import PairModel
 from palpate.analysis.power.planned_tests import Answer, Design, Question, answer, fewest, not_simulated, starred
 from palpate.analysis.statistics.inference import wilson
+from palpate.experiment import storage
 from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol.models import Protocol
 
@@ -189,8 +190,7 @@ def run(
 
     `target` is the power wanted. `runner` runs the chunks; `total` is told how many there are, `tick` follows each.
 
-    Raises:
-        PowerError: a size or the number of studies is not allowed; or what `runner` raises.
+    Raises `PowerError`: a size or the number of studies is not allowed; or what `runner` raises.
     """
     sizes = tuple(sorted(set(participants)))
     _check(sizes, studies, planned)
@@ -312,8 +312,7 @@ def _leave_interrupts() -> None:
 def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int = 0) -> Iterator[tuple[int, Result]]:
     """Yield the results of `work` on this machine, `jobs` at a time, with 0 for one on each core.
 
-    Raises:
-        PowerError: the operating system ended a worker process.
+    Raises `PowerError` if the operating system ended a worker process.
     """
     from joblib import Parallel, cpu_count, delayed
 
@@ -321,9 +320,10 @@ def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int =
     if jobs <= 1:
         yield from ((place, work(chunk)) for place, chunk in enumerate(chunks))
         return
-    parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", initializer=_leave_interrupts)
     try:
-        yield from parallel(delayed(_placed)(work, place, chunk) for place, chunk in enumerate(chunks))
+        with storage.safe_path():
+            parallel = Parallel(n_jobs=jobs, return_as="generator_unordered", initializer=_leave_interrupts)
+            yield from parallel(delayed(_placed)(work, place, chunk) for place, chunk in enumerate(chunks))
     except BrokenProcessPool as error:
         raise PowerError(
             f"--jobs {jobs}: the operating system ended a worker process, perhaps because memory ran out; call again "
@@ -334,9 +334,8 @@ def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int =
 def on_cluster(work: Callable[[Work], Result], chunks: Sequence[Work], address: str) -> Iterator[tuple[int, Result]]:
     """Yield the results of `work` on the Dask cluster whose scheduler has this address.
 
-    Raises:
-        PowerError: Dask is not installed, nothing answers at the address, the cluster has no worker, a worker's
-            software differs from ours, or a worker is lost.
+    Raises `PowerError` if Dask is not installed, nothing answers at the address, the cluster has no worker, a worker's
+    software differs from ours, or a worker is lost.
     """
     try:
         from distributed import Client, as_completed

@@ -73,8 +73,7 @@ def printed_dissimilarities() -> Dissimilarities:
 def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
     """Read a CSV file with the columns material_a, material_b and dissimilarity, one row for each pair of `materials`.
 
-    Raises:
-        DatasetError: the file cannot be read, a pair is missing or there twice, or a value is not a number from 0.
+    Raises `DatasetError`: the file cannot be read, a pair is missing or there twice, or a value is not a number from 0.
     """
     try:
         rows = list(csv.DictReader(io.StringIO(storage.read_bytes(path).decode(), newline="")))

@@ -211,8 +211,7 @@ def cells(
 ) -> Cells:
     """Return values, shape (n,), sorted by the levels of two factors, each of shape (n,).
 
-    Raises:
-        NotDefined: a factor has fewer than two levels, a cell is empty, or no cell holds two values.
+    Raises `NotDefined`: a factor has fewer than two levels, a cell is empty, or no cell holds two values.
     """
     levels = tuple(dict.fromkeys(first)), tuple(dict.fromkeys(second))
     for name, found in zip(names, levels, strict=True):

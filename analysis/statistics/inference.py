@@ -265,8 +265,7 @@ def resamples(participants: int, count: int, rng: np.random.Generator) -> Intege
 def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CONFIDENCE) -> ConfidenceInterval:
     """Return the BCa interval from values in the resamples, shape (B,), and with each participant left out, shape (P,).
 
-    Raises:
-        NotDefined: the resamples do not vary, or all lie on one side of the observed value.
+    Raises `NotDefined`: the resamples do not vary, or all lie on one side of the observed value.
     """
     if np.ptp(drawn) <= 1e-12 * np.abs(drawn).max():
         raise NotDefined("no variance among participants: the bootstrap has no interval")

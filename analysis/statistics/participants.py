@@ -37,8 +37,7 @@ class SignFlip:
 def sign_flip(values: Sequence[Number], null: Number) -> SignFlip:
     """Return the exact test that values, shape (participants,), lie around `null`, by all 2^n signs of their distances.
 
-    Raises:
-        NotDefined: without a participant, or where values have so many denominators that sums cannot be counted.
+    Raises `NotDefined`: without a participant, or where values have so many denominators that sums cannot be counted.
     """
     if not values:
         raise NotDefined("nobody was presented this material")
@@ -127,8 +126,7 @@ def repeated(values: Floats, names: Sequence[str]) -> tuple[Repeated, ...]:
 
     There is a line for each named factor, and one for the interaction of two.
 
-    Raises:
-        NotDefined: with fewer than two participants, or a factor of fewer than two levels.
+    Raises `NotDefined`: with fewer than two participants, or a factor of fewer than two levels.
     """
     people, *levels = values.shape
     if people < 2:
@@ -190,8 +188,7 @@ class Equivalence:
 def equivalence(values: Floats, margin: float) -> Equivalence:
     """Return the equivalence test of participants' values, shape (participants,), with a margin above 0.
 
-    Raises:
-        NotDefined: with fewer than two participants, or where all have the same value.
+    Raises `NotDefined`: with fewer than two participants, or where all have the same value.
     """
     people = values.size
     if people < 2:
@@ -231,8 +228,7 @@ class Jackknife:
 def jackknife(observed: float, left_out: Floats, confidence: float = CONFIDENCE) -> Jackknife:
     """Return the jackknife of a statistic from its values with each participant left out, shape (participants,).
 
-    Raises:
-        NotDefined: with fewer than two participants, or where leaving out any of them changes nothing.
+    Raises `NotDefined`: with fewer than two participants, or where leaving out any of them changes nothing.
     """
     people = left_out.size
     if people < 2:

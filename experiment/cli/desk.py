@@ -46,10 +46,8 @@ def desk(
         refuses = "This is PRACTICE, and no study yet. palpate run PROTOCOL --practice goes on with it."
     while (label := StudyPage(lambda: status_of(place), refuses=refuses).run()) is not None:
         run = ["run", str(study), "--participant", label, "--rig", str(rig), "--by", by]
-        ended = subprocess.run(  # noqa: S603
-            [sys.executable, "-m", "palpate.experiment", *run, *(("--dataset", str(dataset)) if dataset else ())],
-            check=False,
-        )
+        run += ["--dataset", str(dataset)] if dataset else []
+        ended = subprocess.run(options.palpate_command(*run), check=False)  # noqa: S603
         if ended.returncode:
             typer.prompt("Enter goes back to the study", default="", show_default=False, prompt_suffix=". ")
 
@@ -105,11 +103,9 @@ def beside(path: Path, protocol_file: Path, rig: Path | None) -> Iterator[bool]:
     if rig is None or rigs.load(rig).screen is None:
         yield False
         return
-    command = [sys.executable, "-m", "palpate.experiment", "screen", str(protocol_file), "--rig", str(rig)]
+    command = options.palpate_command("screen", str(protocol_file), "--rig", str(rig), "--session-at", str(path))
     with path.with_suffix(".screen.log").open("wb") as log:
-        process = subprocess.Popen(  # noqa: S603
-            [*command, "--session-at", str(path)], stdin=subprocess.DEVNULL, stdout=log, stderr=log
-        )
+        process = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=log, stderr=log)  # noqa: S603
     try:
         yield True
     except BaseException:

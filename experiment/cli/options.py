@@ -90,6 +90,13 @@ def default_folder(protocol: "Protocol", *, practice: bool) -> Path:
     return practice_folder(protocol) if practice else enrolment.default_root(protocol)
 
 
+def palpate_command(*arguments: str) -> list[str]:
+    """Return the command that starts palpate in a process of its own."""
+    from palpate.experiment import storage
+
+    return storage.python_command("-m", "palpate.experiment", *arguments)
+
+
 def at_once(words: str) -> None:
     """Tell whoever sits at a terminal what is being done, before it loads for seconds."""
     if sys.stderr is not None and sys.stderr.isatty():

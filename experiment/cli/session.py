@@ -219,7 +219,7 @@ def _serve(host: str, port: int) -> None:
         from palpate.experiment.desk.console import serve
     except ImportError as error:
         raise LinkError(f"a console in a browser needs {error.name}; install palpate with its extra 'serve'") from error
-    serve.served([sys.executable, "-m", "palpate.experiment", *sys.argv[1:], "--served"], host=host, port=port).serve()
+    serve.served(options.palpate_command(*sys.argv[1:], "--served"), host=host, port=port).serve()
 
 
 def _end_with(server: int) -> None:
@@ -231,7 +231,7 @@ def _end_with(server: int) -> None:
 
 def _begin(path: Path, said: IO[bytes]) -> "subprocess.Popen[bytes]":
     """Begin the session's process by the command that this one was given; what it prints goes into the file."""
-    command = [sys.executable, "-m", "palpate.experiment", *sys.argv[1:], "--session-at", str(path)]
+    command = options.palpate_command(*sys.argv[1:], "--session-at", str(path))
     # A session of its own: what ends the terminal does not end it.
     return subprocess.Popen(  # noqa: S603
         command, stdin=subprocess.DEVNULL, stdout=said, stderr=said, start_new_session=True

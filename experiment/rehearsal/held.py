@@ -14,6 +14,7 @@ from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from palpate.experiment import storage
 from palpate.experiment.errors import SessionError
 
 
@@ -51,7 +52,7 @@ def started(asked: Asked, opened: ExitStack) -> Held:
 
     Raises `SessionError` if it cannot open something, or this is no system that tells what a process holds.
     """
-    command = [sys.executable, "-m", "palpate.experiment.rehearsal.held", json.dumps(asdict(asked))]
+    command = storage.python_command("-m", "palpate.experiment.rehearsal.held", json.dumps(asdict(asked)))
     pipe = subprocess.PIPE
     process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True)  # noqa: S603
     opened.enter_context(process)

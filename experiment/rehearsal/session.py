@@ -310,9 +310,9 @@ def rehearse_at_once(
     Raises `Interrupted` at the keyboard, with what is confirmed on disk, and `PalpateError` if a part failed.
     """
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
-    queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
     others = set(multiprocessing.active_children())
-    with _noted() as interrupts:
+    with storage.safe_path(), _noted() as interrupts:
+        queue: multiprocessing.SimpleQueue[None] = context.SimpleQueue()
         with ProcessPoolExecutor(jobs, mp_context=context, initializer=_share, initargs=(queue,)) as pool:
             try:
                 with host.held_back():

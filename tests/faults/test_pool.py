@@ -85,20 +85,3 @@ def test_ctrl_c_at_a_terminal_which_every_process_hears_ends_it_in_words(
     assert begun.returncode == 130, said
     assert b"Traceback" not in said
     assert processes_of(out) == []
-
-
-def test_a_module_in_the_working_folder_is_not_taken_for_one_of_palpate(tmp_path: Path) -> None:
-    """As whoever analyses a study may have named a script of their own."""
-    (tmp_path / "experiment.py").write_text("raise SystemExit('taken for palpate')\n", "utf-8")
-    palpate = Path(sys.executable).with_name("palpate")
-    out = tmp_path / "rehearsal"
-    done = subprocess.run(
-        [palpate, "rehearse", "--participants", "1", "--jobs", "2", "--out", str(out), "--json"],
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-    assert "taken for palpate" not in done.stderr

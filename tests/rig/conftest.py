@@ -17,12 +17,22 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig.laboratory import NOISE_MM
 from tests.rig.rehearsed import rehearse
+from tests.working_folder import LOG, WorkingFolder
 
 
 @pytest.fixture
 def line() -> Iterator[SerialLine]:
     with SerialLine() as laid:
         yield laid
+
+
+@pytest.fixture
+def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[WorkingFolder]:
+    """The test's folder, with files that have names of modules; nothing that is started there imports them."""
+    made = WorkingFolder(tmp_path)
+    monkeypatch.setenv(LOG, str(made.log))
+    yield made
+    assert made.imported == []
 
 
 @pytest.fixture(scope="module")

@@ -43,7 +43,7 @@ class Terminal:
         self._run("respawn-pane", "-k", self._shell(*options))
 
     def _shell(self, *options: str) -> str:
-        command = [sys.executable, "-m", "palpate.experiment", "run", "small.toml", "--practice", *options]
+        command = [sys.executable, "-P", "-m", "palpate.experiment", "run", "small.toml", "--practice", *options]
         return f"{shlex.join(command)}; echo left with $?; sleep 600"
 
     def _run(self, *words: str) -> None:

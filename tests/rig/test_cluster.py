@@ -11,16 +11,23 @@ from palpate.analysis.power import simulate
 from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol.files import shipped
 from tests.conftest import Palpate
+from tests.working_folder import LOG, WorkingFolder
 
 distributed = pytest.importorskip("distributed")
 
 
 @pytest.fixture(scope="module")
-def address() -> Iterator[str]:
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
-    ) as cluster:
+def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """The cluster's address; it began as the guide says, in a folder that it imports nothing of."""
+    folder = WorkingFolder(tmp_path_factory.mktemp("lab"))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder.path)
+        patch.setenv(LOG, str(folder.log))
+        patch.setenv("PYTHONSAFEPATH", "1")
+        cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None)
+    with cluster:
         yield cluster.scheduler_address
+    assert folder.imported == []
 
 
 def test_the_cluster_gives_the_bytes_that_one_core_gives(palpate: Palpate, address: str) -> None:

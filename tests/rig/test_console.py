@@ -17,6 +17,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Commanded, Note
 from tests.experiment.protocol.small import SMALL
 from tests.rig.terminal import PATIENCE_S, Terminal
+from tests.working_folder import WorkingFolder
 
 TRIALS = 4
 
@@ -25,7 +26,7 @@ SECOND = "--participant", "02", "--task", "one"
 
 
 @pytest.fixture
-def terminal(tmp_path: Path) -> Iterator[Terminal]:
+def terminal(tmp_path: Path, working_folder: WorkingFolder) -> Iterator[Terminal]:
     if shutil.which("tmux") is None:
         pytest.skip("needs tmux")
     (tmp_path / "small.toml").write_text(SMALL.replace("repetitions = 3", "repetitions = 2"), "utf-8")

@@ -57,7 +57,7 @@ def practise(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int 
     By default it is stopped as by Ctrl-C.
     """
     ours, theirs = pty.openpty()
-    command = [sys.executable, "-c", COMMAND, "run", *arguments, "--practice", "--lines"]
+    command = [sys.executable, "-P", "-c", COMMAND, "run", *arguments, "--practice", "--lines"]
     environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
     process = subprocess.Popen(
         command, cwd=folder, env=environment, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True
@@ -133,6 +133,7 @@ def test_a_task_that_was_practised_has_its_tables_whatever_ends_the_next(
     assert (code, "no footer ends it" in err, "PRACTICE" in out) == (0, True, True), err
 
 
+@pytest.mark.usefixtures("working_folder")
 def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(
     tmp_path: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -26,6 +26,7 @@ from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import entries, journal, transcript
 from tests.experiment.protocol.small import SMALL
+from tests.working_folder import LOG, WorkingFolder
 
 pytestmark = pytest.mark.clocked
 
@@ -415,15 +416,18 @@ def test_a_display_that_is_not_there_is_never_another(display: Display, rig: Pat
     assert "screen.display: got 3; allowed: 0 to 0 on this machine" in said
 
 
-def test_a_session_opens_its_screen_and_goes_on_without_it(display: Display, rig: Path, tmp_path: Path) -> None:
+def test_a_session_opens_its_screen_and_goes_on_without_it(
+    display: Display, rig: Path, tmp_path: Path, working_folder: WorkingFolder
+) -> None:
     """A practice whose screen is killed as it asks for the first answer; two trials are answered all the same."""
     protocol = tmp_path / "small.toml"
     protocol.write_text(SMALL, "utf-8")
     at, data = tmp_path / "s.sock", tmp_path / "data"
-    command = [sys.executable, "-m", "palpate.experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
+    command = [sys.executable, "-P", "-m", "palpate.experiment", "run", str(protocol), "--practice", "--rig", str(rig)]
     command += ["--dataset", str(data), "--session-at", str(at)]
     with (tmp_path / "log").open("wb") as log:
-        session = subprocess.Popen(command, env=display.environment, stdout=log, stderr=log)
+        environment = {**display.environment, LOG: str(working_folder.log)}
+        session = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=log, stderr=log)
     try:
         wait_until(lambda: answers(at) or session.poll() is not None, "no session")
         assert session.poll() is None, (tmp_path / "log").read_text("utf-8")

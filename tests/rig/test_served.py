@@ -17,17 +17,18 @@ import aiohttp
 import pytest
 
 from tests.experiment.protocol.small import SMALL
+from tests.working_folder import WorkingFolder
 
 PATIENCE_S = 60.0
 
 
 @pytest.fixture
-def server(tmp_path: Path) -> Iterator[tuple[subprocess.Popen[str], str]]:
+def server(tmp_path: Path, working_folder: WorkingFolder) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """`palpate run --serve`, and the address of its page; all that it began is gone afterwards."""
     (tmp_path / "small.toml").write_text(SMALL, "utf-8")
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
-    command = [sys.executable, "-m", "palpate.experiment", "run", "small.toml", "--task", "one", "--practice"]
+    command = [sys.executable, "-P", "-m", "palpate.experiment", "run", "small.toml", "--task", "one", "--practice"]
     environment = {
         **os.environ,
         "XDG_RUNTIME_DIR": str(tmp_path),

@@ -165,8 +165,7 @@ def rewritten(rig_text: str, values: dict[str, str]) -> str:
 
     Only the remark of a new rig file that says NOT CALIBRATED of it goes.
 
-    Raises:
-        RigError: the file lacks the table or one of the keys.
+    Raises `RigError`: the file lacks the table or one of the keys.
     """
     document = tomlkit.parse(re.sub(" *# NOT CALIBRATED: `palpate calibrate audio`.*", "", rig_text))
     table = document.get("audio", {}).get("latency", {})

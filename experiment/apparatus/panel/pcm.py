@@ -169,8 +169,7 @@ class PcmAccelerometer:
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
         """Return the take that was armed for, once the foot is down; it begins between two times of the host's clock.
 
-        Raises:
-            RecordingError: not armed, the stream broke or ended too soon, or it holds samples that are no numbers.
+        Raises `RecordingError`: not armed, the stream broke or ended too soon, or it holds samples that are no numbers.
         """
         if self._listening is None:
             raise RecordingError("accelerometer: got a step before it was armed; arm it first, then step")

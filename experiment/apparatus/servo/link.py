@@ -10,7 +10,6 @@ import json
 import os
 import socket
 import subprocess
-import sys
 import tempfile
 import threading
 from contextlib import suppress
@@ -18,6 +17,7 @@ from dataclasses import asdict
 
 import numpy as np
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.servo import process, rendering
@@ -71,7 +71,7 @@ class ServoProcess:
             os.posix_fallocate(pulse.fileno(), 0, 8)
             self._pulse = process.pulse(pulse.fileno())
             fds = theirs.fileno(), pulse.fileno()
-            told = [sys.executable, "-m", process.__name__, *map(str, fds), json.dumps(asdict(self._orders))]
+            told = storage.python_command("-m", process.__name__, *map(str, fds), json.dumps(asdict(self._orders)))
             self._process = subprocess.Popen(told, pass_fds=fds, stdin=subprocess.DEVNULL)  # noqa: S603
         for _ in range(round(STARTS_S / SLICE_S)):
             self._waiting = self.read()

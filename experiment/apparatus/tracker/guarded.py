@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import importlib.util
 import inspect
 import re
 import sys
@@ -164,16 +163,15 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
 
 
 def _beside(file: Path) -> ModuleType:
-    """Return the module in a file, executed once for each content."""
-    name = f"{__name__}.{file.stem}_{hashlib.sha256(storage.read_bytes(file)).hexdigest()[:16]}"
+    """Return the module in a file, executed once for each content: from the bytes read here, never from a cache."""
+    content = storage.read_bytes(file)
+    name = f"{__name__}.{file.stem}_{hashlib.sha256(content).hexdigest()[:16]}"
     if name in sys.modules:
         return sys.modules[name]
-    spec = importlib.util.spec_from_file_location(name, file)
-    if spec is None or spec.loader is None:
-        raise ImportError(f"{file} is no module")
-    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    module = sys.modules[name] = ModuleType(name)
+    module.__file__ = str(file)
     try:
-        spec.loader.exec_module(module)
+        exec(compile(content, file, "exec", dont_inherit=True), module.__dict__)  # noqa: S102
     except BaseException:
         del sys.modules[name]
         raise
@@ -181,7 +179,10 @@ def _beside(file: Path) -> ModuleType:
 
 
 def _not_a_driver(rig: Rig, error: BaseException) -> str:
+    remedy = "put its file beside the rig file, install its package, or correct the rig file"
+    if isinstance(error, ImportError) and error.name is not None and error.name.partition(".")[0] == "experiment":
+        remedy = "have it import from palpate.experiment.apparatus"
     return (
         f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({_said(error)}); allowed: {FRAMES}, or a "
-        "class that implements Tracker; put its file beside the rig file, install its package, or correct the rig file"
+        f"class that implements Tracker; {remedy}"
     )

@@ -67,7 +67,7 @@ CLIPPED_S = 5.0
 def computing() -> Iterator[Executor]:
     """Give a process that computes what was heard, on a core and at a priority that takes nothing from the session."""
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context, initializer=_settle) as pool:
+    with storage.safe_path(), ProcessPoolExecutor(1, mp_context=context, initializer=_settle) as pool:
         with host.elsewhere(), host.held_back():
             # It loads what it needs now, and not when the first answer is given.
             pool.submit(_ready)

@@ -20,6 +20,7 @@ import time
 from pathlib import Path
 from typing import BinaryIO, Self
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo.device import ANSWER, DROPPED, DROPS_AFTER_S, MESSAGE_BYTES, decode
 
@@ -33,17 +34,15 @@ class ForceDeviceProcess:
 
     def __init__(self, record: Path | None = None) -> None:
         """Start it; `record` is where it keeps what it pushed."""
-        told = [sys.executable, "-m", __name__, *([str(record)] if record is not None else [])]
+        told = storage.python_command("-m", __name__, *([str(record)] if record is not None else []))
         with host.held_back():
             self._process = subprocess.Popen(told, stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
         self.address = f"127.0.0.1:{int((self._process.stdout or sys.stdin.buffer).readline())}"
 
     def close(self) -> None:
-        """Switch it off."""
-        if self._process.stdin is not None and self._process.stdout is not None:
-            self._process.stdin.close()
-            self._process.stdout.close()
-        self._process.wait()
+        """Switch it off: it ends with its input."""
+        with self._process:
+            pass
 
     def __enter__(self) -> Self:
         return self

@@ -12,8 +12,9 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import BinaryIO
+
+from palpate.experiment import storage
 
 PATIENCE_S = 10.0
 """How long it may take to begin, to answer and to end, s."""
@@ -32,8 +33,7 @@ class Neighbour:
             ours.settimeout(PATIENCE_S)
             self.line = ours.makefile("rwb")
             self._process = subprocess.Popen(  # noqa: S603
-                [sys.executable, "-m", module, *arguments],
-                cwd=Path(__file__).parents[3],
+                storage.python_command("-m", module, *arguments),
                 stdin=theirs.fileno(),
                 stdout=theirs.fileno(),
                 stderr=subprocess.DEVNULL,

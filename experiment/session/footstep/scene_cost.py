@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import statistics
 import subprocess
-import sys
 import time
 import tracemalloc
 from collections.abc import Callable, Mapping
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.audio.mixer import Mixer
 from palpate.experiment.apparatus.rig import Rig
@@ -67,7 +67,7 @@ def import_cost(modules: tuple[str, ...]) -> tuple[Timing, float | None]:
         "passed = time.perf_counter() - begun\n"
         "print(json.dumps([passed * 1e3, None if held is None else kb() - held]))\n"
     )
-    command = [sys.executable, "-c", code, *modules]
+    command = storage.python_command("-c", code, *modules)
     outputs = [subprocess.run(command, capture_output=True, check=True).stdout for _ in range(REPEATS)]  # noqa: S603
     runs = [json.loads(output) for output in outputs]
     resident_kb = None if runs[0][1] is None else statistics.median(run[1] for run in runs)

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
+import py_compile
 import re
+import traceback
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
@@ -205,12 +208,50 @@ def test_a_device_that_was_plugged_in_again_may_count_from_anew(opened: Opens) -
     assert tracker.read().device_us.tolist() == [2000, 3000]
 
 
-def test_no_name_of_palpates_own_modules_stands_in_what_is_said_of_a_driver(tmp_path: Path) -> None:
-    (tmp_path / "our_tracker.py").write_text("class Other: pass\n", "utf-8")
+def beside(folder: Path, source: str) -> rigs.Rig:
+    """Return a rig whose file names the class `Ours` of a driver beside it."""
+    (folder / "our_tracker.py").write_text(source, "utf-8")
     text = shipped("rigs/rehearsal.toml").read_text("utf-8")
     named = text.replace("[tracker]", '[tracker]\ndriver = "our_tracker:Ours"')
-    (tmp_path / "rig.toml").write_text(named, "utf-8")
-    rig = rigs.load(tmp_path / "rig.toml")
+    (folder / "rig.toml").write_text(named, "utf-8")
+    return rigs.load(folder / "rig.toml")
+
+
+OURS = DRIVER.replace("class Tracker", "class Ours")
+
+
+def test_a_driver_beside_the_rig_file_is_executed_from_its_own_bytes(tmp_path: Path) -> None:
+    """A compiled file beside it that counts as newer, with the same size and time, is somebody else's."""
+    says = OURS.format(opens="raise ValueError('{}')", reads="pass", closes="pass")
+    rig, file = beside(tmp_path, says.format("other")), tmp_path / "our_tracker.py"
+    other = Path(py_compile.compile(str(file), doraise=True) or "")
+    before = file.stat()
+    file.write_text(says.format("right"), "utf-8")
+    os.utime(file, ns=(before.st_atime_ns, before.st_mtime_ns))
+    with pytest.raises(TrackerError, match="ValueError: right"):
+        guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
+    assert list(other.parent.iterdir()) == [other]
+
+
+def test_a_fault_of_a_driver_beside_the_rig_file_is_traced_to_its_line(tmp_path: Path) -> None:
+    rig = beside(tmp_path, OURS.format(opens="raise ValueError", reads="pass", closes="pass"))
+    with pytest.raises(TrackerError) as failed:
+        guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
+    cause = failed.value.__cause__
+    assert cause is not None
+    last = traceback.extract_tb(cause.__traceback__)[-1]
+    assert (last.filename, last.line) == (str(tmp_path / "our_tracker.py"), "raise ValueError")
+
+
+@pytest.mark.parametrize("module", ["experiment", "experiment.apparatus"])
+def test_a_driver_that_imports_by_the_former_name_is_given_the_new_one(tmp_path: Path, module: str) -> None:
+    rig = beside(tmp_path, f"from {module} import Samples\n")
+    with pytest.raises(RigError, match=r" palpate\.experiment\.apparatus$"):
+        guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
+
+
+def test_no_name_of_palpates_own_modules_stands_in_what_is_said_of_a_driver(tmp_path: Path) -> None:
+    rig = beside(tmp_path, "class Other: pass\n")
     with pytest.raises(RigError, match=r"AttributeError: module 'our_tracker' has no attribute 'Ours'"):
         guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
 
