@@ -138,6 +138,9 @@ def run(
         threading.Thread(target=_end_with, args=(os.getppid(),), name="server", daemon=True).start()
         _attend(folder, who, by)
     elif serve is not None:
+        from palpate.experiment.desk import link
+
+        link.place(folder, who)
         _serve(serve, port)
     elif not at_console:
         from palpate.experiment.desk.terminal import TerminalConsole, typed_ahead

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
+import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -33,6 +34,16 @@ def sound_card(*, rate_hz: int = RATE_HZ, block: int = BLOCK, inputs: int = 2, o
         yield card
     finally:
         card.close()
+
+
+@contextmanager
+def halted(card: SoundCard) -> Iterator[None]:
+    """Halt the server meanwhile, as a driver that hangs does."""
+    card.server.send_signal(signal.SIGSTOP)
+    try:
+        yield
+    finally:
+        card.server.send_signal(signal.SIGCONT)
 
 
 @contextmanager

@@ -100,13 +100,13 @@ def test_a_server_that_stands_still_is_a_gap_and_at_length_an_error(
     card: SoundCard, looped: AudioStream, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gaps = looped.health.gaps
-    with card.held():
+    with sound.halted(card):
         MonotonicClock().sleep_ns(100 * 10**6)
     looped.wait(looped.next_frame + 40 * sound.BLOCK)
     assert looped.health.gaps > gaps
     monkeypatch.setattr("palpate.experiment.apparatus.audio.stream.SILENT_S", 0.3)
     with (
-        card.held(),
+        sound.halted(card),
         pytest.raises(AudioError, match=r"asked for no sample within 0\.3 s; see that"),
     ):
         looped.wait(looped.next_frame + sound.RATE_HZ)

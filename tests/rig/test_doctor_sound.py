@@ -98,7 +98,7 @@ def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red() -> None
         since = stream.health
         found = devices.steady(stream, streamed(), since=since, exact=True)
         watched = stream.health.frames - since.frames
-        with card.held():
+        with sound.halted(card):
             [hanging] = devices.steady(stream, streamed(), since=stream.health, exact=True)
     assert watched >= devices.RUN_S * sound.RATE_HZ
     assert [check.name for check in found] == ["audio stream", "audio timeline"]

@@ -68,7 +68,7 @@ class ServoProcess:
         self.counts: dict[str, int] = {}
         with theirs, tempfile.TemporaryFile(dir=host.IN_MEMORY) as pulse, host.elsewhere(), host.held_back():
             # Room that is there: a write to memory that is full would end the process.
-            os.posix_fallocate(pulse.fileno(), 0, 8)
+            os.write(pulse.fileno(), bytes(8))
             self._pulse = process.pulse(pulse.fileno())
             fds = theirs.fileno(), pulse.fileno()
             told = storage.python_command("-m", process.__name__, *map(str, fds), json.dumps(asdict(self._orders)))
@@ -92,8 +92,7 @@ class ServoProcess:
     def render(self, block: Block | None) -> None:
         """Have the hand meet a block from now on, once it is outside of it; None for none."""
         self._block = block
-        told = None if block is None else asdict(block)
-        self._line.tell(process.RENDER, json.dumps(told).encode(), monotonic_ns())
+        self._line.tell(process.RENDER, json.dumps(block and asdict(block)).encode(), monotonic_ns())
 
     def read(self) -> Felt | None:
         """Return what the hand did since the read before; None if nothing has come within `SLICE_S`.
@@ -117,12 +116,8 @@ class ServoProcess:
                 if frames.device_us.size:
                     newest_us = int(frames.device_us[-1])
                     at_ns = self._clock.now_ns() - (monotonic_ns() - sent_ns)
-                    step = clock_maps.step
-                    self._state = (
-                        clock_maps.init(newest_us, at_ns)
-                        if self._state is None
-                        else step(self._state, newest_us, at_ns)
-                    )
+                    last = self._state
+                    self._state = clock_maps.step(last, newest_us, at_ns) if last else clock_maps.init(newest_us, at_ns)
                     places += self._orders.places(frames)
             elif kind == process.TOUCH:
                 touches.append(Touch(*process.TOUCHED.unpack(content)))

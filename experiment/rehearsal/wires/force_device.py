@@ -10,12 +10,12 @@ the connection ends. It ends when its standard input does, so it outlives nobody
 
 from __future__ import annotations
 
-import select
 import signal
 import socket
 import struct
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from typing import BinaryIO, Self
@@ -41,8 +41,7 @@ class ForceDeviceProcess:
 
     def close(self) -> None:
         """Switch it off: it ends with its input."""
-        with self._process:
-            pass
+        self._process.communicate()
 
     def __enter__(self) -> Self:
         return self
@@ -53,12 +52,21 @@ class ForceDeviceProcess:
 
 def serve(server: socket.socket, record: BinaryIO | None) -> None:
     """Serve until standard input ends."""
+    ended = threading.Event()
+
+    def ring() -> None:
+        """Connect when it ends, for Windows waits for sockets alone; at once, for a force may be about to fall."""
+        with socket.socket() as bell:
+            sys.stdin.read()
+            ended.set()
+            bell.connect(server.getsockname())
+
+    threading.Thread(target=ring, daemon=True).start()
     while True:
-        ready, _, _ = select.select([server, sys.stdin], [], [])
-        if sys.stdin in ready:
-            return
         line, _ = server.accept()
         with line:
+            if ended.is_set():
+                return
             line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             _hold(line, record)
 
@@ -68,8 +76,7 @@ def _hold(line: socket.socket, record: BinaryIO | None) -> None:
         if record is not None:
             record.write(PUSH.pack(time.monotonic_ns(), *force, why, fast))
 
-    heard = b""
-    pushes = dropped = False
+    heard, pushes, dropped = b"", False, False
     line.settimeout(DROPS_AFTER_S)
     while True:
         try:

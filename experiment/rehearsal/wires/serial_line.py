@@ -33,8 +33,7 @@ class SerialLine:
     def __init__(self, kind: Kind = HERE, *, link: Path | None = None) -> None:
         """Lay a pseudo-terminal, or a TCP server on the loopback interface.
 
-        `link` gives a pseudo-terminal a name that lasts from one plugging in to the next, as Linux does under
-        /dev/serial/by-id.
+        `link` gives a pseudo-terminal a name that outlasts unplugging, as Linux does under /dev/serial/by-id.
         """
         self._lay: Callable[[], _PseudoTerminal | _Server]
         self._lay = (lambda: _PseudoTerminal(link)) if kind == "pty" else (lambda: _Server(self._tcp_port))
@@ -75,11 +74,7 @@ class SerialLine:
                 self._end.close()
 
     def replug(self) -> None:
-        """Bring the device's end back after `unplug`, at the same address and with a line that holds nothing.
-
-        A pseudo-terminal without a link comes back as another one; `url` says which. Tests of a tracker that is plugged
-        in again need it; no rehearsal does.
-        """
+        """Bring the device's end back after `unplug`, on an empty line; without a link a pseudo-terminal moves."""
         with self._lock:
             if self._unplugged:
                 self._end = self._lay()

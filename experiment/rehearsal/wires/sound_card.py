@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import signal
 import subprocess
+import sys
 import tempfile
 import time
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal
@@ -58,6 +58,8 @@ class SoundCard:
         until every client has done its part, so that no sample is ever lost; else the server goes on without them, as a
         device does. Raises `AudioError` if JACK is not installed, or the server does not start.
         """
+        if sys.platform == "win32":
+            raise AudioError("simulated sound card: got Windows; allowed: Linux or macOS; name a rig without one")
         program = shutil.which("jackd")
         if program is None:
             raise AudioError("simulated sound card: got no jackd; allowed: JACK 2; install the system's package jackd2")
@@ -105,15 +107,6 @@ class SoundCard:
         with host.elsewhere(), host.taking_turns():
             ports = {"headphones": self._port("out", headphones).name, "microphone": self._port("in", microphone).name}
             return Mouth(self.name, **ports, response=response)
-
-    @contextmanager
-    def held(self) -> Iterator[None]:
-        """Halt the server meanwhile, as a driver that hangs does."""
-        self.server.send_signal(signal.SIGSTOP)
-        try:
-            yield
-        finally:
-            self.server.send_signal(signal.SIGCONT)
 
     def close(self) -> None:
         """Stop the server. Streams and taps must be closed before; if interrupted, it ends with this process."""
