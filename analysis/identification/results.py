@@ -19,6 +19,7 @@ from palpate.analysis.identification.time_course import TimeCourse, course_of
 from palpate.analysis.identification.trial_models import TrialLevel, trial_level
 from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities
 from palpate.analysis.reading.study import Study, Task, chance, correction
+from palpate.analysis.statistics import inference
 from palpate.analysis.statistics.anova import (
     TYPES,
     Anova,
@@ -32,15 +33,6 @@ from palpate.analysis.statistics.anova import (
 )
 from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.icc import Icc, icc
-from palpate.analysis.statistics.inference import (
-    STARS,
-    EffectSize,
-    TTest,
-    cohens_d,
-    holm,
-    log_bayes_factor,
-    t_against_chance,
-)
 from palpate.analysis.statistics.participants import SignFlip, sign_flip
 
 TASK, MATERIAL = "task", "material"
@@ -62,9 +54,9 @@ class MaterialTest:
     """
 
     material: str
-    result: TTest
+    result: inference.TTest
     p_holm: float | None
-    d: EffectSize | None
+    d: inference.EffectSize | None
     log_bf10: float | None
     flip: SignFlip | None
     flip_holm: float | None
@@ -134,7 +126,7 @@ class TaskResult:
     def stars(self, test: MaterialTest) -> str:
         """Return the stars of a test, in brackets where sign flips, which hold, do not show what they mark."""
         p = self.flip(test)
-        return f"({test.stars})" if test.stars and p is not None and p >= STARS[-1][0] else test.stars
+        return f"({test.stars})" if test.stars and p is not None and p >= inference.STARS[-1][0] else test.stars
 
 
 def bracketed(tasks: Sequence[TaskResult]) -> str:
@@ -209,7 +201,7 @@ def compute(
 def _tasks(study: Study) -> tuple[TaskResult, ...]:
     tasks = [task for task in study.tasks if len(study.trials(task.id))]
     found = [(confusion_of(study, task.id), chance(study, task.id)) for task in tasks]
-    tests = [[t_against_chance(each, guessed) for each in _correct(matrix)] for matrix, guessed in found]
+    tests = [[inference.t_against_chance(each, guessed) for each in _correct(matrix)] for matrix, guessed in found]
     flips = [[defined(partial(sign_flip, each, guessed)) for each in _correct(matrix)] for matrix, guessed in found]
     corrections = [correction(study, task.id) for task in tasks]
     adjusted = _adjusted([[test.p for test in of] for of in tests], corrections)
@@ -224,8 +216,8 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
                     material,
                     test,
                     p_holm,
-                    None if test.t is None else cohens_d(test.t, test.df),
-                    None if test.t is None else log_bayes_factor(test.t, test.n),
+                    None if test.t is None else inference.cohens_d(test.t, test.df),
+                    None if test.t is None else inference.log_bayes_factor(test.t, test.n),
                     flip,
                     flip_holm,
                     why,
@@ -254,7 +246,7 @@ def _adjusted(p: Sequence[Sequence[float | None]], families: Sequence[str | None
     found: list[list[float | None]] = [[] for _ in p]
     for family in (*apart, together):
         rows = [(k, value) for k in family for value in p[k]]
-        adjusted = holm(np.array([np.nan if value is None else value for _, value in rows])).tolist()
+        adjusted = inference.holm(np.array([np.nan if value is None else value for _, value in rows])).tolist()
         for (k, value), one in zip(rows, adjusted, strict=True):
             found[k].append(None if value is None else one)
     return found

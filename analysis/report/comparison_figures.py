@@ -10,17 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from palpate.analysis.comparison.results import Compared, Scaled, TaskComparisons
-from palpate.analysis.documents.drawing import (
-    COLUMN_STYLE,
-    PAGE_INCHES,
-    SHADES,
-    Sheet,
-    colour,
-    marker,
-    pages,
-    sheet,
-    short,
-)
+from palpate.analysis.documents import drawing
 from palpate.analysis.report.comparison_sections import LAWS, percent
 from palpate.analysis.report.found import more
 
@@ -28,19 +18,19 @@ DARK = 0.6
 """The text of a cell above this share is white."""
 
 
-def sheets(results: Compared, label: str, *, titles: bool = False) -> tuple[Sheet, ...]:
+def sheets(results: Compared, label: str, *, titles: bool = False) -> tuple[drawing.Sheet, ...]:
     """Return every figure for which there are numbers, of at least one task.
 
     `label` is that of the dataset, and stands above each figure; with `titles` what it shows stands there too.
     """
-    with mpl.rc_context(COLUMN_STYLE):
+    with mpl.rc_context(drawing.COLUMN_STYLE):
         return tuple(_sheets(results, label, titles=titles))
 
 
-def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[Sheet]:
-    height = min(0.42 * len(results.materials) + 0.9, PAGE_INCHES)
-    for page, tasks in pages(results.tasks, height):
-        figure, panels = sheet([height] * len(tasks), "Right choices, percent" * titles, label)
+def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:
+    height = min(0.42 * len(results.materials) + 0.9, drawing.PAGE_INCHES)
+    for page, tasks in drawing.pages(results.tasks, height):
+        figure, panels = drawing.sheet([height] * len(tasks), "Right choices, percent" * titles, label)
         for axes, task in zip(panels, tasks, strict=True):
             choices(axes, task, results.materials)
             if len(results.tasks) == 1 and not titles:
@@ -50,11 +40,11 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[Sheet]:
             f"row was named as having {more(results)} than the column. On the diagonal, where both samples were "
             "of one material, how often the first was named: 50 by guessing. Intervals stand in the table."
         )
-        yield Sheet(f"right-choices{page}", "found", said, figure)
+        yield drawing.Sheet(f"right-choices{page}", "found", said, figure)
     shown = [(task, one) for task in results.tasks for one in task.scales if one.scale is not None]
-    height = min(0.2 * len(results.materials) + 0.8, PAGE_INCHES)
-    for page, scaled in pages(shown, height):
-        figure, panels = sheet([height] * len(scaled), f"Scale of {results.quality}" * titles, label)
+    height = min(0.2 * len(results.materials) + 0.8, drawing.PAGE_INCHES)
+    for page, scaled in drawing.pages(shown, height):
+        figure, panels = drawing.sheet([height] * len(scaled), f"Scale of {results.quality}" * titles, label)
         for place, (axes, (task, one)) in enumerate(zip(panels, scaled, strict=True)):
             scale(axes, task, one, results.materials, place)
             if len(results.tasks) == 1 and not titles:
@@ -63,7 +53,7 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[Sheet]:
             f"Scales of {results.quality} in {_people([task for task, _ in scaled])}. Whiskers are intervals of 95 % "
             "with participants as the units, where there are several; 0 is the mean of the materials."
         )
-        yield Sheet(f"scales{page}", "scales", said, figure)
+        yield drawing.Sheet(f"scales{page}", "scales", said, figure)
 
 
 def _people(tasks: Sequence[TaskComparisons]) -> str:
@@ -81,13 +71,13 @@ def choices(axes: Axes, task: TaskComparisons, materials: tuple[str, ...]) -> No
             shares[pair.high, pair.low] = value
             ink = "white" if value > DARK else "black"
             axes.text(pair.low + 0.5, pair.high + 0.5, percent(pair.right), ha="center", va="center", color=ink)
-    axes.pcolormesh(shares, cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
+    axes.pcolormesh(shares, cmap=drawing.SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
     axes.invert_yaxis()
-    names = [textwrap.fill(short(material, 26), 14) for material in materials]
+    names = [textwrap.fill(drawing.short(material, 26), 14) for material in materials]
     axes.set_xticks(np.arange(count) + 0.5, names, rotation=40, ha="right", rotation_mode="anchor")
     axes.set_yticks(np.arange(count) + 0.5, names)
     axes.tick_params(length=0)
-    axes.set_title(f"{short(task.task.title, 40)} (n = {len(task.participants)})")
+    axes.set_title(f"{drawing.short(task.task.title, 40)} (n = {len(task.participants)})")
     axes.spines[:].set_visible(False)
 
 
@@ -96,10 +86,10 @@ def scale(axes: Axes, task: TaskComparisons, one: Scaled, materials: tuple[str, 
     rows = np.arange(len(materials))
     for row, value in zip(rows.tolist(), one.values, strict=True):
         if value.low is not None and value.high is not None:
-            axes.plot([value.low, value.high], [row, row], "-", color=colour(place))
-        axes.plot([value.value], [row], marker(place), color=colour(place), markersize=4)
+            axes.plot([value.low, value.high], [row, row], "-", color=drawing.colour(place))
+        axes.plot([value.value], [row], drawing.marker(place), color=drawing.colour(place), markersize=4)
     axes.axvline(0, color="0.7", linewidth=0.6, zorder=0)
-    axes.set_yticks(rows, [short(material, 26) for material in materials])
+    axes.set_yticks(rows, [drawing.short(material, 26) for material in materials])
     axes.set_ylim(len(materials) - 0.5, -0.5)
     axes.set_xlabel(textwrap.fill(LAWS[one.law], 40))
-    axes.set_title(short(task.task.title, 40))
+    axes.set_title(drawing.short(task.task.title, 40))

@@ -10,35 +10,23 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
+from scipy.special import expit, logit
 
-from palpate.analysis.documents.drawing import (
-    COLUMN_MM,
-    COLUMN_STYLE,
-    HATCHES,
-    LETTER_INCHES,
-    LINES,
-    PAGE_INCHES,
-    PAGE_MM,
-    SHADES,
-    Sheet,
-    colour,
-    key,
-    marker,
-    name_below,
-    pages,
-    pale,
-    sheet,
-    short,
-    told_apart,
-    width_inches,
-)
+from palpate.analysis.documents import drawing
 from palpate.analysis.documents.tables import plural
+from palpate.analysis.identification.contrasts import Marginal
 from palpate.analysis.identification.identify import Identification
 from palpate.analysis.identification.results import Results, TaskResult, bracketed
 from palpate.analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window
-from palpate.analysis.report.contrast_figure import FEW, contrast_sheet
 from palpate.experiment.records.events import NO_ANSWER
+
+FEW = 5
+"""The most materials beside one another within a column of a journal; more take the width of two."""
+
+SHARES = (0.001, 0.01, 0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 0.999)
+"""Ticks of an axis of log odds."""
 
 ACROSS = 5
 """The number of participants beside one another on a page of panels."""
@@ -59,7 +47,12 @@ def correct_ratios(axes: Axes, tasks: Sequence[TaskResult]) -> None:
     width = 0.8 / len(tasks)
     for index, task in enumerate(tasks):
         _bars(axes, task, index, width, (index - (len(tasks) - 1) / 2) * width)
-    name_below(axes, range(len(materials)), materials, (width_inches(axes) - 0.5) / len(materials) - LETTER_INCHES)
+    drawing.name_below(
+        axes,
+        range(len(materials)),
+        materials,
+        (drawing.width_inches(axes) - 0.5) / len(materials) - drawing.LETTER_INCHES,
+    )
     _ratios(axes, {task.task.id: task.chance for task in tasks}, 1.18)
     axes.set_xlim(-0.6, len(materials) - 0.4)
 
@@ -69,19 +62,19 @@ def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
     matrix = task.confusion
     answers = (*matrix.materials, NO_ANSWER)[: len(matrix.materials) + unanswered]
     shown_means = matrix.means()[list(matrix.presented), : len(answers)]
-    axes.pcolormesh(shown_means, cmap=SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
+    axes.pcolormesh(shown_means, cmap=drawing.SHADES, vmin=0, vmax=1, edgecolors="white", linewidth=1)
     axes.invert_yaxis()
-    room = (width_inches(axes) - 0.9) / len(answers)
+    room = (drawing.width_inches(axes) - 0.9) / len(answers)
     for row in range(len(matrix.presented)):
         for j in range(len(answers)):
             _cell(axes, task, row, j, room)
-    name_below(axes, [one + 0.5 for one in range(len(answers))], answers, room)
-    names = [textwrap.fill(short(matrix.materials[i], 26), 14) for i in matrix.presented]
+    drawing.name_below(axes, [one + 0.5 for one in range(len(answers))], answers, room)
+    names = [textwrap.fill(drawing.short(matrix.materials[i], 26), 14) for i in matrix.presented]
     axes.set_yticks(np.arange(len(names)) + 0.5, names)
     axes.tick_params(length=0)
     axes.set_xlabel("answered")
     axes.set_ylabel("presented")
-    axes.set_title(f"{short(task.task.title, 40)} (n = {len(matrix.participants)})")
+    axes.set_title(f"{drawing.short(task.task.title, 40)} (n = {len(matrix.participants)})")
     axes.spines[:].set_visible(False)
 
 
@@ -94,14 +87,14 @@ def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
     rows, answers = list(matrix.presented), len(matrix.materials) + bool(matrix.unanswered)
     size = len(rows)
     step = (answers + 1, size + 2.2 * size / 4)
-    shown = told_apart(matrix.participants, PANEL_LETTERS)
+    shown = drawing.told_apart(matrix.participants, PANEL_LETTERS)
     between = ": " if max(map(len, shown)) <= PANEL_LETTERS - 5 else "\n"
     for place, index in enumerate(range(first, last)):
         x, y = place % ACROSS * step[0], place // ACROSS * step[1]
         counts, trials = matrix.counts[index, rows, :answers], matrix.trials[index, rows]
         ratios = np.where(trials[:, None] > 0, counts / np.maximum(trials, 1)[:, None], np.nan)
         edges = x + np.arange(answers + 1), y + np.arange(size + 1)
-        axes.pcolormesh(*edges, ratios, cmap=SHADES, vmin=0, vmax=1, edgecolors="#c9ced6", linewidth=0.25)
+        axes.pcolormesh(*edges, ratios, cmap=drawing.SHADES, vmin=0, vmax=1, edgecolors="#c9ced6", linewidth=0.25)
         right = float(counts[range(size), rows].sum() / trials.sum())
         axes.text(x, y - 0.08 * size, f"{shown[index]}{between}{right:.2f}", ha="left", va="bottom")
     axes.set_xlim(-0.1, ACROSS * step[0] - 0.9)
@@ -113,7 +106,7 @@ def material_map(axes: Axes, one: Identification, materials: Sequence[str]) -> N
     """Draw the materials as points, the closer the more they were taken for one another."""
     points = one.scaling.points if one.scaling else np.zeros((0, 2))
     for index, (material, point) in enumerate(zip(materials, points, strict=True)):
-        axes.plot(*point, marker(index), color=colour(index), label=short(material, 24))
+        axes.plot(*point, drawing.marker(index), color=drawing.colour(index), label=drawing.short(material, 24))
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.15)
     axes.set_xlabel("first axis")
@@ -124,18 +117,20 @@ def against_dissimilarity(axes: Axes, found: Mapping[str, Sequence[tuple[float, 
     """Draw confusing ratios against dissimilarity; `found` holds the (dissimilarity, ratio) points of each series."""
     for index, (name, points) in enumerate(found.items()):
         x, y = zip(*points, strict=True)
-        axes.plot(x, y, marker(index), color=colour(index), markersize=4, alpha=0.8, label=name, clip_on=False)
+        axes.plot(
+            x, y, drawing.marker(index), color=drawing.colour(index), markersize=4, alpha=0.8, label=name, clip_on=False
+        )
     said = f"dissimilarity of the spectra ({source})"
-    axes.set_xlabel(textwrap.fill(said, int((width_inches(axes) - 0.6) / LETTER_INCHES)))
+    axes.set_xlabel(textwrap.fill(said, int((drawing.width_inches(axes) - 0.6) / drawing.LETTER_INCHES)))
     axes.set_ylabel("confusing answer ratio")
     axes.set_xlim(0)
     axes.set_ylim(0)
-    key(axes, columns=1)
+    drawing.key(axes, columns=1)
 
 
 def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) -> None:
     matrix = task.confusion
-    hue = colour(index)
+    hue = drawing.colour(index)
     named = False
     for test in task.tests:
         place, result = matrix.materials.index(test.material), test.result
@@ -143,8 +138,8 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
             continue
         x = place + shift
         label = None if named else f"{task.task.id} (n = {len(matrix.participants)})"
-        hatch = HATCHES[index % len(HATCHES)]
-        axes.bar(x, result.mean, width * 0.92, facecolor=pale(hue), edgecolor=hue, hatch=hatch, label=label)
+        hatch = drawing.HATCHES[index % len(drawing.HATCHES)]
+        axes.bar(x, result.mean, width * 0.92, facecolor=drawing.pale(hue), edgecolor=hue, hatch=hatch, label=label)
         named = True
         values = [float(value) for value in matrix.ratios(place, place).values()]
         if len(values) <= DOTS:
@@ -159,10 +154,10 @@ def _bars(axes: Axes, task: TaskResult, index: int, width: float, shift: float) 
 def _cell(axes: Axes, task: TaskResult, row: int, j: int, room: float) -> None:
     i = task.confusion.presented[row]
     mean, sd = task.confusion.mean(i, j), task.confusion.sd(i, j)
-    whole = room >= 8 * LETTER_INCHES
+    whole = room >= 8 * drawing.LETTER_INCHES
     if mean is None:
         text = "not\nshown" if whole else "-"
-    elif room < 4.5 * LETTER_INCHES:
+    elif room < 4.5 * drawing.LETTER_INCHES:
         return
     else:
         stars = task.stars(task.tests[row]) if i == j and whole else ""
@@ -184,7 +179,7 @@ BINS = 40
 def learning(axes: Axes, curves: Mapping[str, Sequence[Window]], chances: Mapping[str, float]) -> None:
     """Draw the share of right answers in a running window of trials, each point at the window's middle."""
     for index, (task, windows) in enumerate(curves.items()):
-        hue, line = colour(index), LINES[index % len(LINES)]
+        hue, line = drawing.colour(index), drawing.LINES[index % len(drawing.LINES)]
         x = [(one.first + one.last) / 2 for one in windows]
         dot = "o" if len(x) == 1 else ""  # because a line through a single point is invisible
         axes.plot(x, [one.right / one.trials for one in windows], line, color=hue, label=task, marker=dot)
@@ -205,9 +200,9 @@ def speed(axes: Axes, curves: Mapping[str, Sequence[SpeedBin]], chances: Mapping
             [one.mean_mm_s for one in bins],
             shares,
             yerr=np.abs([shares - lows, highs - shares]),
-            color=colour(index),
-            linestyle=LINES[index % len(LINES)],
-            marker=marker(index),
+            color=drawing.colour(index),
+            linestyle=drawing.LINES[index % len(drawing.LINES)],
+            marker=drawing.marker(index),
             markersize=3.5,
             capsize=2,
             label=task,
@@ -221,22 +216,22 @@ def onset_errors(axes: Axes, found: Mapping[str, OnsetErrors]) -> None:
     everything = np.concatenate([one.errors_ms for one in found.values()])
     edges = np.histogram_bin_edges(everything, bins=_bins(everything))
     for index, (task, one) in enumerate(found.items()):
-        hue = colour(index)
+        hue = drawing.colour(index)
         spread = "" if one.sd_ms is None else f" ± {one.sd_ms:.2f}"
         axes.hist(
             one.errors_ms,
             bins=edges.tolist(),
             histtype="stepfilled",
-            facecolor="none" if index else pale(hue),
+            facecolor="none" if index else drawing.pale(hue),
             edgecolor=hue,
-            hatch=HATCHES[index % len(HATCHES)],
-            linestyle=LINES[index % len(LINES)],
+            hatch=drawing.HATCHES[index % len(drawing.HATCHES)],
+            linestyle=drawing.LINES[index % len(drawing.LINES)],
             label=f"{task}: {one.mean_ms:.2f}{spread} ms, {plural(len(one.errors_ms), 'trial')}",
         )
     axes.axvline(0, color="black", linestyle="--", linewidth=0.8)
     axes.set_xlabel("measured onset minus contact (ms)")
     axes.set_ylabel("trials")
-    key(axes, columns=1)
+    drawing.key(axes, columns=1)
 
 
 def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> None:
@@ -252,20 +247,20 @@ def masker_levels(axes: Axes, found: Mapping[str, Sequence[MaskerLevels]]) -> No
             np.array(x) + 0.12 * (index - (len(found) - 1) / 2),
             middle,
             yerr=reach,
-            fmt=marker(index),
-            color=colour(index),
+            fmt=drawing.marker(index),
+            color=drawing.colour(index),
             markersize=3,
             linewidth=0.7,
             label=task,
         )
     if named:
-        shown_as = told_apart(order, TICK_LETTERS)
+        shown_as = drawing.told_apart(order, TICK_LETTERS)
         longest = max(map(len, shown_as))
         turned: Any = {"rotation": 90} if longest * len(order) > 40 else {}
         axes.set_xticks(range(len(order)), shown_as, **turned)
     axes.set_xlabel("participant" if named else "participants, in order of their level")
     axes.set_ylabel("masker (dB(A))")
-    key(axes)
+    drawing.key(axes)
 
 
 def _bins(values: NDArray[np.float64]) -> int:
@@ -283,7 +278,7 @@ def _ratios(axes: Axes, chances: Mapping[str, float], top: float = 1.02) -> None
     axes.set_ylim(0, top)
     axes.set_yticks(np.linspace(0, 1, 6))
     axes.set_ylabel("correct answer ratio")
-    key(axes)
+    drawing.key(axes)
 
 
 PAGE = 25
@@ -293,16 +288,16 @@ PAGES = 4
 """The most pages of panels of one task."""
 
 
-def sheets(results: Results, label: str, *, titles: bool = False) -> tuple[Sheet, ...]:
+def sheets(results: Results, label: str, *, titles: bool = False) -> tuple[drawing.Sheet, ...]:
     """Return every figure for which there are numbers, of at least one task.
 
     `label` is that of the dataset, and stands above each figure; with `titles` what it shows stands there too.
     """
-    with mpl.rc_context(COLUMN_STYLE):
+    with mpl.rc_context(drawing.COLUMN_STYLE):
         return tuple(_sheets(results, label, titles=titles))
 
 
-def _sheets(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
+def _sheets(results: Results, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:
     yield from _answers(results, label, titles=titles)
     if found := results.marginal[0]:
         chances = {task.task.id: task.chance for task in results.tasks}
@@ -310,11 +305,11 @@ def _sheets(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
     yield from _course(results, label, titles=titles)
 
 
-def _answers(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
+def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:
     tasks = results.tasks
     count = len(tasks[0].confusion.materials)
-    width = COLUMN_MM if count <= FEW else PAGE_MM
-    figure, (axes,) = sheet([2.4], "Correct answers: mean ± SD" * titles, label, width)
+    width = drawing.COLUMN_MM if count <= FEW else drawing.PAGE_MM
+    figure, (axes,) = drawing.sheet([2.4], "Correct answers: mean ± SD" * titles, label, width)
     correct_ratios(axes, tasks)
     adjusted = [task.task.id for task in tasks if task.correction]
     by = f"adjusted by Holm in {' and '.join(adjusted)}" if adjusted else "not adjusted"
@@ -324,12 +319,14 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
         f"among participants{dots}, and the dashed line is chance. *, ** and *** mark means above chance with P < "
         f"0.05, 0.01 and 0.001 (t, {by}).{bracketed(tasks)}"
     )
-    yield Sheet("correct-ratios", "found", said, figure)
+    yield drawing.Sheet("correct-ratios", "found", said, figure)
 
     unanswered = any(task.confusion.unanswered for task in tasks)
-    height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else min(0.32 * count + 1.4, PAGE_INCHES)
-    for page, of in pages(tasks, height):
-        figure, panels = sheet([height] * len(of), "Answer ratios: means among participants" * titles, label, width)
+    height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else min(0.32 * count + 1.4, drawing.PAGE_INCHES)
+    for page, of in drawing.pages(tasks, height):
+        figure, panels = drawing.sheet(
+            [height] * len(of), "Answer ratios: means among participants" * titles, label, width
+        )
         for axes, task in zip(panels, of, strict=True):
             confusion(axes, task, unanswered=unanswered)
             if len(tasks) == 1 and not titles:
@@ -338,32 +335,32 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
             f"Mean answer ratios in {_people(of)}, from 0 (white) to 1 (dark), ± the standard deviation among "
             "participants where there is room."
         )
-        yield Sheet(f"confusion{page}", "confusion", said, figure)
+        yield drawing.Sheet(f"confusion{page}", "confusion", said, figure)
 
     for task in tasks:
         yield from _participants(task, label, titles=titles)
 
     found = [one for one in zip(tasks, results.identifications, strict=True) if one[1].scaling]
-    for page, mapped in pages(found, MAP_INCHES):
+    for page, mapped in drawing.pages(found, MAP_INCHES):
         title = "Map of the materials, from their confusions" * titles
-        figure, panels = sheet([MAP_INCHES] * len(mapped), title, label)
+        figure, panels = drawing.sheet([MAP_INCHES] * len(mapped), title, label)
         for axes, (_, one) in zip(panels, mapped, strict=True):
             material_map(axes, one, tasks[0].confusion.materials)
-        key(panels[0])
+        drawing.key(panels[0])
         said = (
             f"Map of the materials in {_people([task for task, _ in mapped])}: the closer two are, the more they were "
             "taken for one another (classical scaling). It has no error bars."
         )
-        yield Sheet(f"map{page}", "confusions", said, figure)
+        yield drawing.Sheet(f"map{page}", "confusions", said, figure)
 
     if confusing := _confusing(results):
-        figure, (axes,) = sheet([2.5], "Confusing answers and dissimilarity of spectra" * titles, label)
+        figure, (axes,) = drawing.sheet([2.5], "Confusing answers and dissimilarity of spectra" * titles, label)
         against_dissimilarity(axes, confusing, results.dissimilarities.source)
         said = (
             f"Mean confusing answer ratios in {_people(tasks)} against the dissimilarity of the spectra, a point for "
             "each ordered pair of materials, with Mantel's r and P. There are no error bars."
         )
-        yield Sheet("dissimilarity", "confusions", said, figure)
+        yield drawing.Sheet("dissimilarity", "confusions", said, figure)
 
 
 MAP_INCHES = 2.6
@@ -375,13 +372,13 @@ def _people(tasks: Sequence[TaskResult]) -> str:
     return " and ".join(f"{task.task.title} (n = {len(task.confusion.participants)})" for task in tasks)
 
 
-def _participants(task: TaskResult, label: str, *, titles: bool) -> Iterator[Sheet]:
+def _participants(task: TaskResult, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:
     people, count = len(task.confusion.participants), len(task.confusion.presented)
     shown = min(people, PAGES * PAGE)
     for page, first in enumerate(range(0, shown, PAGE), start=1):
         last = min(first + PAGE, shown)
         title = f"{task.task.id}: participants {first + 1} to {last} of {people}, and their share of right answers"
-        figure, (axes,) = sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title * titles, label)
+        figure, (axes,) = drawing.sheet([0.3 + 0.75 * ceil((last - first) / ACROSS)], title * titles, label)
         participants(axes, task, first, last)
         said = (
             f"Answer ratios of each participant in {task.task.title}, {first + 1} to {last} (n = {people}), the "
@@ -391,7 +388,7 @@ def _participants(task: TaskResult, label: str, *, titles: bool) -> Iterator[She
         if shown < people:
             said += f" The first {shown} of {people} participants are drawn; counts.csv has all of them."
         name = f"participants-{task.task.id}" + (f"-{page}" if page > 1 else "")
-        yield Sheet(name, "confusion", said, figure)
+        yield drawing.Sheet(name, "confusion", said, figure)
 
 
 def _confusing(results: Results) -> dict[str, list[tuple[float, float]]]:
@@ -411,40 +408,80 @@ def _confusing(results: Results) -> dict[str, list[tuple[float, float]]]:
     return found
 
 
-def _course(results: Results, label: str, *, titles: bool) -> Iterator[Sheet]:
+def contrast_sheet(
+    found: Marginal, tasks: Sequence[str], label: str, chances: Sequence[float], titles: bool
+) -> drawing.Sheet:
+    """Return the figure of marginal means; `label` stands above it, and its own title if there are to be `titles`."""
+    materials = list(dict.fromkeys(one.material for one in found.means))
+    width = drawing.COLUMN_MM if len(materials) <= FEW else drawing.PAGE_MM
+    figure, (axes,) = drawing.sheet([2.4], "Marginal means of right answers" * titles, label, width)
+    for index, task in enumerate(tasks):
+        of = [one for one in found.means if one.task == task]
+        places = [materials.index(one.material) + 0.16 * (index - (len(tasks) - 1) / 2) for one in of]
+        odds = np.array([one.log_odds for one in of])
+        reach = np.array([[one.log_odds - one.low, one.high - one.log_odds] for one in of]).reshape(-1, 2).T
+        axes.errorbar(
+            places,
+            odds,
+            yerr=reach,
+            fmt=drawing.marker(index),
+            color=drawing.colour(index),
+            capsize=2.5,
+            markersize=4,
+            label=task,
+        )
+    for chance in sorted(set(chances)):
+        axes.axhline(float(logit(chance)), color="black", linestyle="--", linewidth=0.8)
+    low, high = axes.get_ylim()
+    axes.set_yticks([value for share in SHARES if low <= (value := float(logit(share))) <= high])
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{expit(value):.3g}"))
+    axes.set_ylim(low, high)
+    axes.set_ylabel("right answers (on the logit)")
+    drawing.name_below(axes, range(len(materials)), materials, (drawing.width_inches(axes) - 0.6) / len(materials))
+    axes.set_xlim(-0.5, len(materials) - 0.5)
+    drawing.key(axes)
+    said = (
+        f"Ours: marginal means of right answers of {found.participants} participants, on the logit, with their 95 % "
+        "intervals, of a participant in the middle. Dashed: chance. Where intervals of two materials or tasks overlap "
+        "they may differ all the same; the tables here test it."
+    )
+    return drawing.Sheet("marginal-means", "contrasts", said, figure)
+
+
+def _course(results: Results, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:
     found = results.course
     chances = {task.task.id: task.chance for task in results.tasks}
     if found.learning:
         window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
-        figure, (axes,) = sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time" * titles, label)
+        figure, (axes,) = drawing.sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time" * titles, label)
         learning(axes, found.learning, chances)
         of = plural(window, "successive trial")
         said = (
             f"Share of right answers in {of}, of all participants together ({_people(results.tasks)}). Bands are 95 % "
             "BCa intervals over participants, and the dashed line is chance."
         )
-        yield Sheet("learning", "course", said, figure)
+        yield drawing.Sheet("learning", "course", said, figure)
     if found.speed:
-        figure, (axes,) = sheet([2.3], "Right answers by the speed of the foot" * titles, label)
+        figure, (axes,) = drawing.sheet([2.3], "Right answers by the speed of the foot" * titles, label)
         speed(axes, found.speed, chances)
         said = (
             f"Share of right answers by the speed of the foot, of all participants together ({_people(results.tasks)}"
             "). Whiskers are Wilson's 95 % intervals, which take trials as independent, and the dashed line is chance."
         )
-        yield Sheet("speed", "course", said, figure)
+        yield drawing.Sheet("speed", "course", said, figure)
     if found.onsets:
-        figure, (axes,) = sheet([2.3], "Onset of the stimulus, measured at the panel" * titles, label)
+        figure, (axes,) = drawing.sheet([2.3], "Onset of the stimulus, measured at the panel" * titles, label)
         onset_errors(axes, found.onsets)
         trials = " and ".join(f"{task} ({plural(len(one.errors_ms), 'trial')})" for task, one in found.onsets.items())
         said = (
             f"Measured onset of the stimulus minus contact of the foot in {trials}; the key has means ± SD over trials."
         )
-        yield Sheet("onset-errors", "course", said, figure)
+        yield drawing.Sheet("onset-errors", "course", said, figure)
     if found.masker:
-        figure, (axes,) = sheet([2.3], "Masker of each participant" * titles, label)
+        figure, (axes,) = drawing.sheet([2.3], "Masker of each participant" * titles, label)
         masker_levels(axes, found.masker)
         people = " and ".join(f"{task} (n = {len(levels)})" for task, levels in found.masker.items())
         said = (
             f"Level of the masker in {people}: medians of a participant's trials, and whiskers to lowest and highest."
         )
-        yield Sheet("masker", "course", said, figure)
+        yield drawing.Sheet("masker", "course", said, figure)

@@ -34,8 +34,7 @@ from palpate.analysis.identification.results import (
 from palpate.analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BINS, WINDOW
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
-from palpate.analysis.report.beside_tables import beside_section
-from palpate.analysis.report.contrast_tables import contrasts_section, equivalence_section, lapses_section
+from palpate.analysis.report import companion_tables
 from palpate.analysis.report.found import found_section, joined
 from palpate.analysis.report.identification_sections import (
     ARBITRARY,
@@ -164,14 +163,14 @@ def sections(
             marked(icc_section(results), *icc_marks(study, stands, results)),
         ),
         "Ours": (
-            beside_section(results.beside, stands, common),
-            marked(contrasts_section(results), stands.ours(TWO_WAY, *tasks)),
-            marked(equivalence_section(results), f"{OURS}, {EXPLORATORY}"),
+            companion_tables.beside_section(results.beside, stands, common),
+            marked(companion_tables.contrasts_section(results), stands.ours(TWO_WAY, *tasks)),
+            marked(companion_tables.equivalence_section(results), f"{OURS}, {EXPLORATORY}"),
             marked(intervals_section(results), *(stands.ours(T, task) for task in tasks)),
         ),
         "Exploratory": (
             marked(confusions_section(results, study.materials, remark), EXPLORATORY),
-            marked(lapses_section(results, study.materials, remark), EXPLORATORY),
+            marked(companion_tables.lapses_section(results, study.materials, remark), EXPLORATORY),
             marked(trials_section(results), EXPLORATORY),
             marked(course_section(results.course), EXPLORATORY),
         ),

@@ -12,18 +12,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from palpate.analysis.documents import page
-from palpate.analysis.documents.drawing import (
-    COLUMN_STYLE,
-    HATCHES,
-    LINES,
-    Sheet,
-    colour,
-    common_key,
-    key,
-    sheet,
-    short,
-)
+from palpate.analysis.documents import drawing, page
 from palpate.analysis.documents.output import check, publish
 from palpate.analysis.documents.tables import WIDTH, Section, Table, number, text
 from palpate.analysis.reading import dissimilarities
@@ -255,42 +244,44 @@ def _dissimilarity(validation: Validation) -> Section:
     return Section("dissimilarity", "Dissimilarity of materials", paragraphs, (table,), tuple(records))
 
 
-def sheets(validation: Validation) -> tuple[Sheet, ...]:
+def sheets(validation: Validation) -> tuple[drawing.Sheet, ...]:
     """Return every figure for which the validation has numbers."""
-    with mpl.rc_context(COLUMN_STYLE):
+    with mpl.rc_context(drawing.COLUMN_STYLE):
         return tuple(_sheets(validation))
 
 
-def _sheets(validation: Validation) -> Iterator[Sheet]:
+def _sheets(validation: Validation) -> Iterator[drawing.Sheet]:
     label, f = validation.label, validation.frequencies_hz
-    figure, panels = sheet([1.5] * len(validation.classified), "Speeds on which fresh takes were put", label)
+    figure, panels = drawing.sheet([1.5] * len(validation.classified), "Speeds on which fresh takes were put", label)
     for axes, of_it in zip(panels, validation.classified, strict=True):
         classification(axes, of_it)
-    common_key(figure, panels[0])
+    drawing.common_key(figure, panels[0])
     said = "The speeds on which fresh takes were put (as Fig. 7 of Okamoto et al.). The tables here give the numbers."
-    yield Sheet("classification", "classification", said, figure)
+    yield drawing.Sheet("classification", "classification", said, figure)
 
     if validation.overlays:
-        figure, panels = sheet([1.4] * len(validation.overlays), "Synthesised and observed, less the panel", label)
+        figure, panels = drawing.sheet(
+            [1.4] * len(validation.overlays), "Synthesised and observed, less the panel", label
+        )
         for axes, one in zip(panels, validation.overlays, strict=True):
             overlay(axes, one, f)
-        common_key(figure, panels[0])
+        drawing.common_key(figure, panels[0])
         said = "Synthesised spectra and averages of observed ones, less the panel (as Fig. 6 of Okamoto et al.)."
-        yield Sheet("overlay", "overlay", said, figure)
+        yield drawing.Sheet("overlay", "overlay", said, figure)
 
-    figure, (axes,) = sheet([2.6], f"Materials at {validation.reference_mm_s:g} mm/s, less the panel", label)
+    figure, (axes,) = drawing.sheet([2.6], f"Materials at {validation.reference_mm_s:g} mm/s, less the panel", label)
     spectra(axes, validation.spectra, f)
     said = "Amplitude spectra of the materials, less the panel (as Fig. 12 of Okamoto et al.)."
-    yield Sheet("spectra", "dissimilarity", said, figure)
+    yield drawing.Sheet("spectra", "dissimilarity", said, figure)
 
     if validation.confusable:
         made = ", of materials that were fitted to Table 3" if validation.fitted else ""
         title = f"Confusions of real materials, as Table 2 prints them, and dissimilarity here{made}"
-        figure, (axes,) = sheet([3.1], title, label)
+        figure, (axes,) = drawing.sheet([3.1], title, label)
         against_dissimilarity(axes, _confusions(validation), "these recordings, normalised")
         said = "How often a material was taken for another (Table 2 of Okamoto et al.) against the dissimilarity of "
         said += "their spectra here (as Fig. 13)."
-        yield Sheet("confusions", "dissimilarity", said, figure)
+        yield drawing.Sheet("confusions", "dissimilarity", said, figure)
 
 
 def classification(axes: Axes, one: Classified) -> None:
@@ -302,15 +293,15 @@ def classification(axes: Axes, one: Classified) -> None:
             places + (i - (one.observed_mm_s.size - 1) / 2) * width,
             one.counts[i],
             width * 0.92,
-            facecolor=colour(i),
+            facecolor=drawing.colour(i),
             edgecolor="black",
             linewidth=0.5,
-            hatch=HATCHES[i % len(HATCHES)],
+            hatch=drawing.HATCHES[i % len(drawing.HATCHES)],
             label=f"observed at {v:g} mm/s",
         )
     axes.set_xticks(places, [f"{v:g}" for v in one.candidates_mm_s])
     axes.set_ylim(0, one.chosen.shape[1] + 0.5)
-    axes.set_title(f"{short(one.material, 24)}: {int(one.close.sum())} of {one.takes} same or next")
+    axes.set_title(f"{drawing.short(one.material, 24)}: {int(one.close.sum())} of {one.takes} same or next")
     axes.set_xlabel("synthesised speed (mm/s)")
     axes.set_ylabel("takes")
 
@@ -320,8 +311,8 @@ def overlay(axes: Axes, one: Overlay, frequencies_hz: NDArray[np.float64]) -> No
     band = frequencies_hz <= BAND_HZ[1]
     f = frequencies_hz[band]
     axes.plot(f, one.observed[band], color="black", linewidth=0.6, label="observed, average")
-    axes.plot(f, one.synthesised[band], LINES[1], color=colour(1), linewidth=0.9, label="synthesised")
-    axes.set_title(f"{short(one.material, 24)}, {one.speed_mm_s:g} mm/s")
+    axes.plot(f, one.synthesised[band], drawing.LINES[1], color=drawing.colour(1), linewidth=0.9, label="synthesised")
+    axes.set_title(f"{drawing.short(one.material, 24)}, {one.speed_mm_s:g} mm/s")
     _amplitudes(axes)
 
 
@@ -329,10 +320,10 @@ def spectra(axes: Axes, of: dict[str, NDArray[np.float64]], frequencies_hz: NDAr
     """Draw the amplitudes of the materials at one speed (Figure 12)."""
     band = frequencies_hz <= BAND_HZ[1]
     for i, (material, amplitudes) in enumerate(of.items()):
-        line, name = LINES[i % len(LINES)], short(material, 22)
-        axes.plot(frequencies_hz[band], amplitudes[band], line, color=colour(i), linewidth=0.7, label=name)
+        line, name = drawing.LINES[i % len(drawing.LINES)], drawing.short(material, 22)
+        axes.plot(frequencies_hz[band], amplitudes[band], line, color=drawing.colour(i), linewidth=0.7, label=name)
     _amplitudes(axes)
-    key(axes)
+    drawing.key(axes)
 
 
 def _amplitudes(axes: Axes) -> None:
@@ -348,5 +339,5 @@ def _confusions(validation: Validation) -> dict[str, list[tuple[float, float]]]:
     for a, b in validation.pairs:
         points = [(p.dissimilarity, p.ratio) for p in validation.confusable if {p.presented, p.answered} == {a, b}]
         if points:
-            found[f"{short(a, 22)} / {short(b, 22)}"] = points
+            found[f"{drawing.short(a, 22)} / {drawing.short(b, 22)}"] = points
     return found

@@ -15,7 +15,7 @@ from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part, Study
 from palpate.analysis.report import sections
-from palpate.analysis.report.beside_tables import beside_section
+from palpate.analysis.report.companion_tables import beside_section
 from palpate.analysis.report.plan import TWO_WAY, Standing
 from palpate.analysis.statistics.inference import holm
 from palpate.experiment.protocol import files

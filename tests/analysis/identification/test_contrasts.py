@@ -16,8 +16,8 @@ from palpate.analysis.identification.contrasts import MARGIN, equivalences, marg
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part, Study
-from palpate.analysis.report.contrast_figure import contrast_sheet
-from palpate.analysis.report.contrast_tables import contrasts_section, equivalence_section
+from palpate.analysis.report.companion_tables import contrasts_section, equivalence_section
+from palpate.analysis.report.figures import contrast_sheet
 from palpate.analysis.statistics.exact import Integers, NotDefined
 from palpate.analysis.statistics.participants import equivalence
 from palpate.experiment.protocol import files
