@@ -244,29 +244,29 @@ class Played:
         return abs(self.budget.total - self.truth) <= TRUE * self.truth
 
 
-def play(name: str, spectra: CrinkleSpectra, *, unit: str, rig: Rig = RIG) -> list[Played]:
+def play(name: str, spectra: CrinkleSpectra, *, unit: str) -> list[Played]:
     """Return what a rig is handed for a material at every speed of a budget, at the rate of the recordings.
 
     In m/s^2 the rig has the same limit of its panel, a full scale of `FULL_SCALE_M_S2`, and moves as it is told.
     """
-    basis, found = rig.basis(spectra), []
+    basis, found = RIG.basis(spectra), []
     # Prepared voltages are the same, as the cases show, and take seconds to prepare.
-    drive = rig.drive(SHAPED, basis)
+    drive = RIG.drive(SHAPED, basis)
     f = bin_frequencies_hz(bins=spectra.samples, rate_hz=spectra.rate_hz)
     for v in BUDGET_SPEEDS_MM_S:
         stimulus = basis.at(v)
         if unit == IN_VOLTS:
             driven = drive(stimulus)
-            handed = (driven.voltages_v / rig.limit_v).astype(np.float32)
+            handed = (driven.voltages_v / RIG.limit_v).astype(np.float32)
             volts, shaped = drive.worked_out(stimulus, driven.scale)
-            played_v = handed.astype(np.float64) * rig.limit_v
-            budget = of_voltages(stimulus, handed_v=played_v, voltages_v=volts, shaped=shaped, response=rig.response)
+            played_v = handed.astype(np.float64) * RIG.limit_v
+            budget = of_voltages(stimulus, handed_v=played_v, voltages_v=volts, shaped=shaped, response=RIG.response)
             moved = oracle.answered_m_s2(f, spectrum(played_v))
         else:
             wanted = stimulus.waveform_m_s2
-            handed = (np.clip(wanted, -rig.limit_m_s2, rig.limit_m_s2) / FULL_SCALE_M_S2).astype(np.float32)
+            handed = (np.clip(wanted, -RIG.limit_m_s2, RIG.limit_m_s2) / FULL_SCALE_M_S2).astype(np.float32)
             played = handed.astype(np.float64) * FULL_SCALE_M_S2
-            limited = int(np.count_nonzero(np.abs(wanted) > rig.limit_m_s2))
+            limited = int(np.count_nonzero(np.abs(wanted) > RIG.limit_m_s2))
             budget = of_accelerations(stimulus, handed_m_s2=played, limited=limited)
             moved = spectrum(played)
         asked = np.asarray(oracle.spectrum_at(spectra, v)[0], dtype=np.float64)

@@ -135,23 +135,23 @@ class EffectSize:
     confidence: float
 
 
-def partial_eta_squared(f: float, df1: int, df2: int, confidence: float = ETA_CONFIDENCE) -> EffectSize:
+def partial_eta_squared(f: float, df1: int, df2: int) -> EffectSize:
     """Return the share of the variance left by the other effects that this one takes: df1 F / (df1 F + df2).
 
     `f` is not negative. The interval's limits are those of the noncentrality L, mapped to L / (L + df1 + df2 + 1).
     """
-    found = _noncentralities(lambda nc: float(ncfdtr(df1, df2, nc, f)), confidence, least=0.0)
+    found = _noncentralities(lambda nc: float(ncfdtr(df1, df2, nc, f)), ETA_CONFIDENCE, least=0.0)
     low, high = (None if limit is None else limit / (limit + df1 + df2 + 1) for limit in found)
-    return EffectSize(df1 * f / (df1 * f + df2), low, high, confidence)
+    return EffectSize(df1 * f / (df1 * f + df2), low, high, ETA_CONFIDENCE)
 
 
-def cohens_d(t: float, df: int, confidence: float = CONFIDENCE) -> EffectSize:
+def cohens_d(t: float, df: int) -> EffectSize:
     """Return Cohen's d of a one-sample t, t / sqrt(n) at n = df + 1, with the limits of noncentral t."""
     root = math.sqrt(df + 1)
     observed = 0.0 if abs(t) < SMALLEST else t
-    found = _noncentralities(lambda nc: float(nctdtr(df, nc, observed)), confidence)
+    found = _noncentralities(lambda nc: float(nctdtr(df, nc, observed)), CONFIDENCE)
     low, high = (None if limit is None else limit / root for limit in found)
-    return EffectSize(t / root, low, high, confidence)
+    return EffectSize(t / root, low, high, CONFIDENCE)
 
 
 def _noncentralities(
@@ -282,7 +282,7 @@ def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CO
     return ConfidenceInterval(float(low), float(high), confidence)
 
 
-def mean_interval(values: Sequence[Number], weights: Integers, confidence: float = CONFIDENCE) -> ConfidenceInterval:
+def mean_interval(values: Sequence[Number], weights: Integers) -> ConfidenceInterval:
     """Return the BCa interval of the mean of values, shape (P,), from resamples of shape (B, P); errors as `bca`.
 
     Sums are whole numbers over one denominator, and a quotient is rounded once, so that resamples with the observed
@@ -293,4 +293,4 @@ def mean_interval(values: Sequence[Number], weights: Integers, confidence: float
     small = people * max(max(map(abs, whole)), common) < WHOLE
     counts, drawn = (weights, np.array(whole)) if small else (weights.astype(object), np.array(whole, dtype=object))
     left_out = [(total - value) / ((people - 1) * common) for value in whole]
-    return bca(total / (people * common), floats(counts @ drawn / (people * common)), np.array(left_out), confidence)
+    return bca(total / (people * common), floats(counts @ drawn / (people * common)), np.array(left_out))

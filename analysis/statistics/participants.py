@@ -225,7 +225,7 @@ class Jackknife:
     confidence: float
 
 
-def jackknife(observed: float, left_out: Floats, confidence: float = CONFIDENCE) -> Jackknife:
+def jackknife(observed: float, left_out: Floats) -> Jackknife:
     """Return the jackknife of a statistic from its values with each participant left out, shape (participants,).
 
     Raises `NotDefined`: with fewer than two participants, or where leaving out any of them changes nothing.
@@ -237,5 +237,5 @@ def jackknife(observed: float, left_out: Floats, confidence: float = CONFIDENCE)
     if error <= 1e-12 * max(1.0, abs(observed)):
         raise NotDefined("no variance among participants: the jackknife has no interval")
     value = people * observed - (people - 1) * float(left_out.mean())
-    reach = float(stdtrit(people - 1, (1 + confidence) / 2)) * error
-    return Jackknife(value, error, value - reach, value + reach, confidence)
+    reach = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) * error
+    return Jackknife(value, error, value - reach, value + reach, CONFIDENCE)
