@@ -198,34 +198,25 @@ def _counts(results: Results) -> Section:
 
 def _facts(study: Study) -> dict[str, Any]:
     return {
-        "study": study.id,
-        "name": study.name,
-        "origin": study.origin,
-        "label": study.label,
-        "materials": list(study.materials),
-        "participants": list(study.participants),
+        "study": study.id, "name": study.name, "origin": study.origin, "label": study.label,
+        "materials": list(study.materials), "participants": list(study.participants),
         "exclusions": [asdict(exclusion) for exclusion in study.exclusions],
         "unasked": [asdict(one) for one in study.unasked],
-    }
+    }  # fmt: skip
 
 
 def _numbers(study: Study, results: Results, comparison: Comparison | None) -> dict[str, Any]:
     return {
-        **_facts(study),
-        "tasks": [_task(task) for task in results.tasks],
+        **_facts(study), "tasks": [_task(task) for task in results.tasks],
         "identification": [_plain(found) for found in results.identifications],
         "one_way": [{**_plain(pair), "anova": _anova(pair.anova)} for pair in results.pairs],
-        "two_way": [_anova(anova) for anova in results.two_way],
-        "two_way_statement": results.two_way_statement,
-        "beside": _plain(results.beside),
-        "equivalence": _plain(results.equivalences),
+        "two_way": [_anova(anova) for anova in results.two_way], "two_way_statement": results.two_way_statement,
+        "beside": _plain(results.beside), "equivalence": _plain(results.equivalences),
         "marginal": {"found": _plain(results.marginal[0]), "statement": results.marginal[1]},
-        "trials": _plain(results.trials),
-        "course": _course(results.course),
+        "trials": _plain(results.trials), "course": _course(results.course),
         "icc": [asdict(reliability) for reliability in results.reliabilities],
-        "variance_components": _plain(results.components),
-        "comparison": _plain(comparison),
-    }
+        "variance_components": _plain(results.components), "comparison": _plain(comparison),
+    }  # fmt: skip
 
 
 def _task(task: TaskResult) -> dict[str, Any]:
@@ -239,19 +230,12 @@ def _task(task: TaskResult) -> dict[str, Any]:
         "mean": [[matrix.mean(i, j) for j in range(count + 1)] for i in range(count)],
         "sd": [[matrix.sd(i, j) for j in range(count + 1)] for i in range(count)],
         "tests": [
-            {
-                "material": test.material,
-                **asdict(test.result),
-                "stars": task.stars(test),
-                "p_holm": test.p_holm,
-                "sign_flip": _plain(test.flip),
-                "sign_flip_p_holm": test.flip_holm,
-                "d_interval": _plain(test.d),
-                "log_bf10": test.log_bf10,
-            }
+            {"material": test.material, **asdict(test.result), "stars": task.stars(test), "p_holm": test.p_holm,
+             "sign_flip": _plain(test.flip), "sign_flip_p_holm": test.flip_holm, "d_interval": _plain(test.d),
+             "log_bf10": test.log_bf10}
             for test in task.tests
         ],
-    }
+    }  # fmt: skip
 
 
 def _anova(anova: Anova | None) -> dict[str, Any] | None:

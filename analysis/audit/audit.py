@@ -133,15 +133,12 @@ class Audit:
     def as_dict(self) -> dict[str, Any]:
         """Return everything for JSON, without NaN or infinity; None stands where something is not a number."""
         return {
-            "study": self.study,
-            "source": self.comparison.source,
+            "study": self.study, "source": self.comparison.source,
             "against": "print" if self.origin == PRINT else "dataset",
-            "origin": None if self.origin == PRINT else self.origin,
-            "label": self.label,
-            "passed_over": list(self.passed_over),
-            "unread": self.comparison.unread,
+            "origin": None if self.origin == PRINT else self.origin, "label": self.label,
+            "passed_over": list(self.passed_over), "unread": self.comparison.unread,
             "lines": [{**asdict(line), "agrees": line.agrees} for line in self.comparison.lines],
-        }
+        }  # fmt: skip
 
     def _findings(self, width: int) -> list[str]:
         if self.origin not in HELD:

@@ -249,26 +249,10 @@ def _markdown(text: str) -> str:
 
 
 SPECIAL = {
-    "\\": r"\textbackslash{}",
-    "&": r"\&",
-    "%": r"\%",
-    "$": r"\$",
-    "#": r"\#",
-    "_": r"\_",
-    "{": r"\{",
-    "}": r"\}",
-    "~": r"\textasciitilde{}",
-    "^": r"\textasciicircum{}",
-    "±": r"$\pm$",
-    "²": r"$^2$",
-    "η": r"$\eta$",
-    "√": r"$\surd$",
-    "→": r"$\to$",
-    "<": r"$<$",
-    ">": r"$>$",
-    "|": r"$|$",
-    "[": "{[}",
-}
+    "\\": r"\textbackslash{}", "&": r"\&", "%": r"\%", "$": r"\$", "#": r"\#", "_": r"\_", "{": r"\{", "}": r"\}",
+    "~": r"\textasciitilde{}", "^": r"\textasciicircum{}", "±": r"$\pm$", "²": r"$^2$", "η": r"$\eta$",
+    "√": r"$\surd$", "→": r"$\to$", "<": r"$<$", ">": r"$>$", "|": r"$|$", "[": "{[}",
+}  # fmt: skip
 
 
 def latex(section: Section, label: str) -> str:

@@ -83,21 +83,11 @@ SAYS = {
     "The time is that of the whole impact.",
 }
 HEADS = {
-    "samples": "N",
-    "output_rate_hz": "output rate (Hz)",
-    "speed_mm_s": "speed (mm/s)",
-    "frequencies": "frequencies",
-    "drive_levels": "drive levels",
-    "bins": "bins",
-    "length_s": "length (s)",
-    "stiffness_n_m": "K (N/m)",
-    "mass_kg": "M (kg)",
-    "step_s": "step (s)",
-    "release_error": "of release",
-    "penetration_error": "of penetration",
-    "energy_error": "of energy",
-    "prepared_share": "prepared",
-}
+    "samples": "N", "output_rate_hz": "output rate (Hz)", "speed_mm_s": "speed (mm/s)", "frequencies": "frequencies",
+    "drive_levels": "drive levels", "bins": "bins", "length_s": "length (s)", "stiffness_n_m": "K (N/m)",
+    "mass_kg": "M (kg)", "step_s": "step (s)", "release_error": "of release", "penetration_error": "of penetration",
+    "energy_error": "of energy", "prepared_share": "prepared",
+}  # fmt: skip
 
 
 def sections(result: Numerics) -> tuple[Section, ...]:
@@ -107,10 +97,10 @@ def sections(result: Numerics) -> tuple[Section, ...]:
     return (*measured, _conditions(result), _budget(result.played), _cases(result.outcomes))
 
 
-def text(result: Numerics, width: int = WIDTH) -> str:
+def text(result: Numerics) -> str:
     """Return everything for a terminal, with the verdict at the end."""
-    verdict = (textwrap.fill(line, width, subsequent_indent="    ") for line in result.verdict.splitlines())
-    return "\n\n\n".join([LABEL, *(section_text(one, width) for one in sections(result)), "\n".join(verdict)])
+    verdict = (textwrap.fill(line, WIDTH, subsequent_indent="    ") for line in result.verdict.splitlines())
+    return "\n\n\n".join([LABEL, *(section_text(one) for one in sections(result)), "\n".join(verdict)])
 
 
 def as_dict(result: Numerics) -> dict[str, Any]:
@@ -140,7 +130,7 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
     files["numerics.md"] = "\n".join(page).encode()
     drawn = {
         "numerics": figures.numerics(result),
-        "contact": figures.diagrams(_subject(result, "contact")),
+        "contact": figures.diagrams(_contact(result)),
         "budget": figures.budget(result.played),
     }
     files |= {f"{name}.svg": svg(each) for name, each in drawn.items()}
@@ -150,8 +140,8 @@ def write(result: Numerics, out: Path) -> tuple[Path, ...]:
     return publish(out, files, LABEL, "numerics")
 
 
-def _subject(result: Numerics, subject: str) -> list[Measured]:
-    return [one for one in result.measured if one.subject == subject]
+def _contact(result: Numerics) -> list[Measured]:
+    return [one for one in result.measured if one.subject == "contact"]
 
 
 DOMINATED = (
@@ -228,20 +218,11 @@ def _error(one: Measured, value: float | None) -> str:
 def _record(one: Measured) -> dict[str, object]:
     low, high = one.timed.quartiles_s
     return {
-        "way": one.way,
-        **one.given,
-        "median_s": one.timed.median_s,
-        "lower_quartile_s": low,
-        "upper_quartile_s": high,
-        "repeats": one.timed.repeats,
-        "error": one.error,
-        "claimed_error": one.claimed,
-        **one.others,
-        "worst_at": one.worst_at or None,
-        "holds": one.holds,
-        "prepared_s": one.prepared_s,
+        "way": one.way, **one.given, "median_s": one.timed.median_s, "lower_quartile_s": low,
+        "upper_quartile_s": high, "repeats": one.timed.repeats, "error": one.error, "claimed_error": one.claimed,
+        **one.others, "worst_at": one.worst_at or None, "holds": one.holds, "prepared_s": one.prepared_s,
         "memory_bytes": one.memory_bytes,
-    }
+    }  # fmt: skip
 
 
 def _cases(outcomes: tuple[Outcome, ...]) -> Section:
@@ -284,18 +265,10 @@ def _budget(result: Sequence[Played]) -> Section:
         rows.append(("truth", *(_range([one.truth for one in of[name]]) for name in names)))
         tables.append(Table(f"A rig in {unit}", ("cause", *names), tuple(rows)))
     records = tuple(
-        {
-            "unit": one.unit,
-            "material": one.material,
-            "speed_mm_s": one.speed_mm_s,
-            **asdict(one.budget),
-            "left_out": one.budget.left_out,
-            "total": one.budget.total,
-            "truth": one.truth,
-            "holds": one.holds,
-        }
+        {"unit": one.unit, "material": one.material, "speed_mm_s": one.speed_mm_s, **asdict(one.budget),
+         "left_out": one.budget.left_out, "total": one.budget.total, "truth": one.truth, "holds": one.holds}
         for one in result
-    )
+    )  # fmt: skip
     return Section("budget", "Error budget of what is played", about, tuple(tables), records)
 
 
@@ -319,7 +292,7 @@ def _conditions(result: Numerics) -> Section:
 
 def methods(result: Numerics) -> Section:
     """Return the table of methods that `tests/README.md` holds: each at the usual sizes, and contact by the servo."""
-    of_contact = _subject(result, "contact")
+    of_contact = _contact(result)
     rows = [one for one in result.measured if one.subject != "contact"]
     shown = [one for subject, each in groupby(rows, key=lambda one: one.subject) for one in _usual(subject, list(each))]
     header = ("of", "way", "at", "median time", "error", "claimed", "dominated")

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from palpate.analysis.documents import page
 from palpate.analysis.documents.drawing import COLUMN_STYLE, LINES, Sheet, colour, key, marker, sheet
 from palpate.analysis.documents.output import publish
-from palpate.analysis.documents.tables import WIDTH, Section, Table, number
+from palpate.analysis.documents.tables import Section, Table, number
 from palpate.analysis.documents.tables import text as in_terminal
 from palpate.analysis.power.comparisons import PairModel
 from palpate.analysis.power.planned_tests import ADJUSTED, Question
@@ -292,16 +292,10 @@ def _reason(result: Power, row: Row) -> str:
 def _record(row: Row) -> Mapping[str, object]:
     low, high = row.interval or (None, None)
     return {
-        **_simulated(row),
-        "studies": row.tally.studies,
-        "significant": row.tally.significant,
-        "of_these_above_chance": row.tally.above,
-        "family_above_chance": row.tally.family,
-        "undefined": row.tally.undefined,
-        "share": row.power,
-        "low": low,
-        "high": high,
-    }
+        **_simulated(row), "studies": row.tally.studies, "significant": row.tally.significant,
+        "of_these_above_chance": row.tally.above, "family_above_chance": row.tally.family,
+        "undefined": row.tally.undefined, "share": row.power, "low": low, "high": high,
+    }  # fmt: skip
 
 
 def _simulated(row: Row) -> dict[str, object]:
@@ -310,13 +304,9 @@ def _simulated(row: Row) -> dict[str, object]:
 
 def _named(question: Question) -> dict[str, object]:
     return {
-        "planned_test": question.plan + 1,
-        "test": question.test,
-        "tasks": " ".join(question.tasks),
-        "of": question.subject,
-        "p": ADJUSTED if question.adjusted else "unadjusted",
-        "alpha": question.alpha,
-    }
+        "planned_test": question.plan + 1, "test": question.test, "tasks": " ".join(question.tasks),
+        "of": question.subject, "p": ADJUSTED if question.adjusted else "unadjusted", "alpha": question.alpha,
+    }  # fmt: skip
 
 
 def _shown(row: Row | None) -> str:
@@ -410,27 +400,21 @@ def _name(question: Question) -> str:
     return textwrap.fill(subject(question), LETTERS)
 
 
-def text(result: Power, width: int = WIDTH) -> str:
+def text(result: Power) -> str:
     """Return everything for a terminal; the participants needed stand last."""
     parts = sorted(sections(result), key=lambda section: section.slug == "needed")
-    shown = [in_terminal(section, width) for section in parts if section.slug != "control"]
+    shown = [in_terminal(section) for section in parts if section.slug != "control"]
     return "\n\n\n".join([result.label, *shown, result.label])
 
 
 def as_dict(result: Power) -> dict[str, Any]:
     """Return every number, for JSON; None where it is not defined."""
     return {
-        "label": result.label,
-        "study": result.study,
-        "model": result.model.source,
-        "notes": list(result.notes),
-        "participants": list(result.participants),
-        "studies": result.studies,
-        "seed": result.seed,
-        "target": result.target,
-        "software": software(),
+        "label": result.label, "study": result.study, "model": result.model.source, "notes": list(result.notes),
+        "participants": list(result.participants), "studies": result.studies, "seed": result.seed,
+        "target": result.target, "software": software(),
         **{f"{section.slug}_rows": [dict(record) for record in section.records] for section in sections(result)},
-    }
+    }  # fmt: skip
 
 
 def write(result: Power, out: Path) -> tuple[Path, ...]:

@@ -73,14 +73,10 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
         _mantel(found, results.dissimilarities.source),
     )
     names = {
-        "information": "The information",
-        "information interval": "The interval of the information",
-        "d'": "The d'",
-        "choice": "The similarity-choice model",
-        "lapses": "The bias and lapse model",
-        "scaling": "The map",
+        "information": "The information", "information interval": "The interval of the information", "d'": "The d'",
+        "choice": "The similarity-choice model", "lapses": "The bias and lapse model", "scaling": "The map",
         "mantel": "Mantel's test",
-    }
+    }  # fmt: skip
     reasons = tuple(
         f"{names[key]} is not defined for {one.task}: {reason}."
         for one in found
@@ -319,16 +315,10 @@ def _trial_records(kind: str, spread: str, model: TrialModel) -> list[Mapping[st
         for one in model.coefficients
     ]  # fmt: skip
     records += [
-        {
-            "model": kind,
-            "term": t.name,
-            "chi2" if t.df2 is None else "f": t.statistic,
-            "df": t.df,
-            "df2": t.df2,
-            "p": t.p,
-        }
+        {"model": kind, "term": t.name, "chi2" if t.df2 is None else "f": t.statistic, "df": t.df, "df2": t.df2,
+         "p": t.p}
         for t in model.terms
-    ]
+    ]  # fmt: skip
     return [*records, {"model": kind, "term": spread, "value": model.spread}]
 
 

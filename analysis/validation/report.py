@@ -90,14 +90,9 @@ def numbers(validation: Validation) -> dict[str, Any]:
         "average": validation.average,
         "holds": validation.holds,
         "classification": [
-            {
-                "material": one.material,
-                "observed_mm_s": one.observed_mm_s.tolist(),
-                "candidates_mm_s": one.candidates_mm_s.tolist(),
-                "counts": one.counts.tolist(),
-                "same_or_neighbouring": one.close.tolist(),
-                "takes": one.takes,
-            }
+            {"material": one.material, "observed_mm_s": one.observed_mm_s.tolist(),
+             "candidates_mm_s": one.candidates_mm_s.tolist(), "counts": one.counts.tolist(),
+             "same_or_neighbouring": one.close.tolist(), "takes": one.takes}
             for one in validation.classified
         ],
         "overlay": [
@@ -114,7 +109,7 @@ def numbers(validation: Validation) -> dict[str, Any]:
             "pairs": [{"materials": list(pair), "dissimilarity": d} for pair, d in validation.other.pairs.items()],
             "rank_correlation": validation.other.rank_correlation,
         },
-    }
+    }  # fmt: skip
 
 
 def _classification(validation: Validation) -> Section:
@@ -180,17 +175,12 @@ def _overlay(validation: Validation) -> Section:
     rows = tuple((one.material, f"{one.speed_mm_s:g}", number(one.dissimilarity, 2)) for one in validation.overlays)
     table = Table("Synthesised and averaged observed spectra", ("material", "mm/s", "dissimilarity m/s^2"), rows)
     records: list[dict[str, object]] = [
-        {
-            "material": one.material,
-            "speed_mm_s": one.speed_mm_s,
-            "frequency_hz": float(f),
-            "observed_m_s2": float(observed),
-            "synthesised_m_s2": float(synthesised),
-        }
+        {"material": one.material, "speed_mm_s": one.speed_mm_s, "frequency_hz": float(f),
+         "observed_m_s2": float(observed), "synthesised_m_s2": float(synthesised)}
         for one in validation.overlays
         for f, observed, synthesised in zip(validation.frequencies_hz, one.observed, one.synthesised, strict=True)
         if f <= BAND_HZ[1]
-    ]
+    ]  # fmt: skip
     paragraphs = ("Both spectra average as many takes as were recorded at each speed, less the panel.",)
     return Section("overlay", "Synthesised and observed spectra", paragraphs, (table,), tuple(records))
 
@@ -207,16 +197,10 @@ def _dissimilarity(validation: Validation) -> Section:
         shown = (number(value, 2), number(other, 2), there.text if there else "-", *(number(way, 2) for way in ways))
         rows.append((a, b, *shown))
         records.append(
-            {
-                "material_a": a,
-                "material_b": b,
-                "dissimilarity": value,
-                f"dissimilarity_{validation.other.average}": other,
-                "printed_dissimilarity": there.value if there else None,
-                "a_answered_b": ways[0],
-                "b_answered_a": ways[1],
-            }
-        )
+            {"material_a": a, "material_b": b, "dissimilarity": value,
+             f"dissimilarity_{validation.other.average}": other,
+             "printed_dissimilarity": there.value if there else None, "a_answered_b": ways[0], "b_answered_a": ways[1]}
+        )  # fmt: skip
     table = Table(
         f"Normalised dissimilarity at {validation.reference_mm_s:g} mm/s",
         ("a", "b", "here", validation.other.average, "Table 3", "a taken for b", "b taken for a"),
