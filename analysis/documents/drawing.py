@@ -206,7 +206,7 @@ def flow(label: str, title: str, aside: str, stages: Sequence[tuple[str, Sequenc
             top -= space
             column = (width - name - 0.1) / len(boxes)
             places = [name + 0.05 + column * (index + 0.5) for index in range(len(boxes))]
-            _box(axes, name / 2, top, name - 0.1, high, stage, rotation=90, facecolor=pale(COLOURS[5]))
+            _box(axes, name / 2, top, name - 0.1, high, stage, 90, facecolor=pale(COLOURS[5]))
             for place, text in zip(places, boxes, strict=True):
                 _box(axes, place, top, min(column - 0.15, 2.6), high, text)
             pairs = zip(above, places, strict=True) if len(above) == len(places) else product(above, places)
@@ -225,21 +225,10 @@ def flow(label: str, title: str, aside: str, stages: Sequence[tuple[str, Sequenc
     return figure
 
 
-def _box(
-    axes: Axes,
-    centre: float,
-    top: float,
-    wide: float,
-    high: float,
-    text: str,
-    *,
-    rotation: int = 0,
-    facecolor: Any = "white",
-) -> None:
-    axes.add_patch(
-        Rectangle((centre - wide / 2, top - high), wide, high, facecolor=facecolor, edgecolor="black", linewidth=0.8)
-    )
-    axes.text(centre, top - high / 2, text, ha="center", va="center", rotation=rotation, linespacing=1.3)
+def _box(axes: Axes, x: float, top: float, wide: float, high: float, text: str, turn: int = 0, **style: Any) -> None:
+    edge: Any = {"facecolor": "white", "edgecolor": "black", "linewidth": 0.8, **style}
+    axes.add_patch(Rectangle((x - wide / 2, top - high), wide, high, **edge))
+    axes.text(x, top - high / 2, text, ha="center", va="center", rotation=turn, linespacing=1.3)
 
 
 def _saved(figure: Figure, kind: str, metadata: Mapping[str, object]) -> bytes:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache, partial
 from importlib import metadata
@@ -114,7 +114,7 @@ class Measured:
 
     subject: str
     way: str
-    given: dict[str, float]
+    given: Mapping[str, float]
     timed: Timed
     error: float
     claimed: float | None = None
@@ -259,17 +259,10 @@ def _synthesis(way: Way, samples: int, rate_hz: int, v: float, extent: Extent) -
             exact = oracle.stimulus(of, speed_mm_s=speed, output_rate_hz=rate_hz)
             found.append((float(oracle.error(render_of(speed), exact) / exact.scale), f"{name}, {speed:g} mm/s"))
     error, worst_at = max(found)
-    return Measured(
-        subject="synthesis",
-        way=way.name,
-        given={"samples": samples, "output_rate_hz": rate_hz, "speed_mm_s": v},
-        timed=_timed(lambda: render(v), extent if way is not PRINTED_SUM else replace(extent, least_repeats=1)),
-        error=error,
-        claimed=way.claim(spectra.grid(rate_hz)),
-        prepared_s=prepared.median_s,
-        memory_bytes=nbytes,
-        worst_at=worst_at,
-    )
+    given = {"samples": samples, "output_rate_hz": rate_hz, "speed_mm_s": v}
+    taken = _timed(lambda: render(v), extent if way is not PRINTED_SUM else replace(extent, least_repeats=1))
+    claimed, prepared_s = way.claim(spectra.grid(rate_hz)), prepared.median_s
+    return Measured("synthesis", way.name, given, taken, error, claimed, prepared_s, nbytes, worst_at=worst_at)
 
 
 def _voltages(way: str, samples: int, rate_hz: int, extent: Extent) -> Measured:
@@ -287,18 +280,10 @@ def _voltages(way: str, samples: int, rate_hz: int, extent: Extent) -> Measured:
     drive = rig.drive(way, basis)
     preparing = timed(lambda: rig.drive(way, basis), budget_s=extent.budget_s / 5, least_repeats=1)
     error, worst_at = max(found)
-    return Measured(
-        subject="voltages",
-        way=way,
-        given={"samples": samples, "output_rate_hz": rate_hz},
-        timed=_timed(lambda: drive(basis.at(BETWEEN_MM_S)), extent),
-        error=error,
-        claimed=max(claims) if all(claims) else 0.0,
-        prepared_s=preparing.median_s,
-        memory_bytes=drive.nbytes,
-        others={"prepared_share": prepared / len(found)},
-        worst_at=worst_at,
-    )
+    given, others = {"samples": samples, "output_rate_hz": rate_hz}, {"prepared_share": prepared / len(found)}
+    taken = _timed(lambda: drive(basis.at(BETWEEN_MM_S)), extent)
+    claimed, prepared_s = max(claims) if all(claims) else 0.0, preparing.median_s
+    return Measured("voltages", way, given, taken, error, claimed, prepared_s, drive.nbytes, others, worst_at)
 
 
 SAMPLES: dict[str, int | None] = {"float32 samples": None, "24-bit converter": 24, "16-bit converter": 16}
@@ -321,15 +306,8 @@ def _samples(way: str, extent: Extent) -> Measured:
             found.append((float(np.sqrt(np.mean((rounded(wanted) - wanted) ** 2))) / rms, f"{name}, {v:g} mm/s"))
             claims.append(2.0**-24 + step / 2 / rms)
     error, worst_at = max(found)
-    return Measured(
-        subject="samples",
-        way=way,
-        given={"samples": extent.usual, "output_rate_hz": RATE_HZ},
-        timed=_timed(lambda: rounded(wanted), extent),
-        error=error,
-        claimed=max(claims),
-        worst_at=worst_at,
-    )
+    given, taken = {"samples": extent.usual, "output_rate_hz": RATE_HZ}, _timed(lambda: rounded(wanted), extent)
+    return Measured("samples", way, given, taken, error, max(claims), worst_at=worst_at)
 
 
 def _resampling(way: str, samples: int, rate_hz: int, extent: Extent) -> Measured:
@@ -351,14 +329,10 @@ def _resampling(way: str, samples: int, rate_hz: int, extent: Extent) -> Measure
     places = np.linspace(on.count // 20, on.count - on.count // 20, extent.places).astype(np.int64)
     exact = oracle.term_by_term(coefficients, numerators=numerators[places], denominator=denominator)
     difference = np.asarray(call())[places] - exact
-    return Measured(
-        subject="resampling",
-        way=way,
-        given={"samples": samples, "output_rate_hz": rate_hz},
-        timed=_timed(call, extent),
-        error=float(np.sqrt(np.mean(difference**2) / np.mean(exact**2))),
-        claimed=transform_error(on) if way == "inverse DCT" else None,
-    )
+    given = {"samples": samples, "output_rate_hz": rate_hz}
+    error = float(np.sqrt(np.mean(difference**2) / np.mean(exact**2)))
+    claimed = transform_error(on) if way == "inverse DCT" else None
+    return Measured("resampling", way, given, _timed(call, extent), error, claimed)
 
 
 def _shaping(levels: int, size: int, extent: Extent) -> Measured:
@@ -374,13 +348,9 @@ def _shaping(levels: int, size: int, extent: Extent) -> Measured:
         return shape(coefficients, frequencies_hz=bins_hz, response=response, gain_limit_v_per_m_s2=1e3).coefficients_v
 
     exact = oracle.voltage_v(bins_hz[within], coefficients[within])
-    return Measured(
-        subject="shaping",
-        way=f"{levels} drive levels",
-        given={"frequencies": size, "drive_levels": levels, "bins": bins_hz.size},
-        timed=_timed(call, extent),
-        error=float(np.sqrt(np.mean((call()[within] / exact - 1) ** 2))),
-    )
+    given = {"frequencies": size, "drive_levels": levels, "bins": bins_hz.size}
+    error = float(np.sqrt(np.mean((call()[within] / exact - 1) ** 2)))
+    return Measured("shaping", f"{levels} drive levels", given, _timed(call, extent), error)
 
 
 def _noise(colour: Colour, seconds: float, extent: Extent) -> Measured:
@@ -390,28 +360,19 @@ def _noise(colour: Colour, seconds: float, extent: Extent) -> Measured:
         return noise(colour=colour, samples=samples, rate_hz=OUTPUT_RATE_HZ, rng=np.random.default_rng(1))
 
     deviations = oracle.octave_deviations_db(call(), rate_hz=OUTPUT_RATE_HZ, db_per_octave=DB_PER_OCTAVE[colour])
-    return Measured(
-        subject="noise",
-        way=f"{colour} noise",
-        given={"length_s": seconds, "output_rate_hz": OUTPUT_RATE_HZ},
-        timed=_timed(call, extent),
-        error=float(np.max(np.abs(deviations))),
-        claimed=CLAIMED_DB if seconds >= CLAIMED_FROM_S else None,
-    )
+    given, error = {"length_s": seconds, "output_rate_hz": OUTPUT_RATE_HZ}, float(np.max(np.abs(deviations)))
+    claimed = CLAIMED_DB if seconds >= CLAIMED_FROM_S else None
+    return Measured("noise", f"{colour} noise", given, _timed(call, extent), error, claimed)
 
 
 def _contact(method: str, stiffness: float, mass: float, step_s: float, extent: Extent) -> Measured:
     found = contact.worst(method, stiffness=stiffness, mass=mass, step_s=step_s)
     run_ = contact.run_of(method, stiffness=stiffness, mass=mass, step_s=step_s)
-    return Measured(
-        subject="contact",
-        way=method,
-        given={"stiffness_n_m": stiffness, "mass_kg": mass, "step_s": step_s},
-        timed=timed(run_, budget_s=extent.budget_s / 10, least_repeats=3),
-        error=found["rebound"],
-        claimed=contact.CLAIMED if method == EXACT else None,
-        others={f"{name}_error": found[name] for name in ("release", "penetration", "energy")},
-    )
+    given = {"stiffness_n_m": stiffness, "mass_kg": mass, "step_s": step_s}
+    taken = timed(run_, budget_s=extent.budget_s / 10, least_repeats=3)
+    claimed = contact.CLAIMED if method == EXACT else None
+    others = {f"{name}_error": found[name] for name in ("release", "penetration", "energy")}
+    return Measured("contact", method, given, taken, found["rebound"], claimed, others=others)
 
 
 def _timed(call: Callable[[], object], extent: Extent) -> Timed:

@@ -78,14 +78,7 @@ def stimulus(spectra: CrinkleSpectra, *, speed_mm_s: float, output_rate_hz: int)
     length = _length(wanted[bins])
     if nearest is not None:
         length = max(length, _length(spectra.amplitudes[nearest, bins].astype(np.longdouble)))
-    return Exact(
-        samples=_inverse(wanted[:carried], places),
-        scale=length / np.sqrt(np.longdouble(2)),
-        floored=floored,
-        extrapolated=nearest is not None,
-        dropped=max(0, spectra.samples - ceil(places)),
-        bins=spectra.samples,
-    )
+    return _exact(spectra, wanted[:carried], length, places, floored, extrapolated=nearest is not None)
 
 
 def voltages(
@@ -121,14 +114,15 @@ def voltages(
         bottom, bottom_v = top, top_v
     signed = np.zeros(carried, dtype=np.longdouble)
     signed[measured] = np.minimum(volts, a * np.longdouble(gain_limit_v_per_m_s2)) * np.sign(wanted[measured])
-    return Exact(
-        samples=_inverse(signed, places),
-        scale=_length(signed) / np.sqrt(np.longdouble(2)),
-        floored=floored,
-        extrapolated=nearest is not None,
-        dropped=max(0, spectra.samples - ceil(places)),
-        bins=spectra.samples,
-    )
+    return _exact(spectra, signed, _length(signed), places, floored, extrapolated=nearest is not None)
+
+
+def _exact(
+    of: CrinkleSpectra, bins: Extended, length: np.longdouble, places: Fraction, floored: int, *, extrapolated: bool
+) -> Exact:
+    """Return the samples of these bins, a vector of this `length`, at `places` samples in the recording's time."""
+    scale, dropped = length / np.sqrt(np.longdouble(2)), max(0, of.samples - ceil(places))
+    return Exact(_inverse(bins, places), scale, floored, extrapolated, dropped, of.samples)
 
 
 def error(made: NDArray[np.float64], exact: Exact) -> np.longdouble:
