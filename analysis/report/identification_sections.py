@@ -82,13 +82,9 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
         for one in found
         for key, reason in one.statements.items()
     )
-    return Section(
-        "confusions",
-        "Information, d', similarity and bias",
-        (*remark, *reasons),
-        tuple(table for table in tables if table.rows),
-        tuple(record for one in found for record in _records(one, materials)),
-    )
+    shown = tuple(table for table in tables if table.rows)
+    records = tuple(record for one in found for record in _records(one, materials))
+    return Section("confusions", "Information, d', similarity and bias", (*remark, *reasons), shown, records)
 
 
 def _information(found: tuple[Identification, ...]) -> Table:
@@ -337,13 +333,8 @@ def course_section(found: TimeCourse) -> Section:
         reasons = dict.fromkeys(one.statement for one in windows if one.statement)
         paragraphs += [f"Some runs of trials of {task} have no interval: {why}." for why in reasons]
     tables = (_learning_table(found), _speed_table(found), _onsets(found), _timing(found), _masker(found))
-    return Section(
-        "course",
-        "Course of the tasks",
-        tuple(paragraphs),
-        tuple(table for table in tables if table.rows),
-        tuple(_course_records(found)),
-    )
+    shown, records = tuple(table for table in tables if table.rows), tuple(_course_records(found))
+    return Section("course", "Course of the tasks", tuple(paragraphs), shown, records)
 
 
 def _learning_table(found: TimeCourse) -> Table:

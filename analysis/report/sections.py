@@ -25,7 +25,6 @@ from palpate.analysis.identification.maps import MOST, ORDERS
 from palpate.analysis.identification.results import (
     SEED,
     ComponentReliability,
-    PairTest,
     Reliability,
     Results,
     TaskResult,
@@ -296,7 +295,11 @@ def _families(results: Results) -> list[str]:
 
 def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
     """Return the ANOVAs: one-way of confused materials, two-way of correct ratios in types I to III."""
-    tables = [_one_way(pair, stands) for pair in results.pairs if pair.anova is not None]
+    tables = []
+    for pair in results.pairs:
+        if pair.anova is not None:
+            title = f"One-way, {pair.task}: the four answer ratios of {' and '.join(pair.pair)} ({pair.chosen})"
+            tables.append(Table(title, ANOVA, tuple(map(_cells, _lines(pair.anova))), standing=stands.of_pair(pair)))
     one_way = [
         (pair.task, f"{' and '.join(pair.pair)} ({pair.chosen})", line)
         for pair in results.pairs
@@ -304,15 +307,10 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -
     ]
     two_way = [(anova.kind.removeprefix("two-way, type "), line) for anova in results.two_way for line in _lines(anova)]
     if two_way:
-        tables.append(
-            Table(
-                "Two-way: correct ratios by task and material",
-                ("type", *ANOVA),
-                tuple((kind, *_cells(line)) for kind, line in two_way),
-                frozenset({0, 1}),
-                standing=stands.of(TWO_WAY, *(task.task.id for task in results.tasks)),
-            )
-        )
+        title = "Two-way: correct ratios by task and material"
+        rows = tuple((kind, *_cells(line)) for kind, line in two_way)
+        mark = stands.of(TWO_WAY, *(task.task.id for task in results.tasks))
+        tables.append(Table(title, ("type", *ANOVA), rows, frozenset({0, 1}), standing=mark))
     records = [{"analysis": "one-way", "task": task, "of": of, **_record(line)} for task, of, line in one_way]
     records += [{"analysis": f"two-way, type {kind}", "task": "all", **_record(line)} for kind, line in two_way]
     said = [(f"one-way ANOVA of {p.task}", p.anova.statement if p.anova else p.statement) for p in results.pairs]
@@ -347,16 +345,6 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -
 
 
 ANOVA = ("source", "SS", "df", "MS", "F", "P", "partial η²", "90 % CI")
-
-
-def _one_way(pair: PairTest, stands: Standing) -> Table:
-    """Return the table of one pair."""
-    return Table(
-        f"One-way, {pair.task}: the four answer ratios of {' and '.join(pair.pair)} ({pair.chosen})",
-        ANOVA,
-        tuple(_cells(line) for line in _lines(pair.anova)),
-        standing=stands.of_pair(pair),
-    )
 
 
 def _confusion_table(task: TaskResult) -> Table:
@@ -443,14 +431,6 @@ def formulas(file: str, **known: object) -> tuple[tuple[str, str], ...]:
 
 def methods() -> tuple[tuple[str, str], ...]:
     """Return the name and formula of everything that these sections hold."""
-    return formulas(
-        "methods.md",
-        window=WINDOW,
-        widths=", ".join(map(str, BIN_WIDTHS_MM_S)),
-        most_bins=MOST_BINS,
-        seed=SEED,
-        resamples=RESAMPLES,
-        choice_resamples=CHOICE_RESAMPLES,
-        orders=ORDERS,
-        most_materials=MOST,
-    )
+    course = {"window": WINDOW, "widths": ", ".join(map(str, BIN_WIDTHS_MM_S)), "most_bins": MOST_BINS}
+    drawn = {"seed": SEED, "resamples": RESAMPLES, "choice_resamples": CHOICE_RESAMPLES, "orders": ORDERS}
+    return formulas("methods.md", **course, **drawn, most_materials=MOST)
