@@ -25,7 +25,7 @@ without a laboratory, the status of a study, answers that are heard, the servo o
 wrong number in print, and tests in which a participant is the unit have added since. So have modules and imports: the
 plan kept room for the desk, and had 165 and 800 without it; a module that outgrew its 500 lines is now several."""
 
-TRUNKS: Mapping[str, int] = {"session": 20_329, "analysis": 16_375}
+TRUNKS: Mapping[str, int] = {"session": 20_384, "analysis": 16_375}
 """The most lines of each trunk."""
 
 WINGS: Mapping[str, int] = {

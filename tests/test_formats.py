@@ -9,6 +9,8 @@ import pytest
 from palpate.experiment.protocol.models import Material
 from tests import formats
 
+HINT = "give each format that changed its next number, then run python -m tests.formats"
+
 
 @pytest.fixture(scope="module")
 def today() -> dict[str, formats.Description]:
@@ -17,9 +19,9 @@ def today() -> dict[str, formats.Description]:
 
 def test_every_format_is_the_one_that_was_described_under_its_number(today: dict[str, formats.Description]) -> None:
     described = {name: formats.FOLDER / f"{name}.json" for name in today}
-    assert [name for name, path in described.items() if not path.exists()] == [], "run python -m tests.formats"
+    assert [name for name, path in described.items() if not path.exists()] == [], HINT
     changed = [name for name, path in described.items() if path.read_text("utf-8") != formats.text(today[name])]
-    assert changed == [], "give each its next number, then run python -m tests.formats"
+    assert changed == [], HINT
 
 
 def test_a_key_that_is_added_changes_the_description() -> None:

@@ -202,9 +202,10 @@ def test_a_notebook_uses_palpate_beside_modules_of_its_own(installed: Installed,
     report = json.loads(call(installed.scripts / "python", "notebook.py", cwd=lab).splitlines()[-1])
     assert report["own"] == [str(lab / "analysis.py"), str(lab / "experiment.py")]
     assert report["equal"] == [True, True, True]
-    assert {"palpate", "palpate.experiment.protocol.files", "palpate.analysis.analyse"} <= set(report["files"])
+    files = "palpate.experiment.protocol.files"
+    assert {"palpate", files, "palpate.analysis.analyse"} <= set(report["files"])
     assert {module: file for module, file in report["files"].items() if file not in installed.files(module)} == {}
-    assert set(report["workers"]) <= set(installed.files("palpate.experiment.protocol.files"))
+    assert set(report["workers"]) <= set(installed.files(files))
 
 
 @pytest.mark.parametrize("installed", ["wheel", "clone without links"], indirect=True)

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from math import inf
 
 from palpate.experiment.clock import Clock, monotonic_ns, wall_ns
-from palpate.experiment.desk import prompts
+from palpate.experiment.desk import port, prompts
 from palpate.experiment.desk.messages import (
     CLOSED,
     ENTER,
@@ -40,21 +40,6 @@ from palpate.experiment.desk.messages import (
     Typed,
     View,
     Write,
-)
-from palpate.experiment.desk.port import (
-    BY_EXPERIMENTER,
-    DEBRIEFING,
-    LAB_BOOK,
-    NO,
-    NO_ANSWER,
-    NOT_ANCHORED,
-    RESTS,
-    WITHOUT,
-    YES,
-    Attended,
-    Remark,
-    laid_out,
-    lasting,
 )
 from palpate.experiment.desk.prompts import NOTHING, Theirs
 from palpate.experiment.errors import LinkError, PalpateError, PauseAsked
@@ -104,7 +89,7 @@ class LinkedConsole:
         self._alone_s = alone_s
         self._changed = threading.Condition()
         self._doing = threading.Lock()
-        self._session: Attended | None = None
+        self._session: port.Attended | None = None
         self._asked = 0
         self._chosen: str | None = None
         self._chosen_at_ns = 0
@@ -219,7 +204,7 @@ class LinkedConsole:
         self.wake()
         return True
 
-    def _do(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
+    def _do(self, deed: Deed, session: port.Attended | None) -> tuple[bool, str]:
         match deed:
             case Choose():
                 return self._choose(deed, at_console=True)
@@ -252,7 +237,7 @@ class LinkedConsole:
             self.show(f"{done[1]} {what}")
         return done
 
-    def _do_for_participant(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
+    def _do_for_participant(self, deed: Deed, session: port.Attended | None) -> tuple[bool, str]:
         """Take a key for a question that is the participant's to answer, and what is shown; refuse everything else."""
         if isinstance(deed, Shown):
             return self._note_shown(deed, session)
@@ -264,7 +249,7 @@ class LinkedConsole:
                 return False, "The participant does not answer this question at the screen."
             return self._choose(deed, at_console=False)
 
-    def _note_shown(self, deed: Shown, session: Attended | None) -> tuple[bool, str]:
+    def _note_shown(self, deed: Shown, session: port.Attended | None) -> tuple[bool, str]:
         """Put on record what the participant's screen shows, and since when."""
         ago_ns = monotonic_ns() - deed.t_ns
         told = next((one for one in self._prompts if one.number == deed.number), None)
@@ -300,7 +285,7 @@ class LinkedConsole:
             self._pick(asked, text)
             return True, ""
 
-    def _pause(self, deed: Pause | Stop, session: Attended | None) -> tuple[bool, str]:
+    def _pause(self, deed: Pause | Stop, session: port.Attended | None) -> tuple[bool, str]:
         with self._changed:
             if self._view.state == "ended":
                 return False, "The session has ended."
@@ -311,10 +296,10 @@ class LinkedConsole:
                 self._pausing = deed
             self._changed.notify_all()
         if session is not None:
-            session.pause(BY_EXPERIMENTER)
+            session.pause(port.BY_EXPERIMENTER)
         return True, "The session pauses as soon as nothing can be felt any more."
 
-    def _repeat(self, wanted: Repeat, session: Attended) -> tuple[bool, str]:
+    def _repeat(self, wanted: Repeat, session: port.Attended) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
             if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
@@ -327,14 +312,14 @@ class LinkedConsole:
 
     # What the session asks, from its own.
 
-    def attend(self, session: Attended | None) -> None:
+    def attend(self, session: port.Attended | None) -> None:
         with self._doing, self._changed:
             if session is None and self._session is not None:
                 # What was reached stays on the screen of a pause.
                 self._now(state="preparing", **_standing(self._session))
             self._session, self._repeated, self._armed = session, None, None
             self._now(instruction="", again="", masked=self._view.masked and session is None)
-            why = self._failed or (BY_EXPERIMENTER if self._pausing is not None else "")
+            why = self._failed or (port.BY_EXPERIMENTER if self._pausing is not None else "")
         if session is not None and why:
             # While the devices were opened.
             session.pause(why)
@@ -346,10 +331,10 @@ class LinkedConsole:
         self._now(step=step, steps=tuple(steps))
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
-        return self._put("agree", text, _choices({YES: yes, NO: no})) == YES
+        return self._put("agree", text, _choices({port.YES: yes, port.NO: no})) == port.YES
 
     def write(self, *, text: str) -> str:
-        self._now(trial=None, step=DEBRIEFING)
+        self._now(trial=None, step=port.DEBRIEFING)
         return self._put("write", text, ())
 
     def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
@@ -362,12 +347,12 @@ class LinkedConsole:
     def show(self, text: str) -> None:
         said = characters.plain(" ".join(text.split("\n")).strip())
         with self._changed:
-            self._anchored = said if said.startswith((LAB_BOOK, NOT_ANCHORED)) else self._anchored
+            self._anchored = said if said.startswith((port.LAB_BOOK, port.NOT_ANCHORED)) else self._anchored
             self._now(lines=(*self._view.lines, said)[-LINES:])
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
         counts = " A key counts how often a material was handled." if handled else ""
-        begun_ns, told = wall_ns(), f"{lasting(min_s, max_s)}{counts}"
+        begun_ns, told = wall_ns(), f"{port.lasting(min_s, max_s)}{counts}"
         self._now(state="familiarising", trial=None, instruction=instruction)
         ends = Choice(key=ENTER, words="the participant is familiar with the materials")
         try:
@@ -395,15 +380,15 @@ class LinkedConsole:
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
         asked = f"Take {take} of {takes}: ask for '{words}'. Press the key, then the participant says it."
-        without = Choice(key=WITHOUT, words="go on without the microphone")
+        without = Choice(key=port.WITHOUT, words="go on without the microphone")
         return self._put("say", f"{why} {asked}".strip(), (Choice(key=ENTER, words="listen now"), without)) == ENTER
 
     def rest(self, *, why: str) -> None:
-        text = RESTS.partition(" Then press")[0]
+        text = port.RESTS.partition(" Then press")[0]
         self._put("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
 
     def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        material = laid_out(presented)
+        material = port.laid_out(presented)
         self._now(trial=trial, attempt=1, lay_out=material)
         self._put("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
 
@@ -426,9 +411,9 @@ class LinkedConsole:
         self._armed = None
         self._now(state="waiting", lay_out="")
 
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
+    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | port.Remark:
         self._armed = None
-        without = {key: words for key, words in others.items() if words == NO_ANSWER}
+        without = {key: words for key, words in others.items() if words == port.NO_ANSWER}
         self._now(state="answering", trial=trial, answers=_choices(answers | without, answer=True))
         if (wanted := self._take_repeated()) is not None:
             return wanted
@@ -452,11 +437,11 @@ class LinkedConsole:
 
     def debrief(self) -> None:
         at, steps = self._view.step, self._view.steps
-        after = steps[steps.index(at) + 1] if at in steps[:-1] else DEBRIEFING
+        after = steps[steps.index(at) + 1] if at in steps[:-1] else port.DEBRIEFING
         said, does = "All trials are answered. Note what is left to note.", "end"
-        if after != DEBRIEFING:
+        if after != port.DEBRIEFING:
             said, does = f"Task {at} is done. {said} Task {after} comes next.", f"end task {at}"
-        self._now(trial=None, step=after if after == DEBRIEFING else at)
+        self._now(trial=None, step=after if after == port.DEBRIEFING else at)
         self._put("debrief", said, (Choice(key=ENTER, words=does),))
 
     def ignored(self) -> str:
@@ -558,7 +543,7 @@ class LinkedConsole:
         if self._failed:
             raise LinkError(self._failed)
         if self._pausing is not None:
-            raise PauseAsked(BY_EXPERIMENTER)
+            raise PauseAsked(port.BY_EXPERIMENTER)
         if not attended:
             raise PauseAsked(f"nobody was at a console for {self._alone_s / 60:.0f} min")
 
@@ -567,7 +552,7 @@ def _choices(keys: dict[str, str], *, answer: bool = False) -> tuple[Choice, ...
     return tuple(Choice(key=key, words=words, answer=answer) for key, words in keys.items())
 
 
-def _standing(session: Attended) -> dict[str, object]:
+def _standing(session: port.Attended) -> dict[str, object]:
     """Return what a view says of how far a session is, and its label."""
     standing = session.standing()
     return {"standing": standing, "label": "" if standing.purpose == "STUDY" else standing.purpose}

@@ -17,19 +17,7 @@ from palpate.experiment.desk import interrupts
 from palpate.experiment.desk.port import BY_EXPERIMENTER, INTERRUPTED
 from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records import chain, journal
-from palpate.experiment.records.entries import (
-    Footer,
-    Header,
-    Note,
-    Phase,
-    PlannedTrial,
-    Redo,
-    Resumed,
-    Trace,
-    Visited,
-    Withdrawal,
-)
+from palpate.experiment.records import chain, entries, journal
 from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.attempt import FELT, Attempts, Devices, Event, State, follow
@@ -59,15 +47,15 @@ MOST_UNDELIVERED = 8
 def run(
     *,
     protocol: Protocol,
-    header: Header,
+    header: entries.Header,
     devices: Devices,
     rig_file: Path,
     dataset: Path,
-    identity: Visited | None = None,
+    identity: entries.Visited | None = None,
     noise: str = "",
     last: bool = False,
     keeps_voices: bool = False,
-) -> Footer:
+) -> entries.Footer:
     """Run a session, or the rest of one, and return the footer that ended it.
 
     `identity` is what was asked before it, and goes on record; so does `noise`, which the rig cannot play, once the
@@ -88,7 +76,7 @@ def run(
             _check_same_session(path, contents.header, header)
             header = contents.header
         # Anybody may have withdrawn up to the moment at which this runner held them.
-        said, who = any(isinstance(entry, Withdrawal) for entry in contents.entries), header.participant
+        said, who = any(isinstance(entry, entries.Withdrawal) for entry in contents.entries), header.participant
         if said or who in Roster.load(roster_path(dataset)).withdrawn:
             raise JournalError(f"{path}: participant {who} withdrew and is not run again; enrol another participant")
         done = progress(contents.entries or (header,))
@@ -114,7 +102,7 @@ def run(
                 return session.run(contents)
 
 
-def _check_same_session(path: Path, found: Header, asked: Header) -> None:
+def _check_same_session(path: Path, found: entries.Header, asked: entries.Header) -> None:
     identity = ("study", "protocol_sha256", "participant", "task", "seed", "rig_sha256", "recordings_sha256")
     for name in (*identity, "purpose", "order"):
         was, now = getattr(found, name), getattr(asked, name)
@@ -188,7 +176,7 @@ class SessionLog:
             self._journal.append(entry)
             self.done = self.done.after(entry)
 
-    def keep(self, raw: bytes) -> Trace:
+    def keep(self, raw: bytes) -> entries.Trace:
         if self._frames is None:
             raise RuntimeError("no frames are kept of a session without a foot")
         path, file = self._frames
@@ -198,7 +186,7 @@ class SessionLog:
         except OSError as error:
             raise journal.unwritable(path, error) from error
         journal.check_place(file.fileno(), path)
-        return Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
+        return entries.Trace(offset=offset, length=len(raw), sha256=hashlib.sha256(raw).hexdigest())
 
     def close(self) -> None:
         try:
@@ -218,7 +206,7 @@ class _Session:
         log: SessionLog,
         spent_ns: int,
         folder: Path,
-        identity: Visited | None,
+        identity: entries.Visited | None,
         noise: str,
         last: bool,
         voices: Path | None,
@@ -266,7 +254,7 @@ class _Session:
         )
         self._state = State.READY
 
-    def run(self, contents: journal.Contents) -> Footer:
+    def run(self, contents: journal.Contents) -> entries.Footer:
         try:
             return self._run(contents)
         except KeyboardInterrupt:
@@ -275,7 +263,7 @@ class _Session:
             # It came as the session was ending: a terminal that is closed takes no line, and interrupts as well.
             return self._end("paused", INTERRUPTED)
 
-    def _run(self, contents: journal.Contents) -> Footer:
+    def _run(self, contents: journal.Contents) -> entries.Footer:
         try:
             self._begin(contents)
             self._mask()
@@ -284,7 +272,7 @@ class _Session:
                 text = f"{self._noise} Does it play?"
                 if not self._devices.console.agree(text=text, yes="yes, it plays, and that holds", no="no, pause"):
                     raise PauseAsked("no noise masks the trials")
-                self._log.write(Note(trial=None, text=f"The experimenter confirmed: {self._noise}"))
+                self._log.write(entries.Note(trial=None, text=f"The experimenter confirmed: {self._noise}"))
             self._attempts.remarks.note_ignored()
             self._enrol()
             if self._log.done.remaining:
@@ -335,7 +323,7 @@ class _Session:
             file=self._takes_file,
         ).enrol()
         told = f"the microphone {'proposes answers' if ear.enrolment else 'proposes nothing'}: {how}"
-        self._log.write(Phase(state="enrolled", detail=told))
+        self._log.write(entries.Phase(state="enrolled", detail=told))
         devices.console.show(f"{told[:1].upper()}{told[1:]}.")
 
     def _trials(self) -> str:
@@ -355,7 +343,7 @@ class _Session:
                 return pause
         return ""
 
-    def _next(self) -> PlannedTrial | None:
+    def _next(self) -> entries.PlannedTrial | None:
         """Return the trial that comes next; at the end of the debriefing, if none is to be done again, None.
 
         The masker is silent in the debriefing, and its level is chosen anew for what is done again.
@@ -384,13 +372,13 @@ class _Session:
         """Wait for the tracker to be plugged in again; return why the session pauses instead, or nothing."""
         console, lost = self._devices.console, self._attempts.outage
         wait_s = min(self._devices.reconnect_s, math.ceil(self._exposed.left_s))
-        self._log.write(Phase(state=self._state, detail=lost))
+        self._log.write(entries.Phase(state=self._state, detail=lost))
         console.show(f"{lost}. The session waits for {wait_s:g} s, and goes on by itself; nothing is lost.")
         console.waiting()
         if pause := self._missing(wait_s):
             return pause
         self._follow(Event.FOUND)
-        self._log.write(Phase(state=self._state, detail="the tracker is back"))
+        self._log.write(entries.Phase(state=self._state, detail="the tracker is back"))
         console.show("The tracker is back; the trial begins again.")
         return ""
 
@@ -411,8 +399,8 @@ class _Session:
     def _follow(self, event: Event) -> None:
         self._state = follow(self._state, event)
 
-    def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> Footer:
-        footer = Footer(reason=reason, detail=detail, answered=len(self._log.done.answered))
+    def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> entries.Footer:
+        footer = entries.Footer(reason=reason, detail=detail, answered=len(self._log.done.answered))
         with interrupts.held():
             self._devices.console.attend(None)
             # Whoever writes beside this thread has written when these return.
@@ -434,7 +422,7 @@ class _Session:
         if contents.lines:
             remaining = tuple(planned.trial for planned in done.remaining)
             torn = contents.torn.decode("utf-8", "backslashreplace")
-            self._log.write(Resumed(torn=torn, remaining=remaining))
+            self._log.write(entries.Resumed(torn=torn, remaining=remaining))
             self._exposed.begin()
             if torn:
                 self._devices.console.show(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
@@ -444,7 +432,7 @@ class _Session:
             ):
                 if cut is not None:
                     reason = f"the session was interrupted {when}"
-                    self._log.write(Redo(trial=cut[0], attempt=cut[1], reason=reason, put_off=True))
+                    self._log.write(entries.Redo(trial=cut[0], attempt=cut[1], reason=reason, put_off=True))
             self._devices.console.show(_onward(self._log.done, day(contents.lines[-1].t_ns)))
         else:
             self._log.write(done.header)
@@ -453,8 +441,10 @@ class _Session:
             self._log.write(self._identity)
         self._devices.console.attend(self._attendance)
         if priority := self._devices.priority:
-            self._log.write(Phase(state=self._state, detail=f"priority: {priority}"))
-        if done.attempts or FAMILIARISED in (entry.state for entry in contents.entries if isinstance(entry, Phase)):
+            self._log.write(entries.Phase(state=self._state, detail=f"priority: {priority}"))
+        if done.attempts or FAMILIARISED in (
+            entry.state for entry in contents.entries if isinstance(entry, entries.Phase)
+        ):
             self._follow(Event.RESUME)
         else:
             self._follow(Event.BEGIN)
@@ -464,7 +454,7 @@ class _Session:
     def _familiarise(self) -> None:
         wanted = self._task.familiarisation
         clock = self._devices.clock
-        self._log.write(Phase(state=self._state))
+        self._log.write(entries.Phase(state=self._state))
         begun_ns = clock.now_ns()
         lasted_s, handled = 0.0, Counter[str]()
         shown = self._protocol.presented(self._task)
@@ -486,4 +476,4 @@ class _Session:
                 self._devices.console.show(f"It is too early to go on: the protocol asks for {asked}.")
         counts = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
         detail = f"{lasted_s:.1f} s{f'; handled: {counts}' if counts else ''}"
-        self._log.write(Phase(state=FAMILIARISED, detail=detail))
+        self._log.write(entries.Phase(state=FAMILIARISED, detail=detail))

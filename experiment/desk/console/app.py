@@ -18,29 +18,12 @@ from textual.screen import Screen
 from textual.widget import Widget
 
 from palpate.experiment.apparatus import host
+from palpate.experiment.desk import messages
 from palpate.experiment.desk.console import forms, picture
 from palpate.experiment.desk.console.panes import Board
 from palpate.experiment.desk.console.picture import COMMANDS, PRESSES, keycap
 from palpate.experiment.desk.console.presses import MOUSE, Presses
 from palpate.experiment.desk.link import Line
-from palpate.experiment.desk.messages import (
-    CLOSED,
-    ENTER,
-    ESCAPE,
-    SAFE,
-    TYPED,
-    Choice,
-    Choose,
-    Deed,
-    Ended,
-    Hello,
-    Pause,
-    Prompt,
-    Question,
-    Reply,
-    Typed,
-    View,
-)
 from palpate.experiment.errors import LinkError
 
 PAUSE, LEAVE = "f7", "f9"
@@ -56,15 +39,18 @@ FIELDS = {"tab": Screen.focus_next, "shift+tab": Screen.focus_previous}
 SCROLLS = ("pageup", "pagedown", "up", "down")
 """Keys that scroll, as often as they are pressed."""
 
-GONE = Question(
+GONE = messages.Question(
     number=-1,
     kind="continue",
     text="The session's process is gone. Nothing that was confirmed is lost: every answer is on disk before the next "
     "trial is armed. A trial that was under way is done again.",
-    choices=(Choice(key=ENTER, words="start the session again"), Choice(key=LEAVE, words="leave")),
+    choices=(
+        messages.Choice(key=messages.ENTER, words="start the session again"),
+        messages.Choice(key=LEAVE, words="leave"),
+    ),
 )
 
-WRITES = (Choice(key=ENTER, words="write down the answer, or that there is none"),)
+WRITES = (messages.Choice(key=messages.ENTER, words="write down the answer, or that there is none"),)
 """What may be pressed at a question that is answered with a line of text."""
 
 
@@ -77,11 +63,11 @@ class Left:
     """
 
     why: Literal["ended", "gone", "left"]
-    ended: Ended | None = None
+    ended: messages.Ended | None = None
     again: bool = False
 
 
-def attend(path: Path, hello: Hello) -> Left:
+def attend(path: Path, hello: messages.Hello) -> Left:
     """Show the console of the session that listens at `path` until it is left, and return why.
 
     Raises `LinkError` if no session listens there, or if it speaks another version's messages, and whatever ended a
@@ -104,7 +90,7 @@ def attend(path: Path, hello: Hello) -> Left:
 class Heard(Message):
     """The session said something."""
 
-    def __init__(self, said: View | Reply) -> None:
+    def __init__(self, said: messages.View | messages.Reply) -> None:
         super().__init__()
         self.said = said
 
@@ -134,11 +120,11 @@ class Console(App[Left]):
         self.misunderstood: LinkError | None = None
         self.failed: Exception | None = None
         self._line = line
-        self.view_now = View()
+        self.view_now = messages.View()
         self._lost = False
         self._presses = Presses()
         self._form: forms.Form | None = None
-        self._sent: dict[int, Deed] = {}
+        self._sent: dict[int, messages.Deed] = {}
         self._filled: int | None = None
         self._board = Board()
         # Whether what is told above the question was told, or has stood, beside one already.
@@ -166,7 +152,7 @@ class Console(App[Left]):
         error = None
         try:
             for said in self._line.messages():
-                if not isinstance(said, Prompt):
+                if not isinstance(said, messages.Prompt):
                     self.post_message(Heard(said))
         except LinkError as misunderstood:
             error = misunderstood
@@ -176,7 +162,7 @@ class Console(App[Left]):
 
     def on_heard(self, message: Heard) -> None:
         said = message.said
-        if isinstance(said, Reply):
+        if isinstance(said, messages.Reply):
             self._replied(said)
             return
         before, state = self._question, self.view_now.state
@@ -203,25 +189,25 @@ class Console(App[Left]):
         self._presses.drawn(None, time.monotonic())
         self._close()
 
-    def _replied(self, reply: Reply) -> None:
+    def _replied(self, reply: messages.Reply) -> None:
         deed = self._sent.pop(reply.id, None)
         filled = reply.id == self._filled
         if filled:
             self._filled = None
         if not reply.taken:
-            self._say(reply.words, "ignored" if reply.words == CLOSED else "refused")
-        elif not isinstance(deed, Typed):
+            self._say(reply.words, "ignored" if reply.words == messages.CLOSED else "refused")
+        elif not isinstance(deed, messages.Typed):
             if reply.words:
                 self._say(reply.words, "done")
             if filled:
                 self._close()
 
     @property
-    def _question(self) -> Question | None:
+    def _question(self) -> messages.Question | None:
         view = self.view_now
         if view.ended is not None:
-            choices = (Choice(key=ENTER, words="close the console"),)
-            return Question(number=-2, kind="continue", text=view.ended.words, choices=choices)
+            choices = (messages.Choice(key=messages.ENTER, words="close the console"),)
+            return messages.Question(number=-2, kind="continue", text=view.ended.words, choices=choices)
         if self._lost:
             return GONE
         asked = view.question
@@ -232,7 +218,7 @@ class Console(App[Left]):
     async def on_event(self, event: events.Event) -> None:
         """Look at every key before anything else does: no widget has a key that this one did not let through."""
         if isinstance(event, events.Key) and not event.is_forwarded:
-            if event.key in (ENTER, *FIELDS) and self.focused is not None:
+            if event.key in (messages.ENTER, *FIELDS) and self.focused is not None:
                 await _through(self.focused)
             if self._takes_key(event):
                 return
@@ -261,9 +247,9 @@ class Console(App[Left]):
             if key in FIELDS:
                 FIELDS[key](self.screen)
                 return True
-            if key not in (ENTER, ESCAPE, *COMMANDS):
+            if key not in (messages.ENTER, messages.ESCAPE, *COMMANDS):
                 return False
-        if held and key not in (*SAFE, *SCROLLS):
+        if held and key not in (*messages.SAFE, *SCROLLS):
             pressed = f"{keycap(key)} was held down, or pressed again at once, which does not count."
             self._say(f"{pressed} If you mean it, press it after a second.", "ignored")
         else:
@@ -277,7 +263,7 @@ class Console(App[Left]):
         elif key == PAUSE and self._lost:
             self.exit(Left("gone", again=False))
         elif key == PAUSE:
-            self._send(Pause())
+            self._send(messages.Pause())
         elif self._form is not None:
             self._press_in_form(key)
         elif key in FORMS and not (self._lost or self.view_now.ended):
@@ -289,10 +275,10 @@ class Console(App[Left]):
 
     def _press_in_form(self, key: str) -> None:
         """Do what a key, or a click, is for while a form is open."""
-        if key == ESCAPE:
+        if key == messages.ESCAPE:
             self._say("")
             self._close()
-        elif key == ENTER:
+        elif key == messages.ENTER:
             self._fill_in()
         else:
             self._say("Press Enter or Esc to finish with this first.", "refused")
@@ -301,29 +287,31 @@ class Console(App[Left]):
         question, seen = self._question, self._presses.seen(at_s)
         keys = {choice.key for choice in question.choices} if question is not None else set()
         key = key.lower() if key not in keys and len(key) == 1 else key
-        if len(key) > 1 and key not in keys | TYPED.keys():
+        if len(key) > 1 and key not in keys | messages.TYPED.keys():
             return
         if question is None:
-            self._ignore(TYPED.get(key, key), f"{keycap(key)} was pressed while nothing was asked, and was ignored.")
-        elif question.number != seen and key not in SAFE & keys:
+            self._ignore(
+                messages.TYPED.get(key, key), f"{keycap(key)} was pressed while nothing was asked, and was ignored."
+            )
+        elif question.number != seen and key not in messages.SAFE & keys:
             again = " If you mean it, press it again." if key in keys else ""
             words = f"{keycap(key)} was pressed before the question was on the screen, and was ignored.{again}"
-            self._ignore(TYPED.get(key, key), words)
-        elif question.kind == "write" and key == ENTER:
+            self._ignore(messages.TYPED.get(key, key), words)
+        elif question.kind == "write" and key == messages.ENTER:
             self._open(forms.answering(question))
         elif question.number >= 0:
             self._say("")
-            self._send(Choose(question=question.number, key=key))
+            self._send(messages.Choose(question=question.number, key=key))
         elif key in keys:
             ended = self.view_now.ended
-            self.exit(Left("ended", ended=ended) if ended is not None else Left("gone", again=key == ENTER))
+            self.exit(Left("ended", ended=ended) if ended is not None else Left("gone", again=key == messages.ENTER))
 
     def _ignore(self, typed: str, words: str) -> None:
         self._say(words, "ignored")
         if typed and not self._lost:
-            self._send(Typed(keys=typed[:200]))
+            self._send(messages.Typed(keys=typed[:200]))
 
-    def _send(self, deed: Deed) -> int | None:
+    def _send(self, deed: messages.Deed) -> int | None:
         try:
             sent = self._line.send(deed)
         except LinkError:
