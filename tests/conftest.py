@@ -26,8 +26,32 @@ settings.load_profile("palpate")
 REPOSITORY = Path(__file__).parent.parent
 REQUIRE_ALL = os.environ.get("PALPATE_REQUIRE") == "all"
 
+LONGEST = (
+    "tests/faults/test_campaign.py",
+    "tests/rig/test_rehearsal.py",
+    "tests/faults/test_pool.py",
+    "tests/rig/test_practice.py",
+    "tests/rig/test_rehearsal_refusals.py",
+    "tests/rig/test_console.py",
+    "tests/test_house.py",
+    "tests/faults/test_kill.py",
+    "tests/rig/test_desk.py",
+    "tests/analysis/power/test_power.py",
+    "tests/analysis/documents/test_figures.py",
+    "tests/analysis/numerics/test_numerics.py",
+    "tests/experiment/synthesis/test_bounds.py",
+    "tests/rig/test_tapping.py",
+)
+"""Modules that take a quarter of a minute or more, longest first: one that began last would run alone at the end."""
+
 NO_RECORDINGS = "needs the real recordings in ../shared/recordings, which are not in the repository"
 """The one reason for which a test may be skipped under PALPATE_REQUIRE=all."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest modules start first, and the others keep their order; `--no-loadscope-reorder` respects it."""
+    rank = {REPOSITORY / module: place for place, module in enumerate(LONGEST)}
+    items.sort(key=lambda item: rank.get(item.path, len(rank)))
 
 
 @pytest.hookimpl(wrapper=True)

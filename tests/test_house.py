@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.conftest import LONGEST
 from tests.figures import figures
 
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "statsmodels", "psychopy", "serial", "rich", "textual")
@@ -121,6 +122,13 @@ def test_types(repository_root: Path) -> None:
     rooms = (repository_root / folder for folder in ("experiment", "analysis", "tests"))
     sources = {repository_root / "palpate/__init__.py", *(path for room in rooms for path in room.rglob("*.py"))}
     assert sources - {Path(path).resolve() for path, _ in found} == set()
+
+
+def test_the_longest_modules_start_first(repository_root: Path, request: pytest.FixtureRequest) -> None:
+    assert [module for module in LONGEST if not (repository_root / module).is_file()] == []
+    collected = list(dict.fromkeys(item.path for item in request.session.items))
+    listed = [repository_root / module for module in LONGEST if repository_root / module in collected]
+    assert collected[: len(listed)] == listed
 
 
 def test_the_readme_is_short(repository_root: Path) -> None:
