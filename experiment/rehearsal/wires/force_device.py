@@ -1,11 +1,10 @@
 """SIMULATED force device: the far end of the servo's line, a process of its own with a clock of its own.
 
 `python -m palpate.experiment.rehearsal.wires.force_device [FILE]` prints its port, serves one connection after the
-other, and keeps what it pushed in a file: 24 bytes each time, little-endian, the machine's monotonic clock
-in ns (int64), the force out of the block and along it, N (float32), why (uint32: `PUSHED`, `SILENT` or `HUNG_UP`) and
-the lamp (uint32).
-It does what `apparatus.servo.device` asks of a device: it drops its force when nothing good has come for 2 ms, and when
-the connection ends. It ends when its standard input does, so it outlives nobody who started it.
+other, and keeps what it pushed in a file: 24 bytes each time, little-endian, the machine's monotonic clock in ns
+(int64), the force out of the block and along it, N (float32), why (uint32: `PUSHED`, `SILENT` or `HUNG_UP`) and the
+lamp (uint32). It does what `apparatus.servo.device` asks of a device: it drops its force when nothing good has come for
+2 ms, and when the connection ends. It ends when its standard input does, so it outlives nobody who started it.
 """
 
 from __future__ import annotations
