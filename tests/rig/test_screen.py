@@ -434,6 +434,7 @@ def test_a_session_opens_its_screen_and_goes_on_without_it(
         console = Line(at, Hello(role="console", by="console"))
         answered, killed, steps = set[int](), False, 0
         for message in console.messages():
+            assert working_folder.imported == []
             if not isinstance(message, View):
                 continue
             connected = [one.good for one in (message.gauges.lamps if message.gauges else ()) if one.name == "screen"]
