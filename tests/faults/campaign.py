@@ -27,6 +27,7 @@ PARTS: tuple[str, ...] = (
     "texts",
     "inputs",
     "trackers",
+    "planted",
 )
 """Modules of this folder that hold the parts, in the order of the table."""
 

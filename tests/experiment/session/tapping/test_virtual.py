@@ -295,6 +295,15 @@ def test_a_block_is_there_for_practice_and_then_only_while_a_question_is_open(tm
     assert session.footer.reason == "complete"
 
 
+def test_no_block_is_left_once_the_session_is_over(tmp_path: Path) -> None:
+    """The question stays open; what pushes does not."""
+    over_us = round(PROTOCOL.exposure.session_min * 60e6) + 1_000_000
+    session = Session([([touch(100.0, over_us)], "1")], tmp_path)
+    assert [one is not None for one in session.servo.rendered] == [True, True, False]
+    assert (session.footer.reason, session.footer.answered) == ("paused", 1)
+    assert not session.actuator.played
+
+
 def test_a_touch_while_no_question_is_open_sounds_nothing(tmp_path: Path) -> None:
     session = Session([([], "1"), ([touch(100.0)], "2")], tmp_path)
     assert len(session.actuator.played) == len(session.entries(Tapped)) == 1

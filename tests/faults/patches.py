@@ -1,0 +1,252 @@
+"""Faults that are planted in palpate's own source, and which row of the tests has to catch each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A fault in one file below the checkout: `new` in the place of `old`, which stands there exactly once.
+
+    `rows` are arguments of pytest; a row of the campaign's subset is `campaign:PART`. The `subset` runs for every change.
+    """
+
+    name: str
+    file: str
+    old: str
+    new: str
+    rows: tuple[str, ...]
+    subset: bool = False
+
+    def plant(self, root: Path) -> None:
+        """Change the file. Raises `ValueError` if the text to replace does not stand there exactly once."""
+        path = root / self.file
+        text = path.read_text("utf-8")
+        if text.count(self.old) != 1:
+            raise ValueError(
+                f"{self.name}: the text to replace stands {text.count(self.old)} times in {self.file}; allowed: once; "
+                "write this patch anew for the source as it is"
+            )
+        path.write_text(text.replace(self.old, self.new), "utf-8")
+
+
+_T = "tests/experiment/"
+_SESSION = f"{_T}session/"
+_ANSWERED = "        answered = None if key == spoken.no_answer_key else answers[key].answer\n"
+
+AWAITED = ("safe path left out", "heartbeat ignored")
+"""Faults of parts that palpate does not have yet: each is a row that was not tried until its patch stands below."""
+
+PATCHES = (
+    Patch(
+        "answers shown as on disk before they are written",
+        "experiment/session/attempt.py",
+        _ANSWERED,
+        _ANSWERED + "        console.confirmed(trial=planned.trial, answer=answered)\n",
+        (f"{_SESSION}test_on_disk.py",),
+        subset=True,
+    ),
+    Patch(
+        "a line written without fsync",
+        "experiment/records/chain.py",
+        "    if wait:\n        os.fsync(file.fileno())\n",
+        "    del wait\n",
+        (f"{_T}records/test_journal.py",),
+        subset=True,
+    ),
+    Patch(
+        "head not written",
+        "experiment/records/chain.py",
+        "        self._last = hashlib.sha256(line).hexdigest()\n        self._write_head()\n",
+        "        self._last = hashlib.sha256(line).hexdigest()\n",
+        (f"{_T}records/test_journal.py",),
+    ),
+    Patch(
+        "chain not verified on read",
+        "experiment/records/chain.py",
+        "    if not fits or (n, prev) != (number, last):\n",
+        "    if not fits:\n",
+        ("campaign:journals",),
+    ),
+    Patch(
+        "torn line kept",
+        "experiment/records/chain.py",
+        "            self._cut()\n            self._head = os.open",
+        "            self._head = os.open",
+        (f"{_T}records/test_journal.py",),
+    ),
+    Patch(
+        "session time ignored in the runner",
+        "experiment/session/exposure.py",
+        "        if not self._over and self._clock.now_ns() + ahead_ns > self.ends_ns:\n",
+        "        if not self._over and ahead_ns < 0:\n",
+        ("campaign:exposure",),
+    ),
+    Patch(
+        "session time ignored in the masker",
+        "experiment/session/exposure.py",
+        "        if self._over or self._clock.now_ns() > self.ends_ns:\n",
+        "        if self._over:\n",
+        (f"{_SESSION}test_exposure.py",),
+        subset=True,
+    ),
+    Patch(
+        "session time ignored by a virtual block",
+        "experiment/session/tapping/taps.py",
+        "            self.servo.render(None)\n            self._lying = None\n",
+        "            self._lying = None\n",
+        (f"{_SESSION}tapping/test_virtual.py",),
+        subset=True,
+    ),
+    Patch(
+        "dose ignored where a level is set",
+        "experiment/apparatus/audio/masker.py",
+        "        if left_s(dose=self._dose, level_db_a=bounded) <= RESERVE_S:\n",
+        "        if left_s(dose=self._dose, level_db_a=bounded) < 0:\n",
+        (f"{_T}apparatus/audio/test_masker.py",),
+    ),
+    Patch(
+        "dose ignored while the masker plays",
+        "experiment/session/masker.py",
+        "        if not self._used_up and told.dose < 1 and (told.left_s is None or told.left_s > RESERVE_S):\n",
+        "        if not self._used_up:\n",
+        ("campaign:exposure",),
+    ),
+    Patch(
+        "dose halved",
+        "experiment/apparatus/audio/masker.py",
+        "            self._dose += dose(",
+        "            self._dose += 0.5 * dose(",
+        ("campaign:exposure",),
+    ),
+    Patch(
+        "level limit of the masker ignored",
+        "experiment/apparatus/audio/masker.py",
+        "        bounded = min(max(level_db_a, SOFTEST_DB_A), self.limit_db_a)\n",
+        "        bounded = max(level_db_a, SOFTEST_DB_A)\n",
+        (f"{_T}apparatus/audio/test_masker.py",),
+    ),
+    Patch(
+        "peak limiter that bounds nothing",
+        "experiment/apparatus/panel/conditioning.py",
+        "    bounded = np.clip(numbers, -peak, peak)\n",
+        "    bounded = numbers.copy()\n",
+        (f"{_T}apparatus/panel/test_limiter.py",),
+    ),
+    Patch(
+        "peak limiter left out before the device",
+        "experiment/apparatus/panel/conditioning.py",
+        "        bounded, limited = limit(wanted, self._limit)\n",
+        "        bounded, limited = limit(wanted, float(np.finfo(np.float32).max))\n",
+        (f"{_T}apparatus/panel/test_conditioning.py",),
+    ),
+    Patch(
+        "force limit that bounds nothing",
+        "experiment/apparatus/servo/rendering.py",
+        "    if size <= most:\n",
+        "    if size >= 0:\n",
+        (f"{_T}apparatus/servo/test_rendering.py",),
+    ),
+    Patch(
+        "force limit left out before the device",
+        "experiment/apparatus/servo/device.py",
+        "bounded(force_n, self._limit_n)",
+        "bounded(force_n, 1e6)",
+        (f"{_T}apparatus/servo/test_device.py",),
+    ),
+    Patch(
+        "armed after the sound",
+        "experiment/session/attempt.py",
+        "        self._log.write(Armed(trial=planned.trial, attempt=attempt, presented=planned.presented))\n",
+        "",
+        (f"{_SESSION}test_runner.py",),
+    ),
+    Patch(
+        "an erasure that leaves a file",
+        "experiment/storage.py",
+        '    source = participant_folder(dataset, participant).glob("[!.]*")\n',
+        '    source = participant_folder(dataset, participant).glob("[!.]*.jsonl")\n',
+        (f"{_T}study/test_erasure.py",),
+    ),
+    Patch(
+        "early key taken",
+        "experiment/desk/terminal.py",
+        "            early = self._early()\n",
+        '            early = ""\n',
+        (f"{_T}desk/test_terminal.py",),
+    ),
+    Patch(
+        "lost frame invented",
+        "experiment/apparatus/tracker/frames.py",
+        "                        device_us.append(us)\n                        readings += reading\n"
+        "                        ends.append(ended)\n",
+        "                        if skipped:\n                            device_us.append(us - forward_us // 2)\n"
+        "                            readings += reading\n                            ends.append(ended)\n"
+        "                        device_us.append(us)\n                        readings += reading\n"
+        "                        ends.append(ended)\n",
+        (f"{_T}apparatus/tracker/test_frames.py",),
+    ),
+    Patch(
+        "lost frame not counted",
+        "experiment/apparatus/tracker/frames.py",
+        "                            lost += skipped - damaged\n",
+        "                            lost += 0\n",
+        (f"{_T}apparatus/tracker/test_frames.py",),
+    ),
+    Patch(
+        "foreign journal believed",
+        "experiment/dataset/beliefs.py",
+        "def _foreign(path: Path, got: str, allowed: str) -> DatasetError:\n",
+        "def _check_header(path: Path, header: Header, study: _Study) -> None:\n    return\n\n\n"
+        "def _foreign(path: Path, got: str, allowed: str) -> DatasetError:\n",
+        ("campaign:journals",),
+    ),
+    Patch(
+        "seal not compared",
+        "experiment/protocol/approval.py",
+        "    problems = _changed(protocol_path, protocol, seal)\n",
+        "    problems = _changed(protocol_path, protocol, seal)[:0]\n",
+        (f"{_T}protocol/test_seal.py",),
+    ),
+    Patch(
+        "unsealed protocol runs",
+        "experiment/protocol/approval.py",
+        "    seal = read(protocol_path)\n    problems =",
+        "    if not seal_path(protocol_path).exists():\n        return None\n"
+        "    seal = read(protocol_path)\n    problems =",
+        (f"{_T}protocol/test_seal.py",),
+    ),
+    Patch(
+        "withdrawn participant runs",
+        "experiment/session/runner.py",
+        "        if said or who in Roster.load(roster_path(dataset)).withdrawn:\n",
+        "        if said and who in ():\n",
+        (f"{_SESSION}test_runner.py",),
+    ),
+    Patch(
+        "a correction edits in place",
+        "experiment/dataset/build.py",
+        "            corrections[entry.trial, entry.attempt] = entry\n",
+        "            was = answers[entry.trial, entry.attempt]\n"
+        "            changed = was.model_copy(update={'answered': entry.answered})\n"
+        "            answers[entry.trial, entry.attempt] = changed\n",
+        (f"{_SESSION}test_remarks.py",),
+    ),
+    Patch(
+        "masker continues after pause",
+        "experiment/session/runner.py",
+        "                self._masking.end(note=accepts)\n",
+        "                pass\n",
+        (f"{_SESSION}test_masking.py",),
+    ),
+    Patch(
+        "undelivered stimulus counts as delivered",
+        "experiment/session/footstep/trials.py",
+        '                "undelivered": heard is not None and not heard.delivered,\n',
+        '                "undelivered": False,\n',
+        (f"{_SESSION}test_runner_onset.py",),
+        subset=True,
+    ),
+)
