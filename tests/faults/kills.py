@@ -19,15 +19,21 @@ import time
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from io import FileIO
 from pathlib import Path
 from re import Match
+from typing import TYPE_CHECKING
 
 from palpate.experiment.errors import JournalError
+from palpate.experiment.records import chain
 from palpate.experiment.records.entries import Footer, Ignored
 from palpate.experiment.records.progress import progress
 from tests.faults.campaign import Count, Size
 from tests.faults.ledger import Ledger, Wrong
 from tests.faults.live import KEYS, PATIENCE_S, Laboratory, Life, World, palpate, rig_of
+
+if TYPE_CHECKING:
+    from _typeshed import ReadableBuffer as Buffer
 
 LABORATORIES = 2
 """At a time, one a core."""
@@ -36,12 +42,17 @@ SOUND = 1
 """The number of the laboratory that plays the masker through a sound server, where the machine has one."""
 
 
+MOST_CALLS = 80
+"""A life that dies at a write call does so at one of the first so many: those of some trials."""
+
+
 @dataclass(frozen=True)
 class Moment:
     """When an attack comes: `delay_s` at most after something, drawn anew for each life; 0 is before anything is typed.
 
     `after` is `fork`, a group of `SCREEN`, `heard` (by the panel), `typed` (the key that confirms an answer), `grown`
-    (the journal, after that) or `last` (the answer after which nothing remains).
+    (the journal, after that) or `last` (the answer after which nothing remains). At `written` the session's process
+    ends itself, at a write call of its journal or before the fsync of one.
     """
 
     after: str
@@ -140,6 +151,30 @@ def killed(run: Run) -> bool:
 def is_dead(run: Run) -> list[Wrong]:
     """It ended by the signal, or before it by itself."""
     return run.footed("") if run.code == -signal.SIGKILL else run.completed()
+
+
+def dying(calls: int) -> None:
+    """Have this process end by SIGKILL at one of the next calls that put a line on disk, without a byte of it, or
+    with all of them before they are synchronized.
+    """
+    left = iter(range(calls, -1, -1))
+    write, sync = FileIO.write, os.fsync
+
+    def dies() -> None:
+        if next(left, 1) == 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    class Struck(FileIO):
+        def write(self, content: Buffer, /) -> int:
+            dies()
+            return write(self, content)
+
+    def synchronized(descriptor: int) -> None:
+        dies()
+        sync(descriptor)
+
+    chain.FileIO = Struck  # type: ignore[attr-defined]
+    os.fsync = synchronized  # type: ignore[assignment]
 
 
 def signalled(number: int) -> Callable[[Run], bool]:
@@ -290,6 +325,7 @@ ATTACKS = {
     "SIGKILL as an answer is written": Attack((Moment("typed", 0.008), Moment("grown", 0.001)), killed, is_dead),
     "SIGKILL after an answer is confirmed": Attack((Moment("trial", 0.0), Moment("trial", 0.03)), killed, is_dead),
     "SIGKILL as footer and tables are written": Attack((Moment("last", 0.25),), killed, is_dead),
+    "SIGKILL at a write call": Attack((Moment("written", 0.0),), killed, is_dead),
     "SIGTERM": Attack(EVERYWHERE, signalled(signal.SIGTERM), paused(signal.SIGTERM)),
     "SIGHUP": Attack(EVERYWHERE, signalled(signal.SIGHUP), paused(signal.SIGHUP)),
     "terminal closed": Attack(EVERYWHERE[1:], hung_up, hung),
@@ -365,7 +401,15 @@ class Study:
         there.world.heard.clear()
         command = there.command(session.dataset, session.participant, session.task)
         trials, before = len(there.protocol.materials), len(session.entries())
-        life = Life(there.world, lambda: palpate(*command), piped=attack is not None and attack.piped)
+        strikes = moment is not None and moment.after == "written"
+        calls = dice.randrange(MOST_CALLS) if strikes else None
+
+        def session_run() -> None:
+            if calls is not None:
+                dying(calls)
+            palpate(*command)
+
+        life = Life(there.world, session_run, piped=attack is not None and attack.piped)
         run = Run(there, session, life, dice, trials, before)
         delay_s = dice.uniform(0.0, moment.delay_s) if moment else 0.0
         due_s = time.monotonic() + delay_s if moment and moment.after == "fork" else float("inf")
@@ -408,6 +452,7 @@ class Study:
             elif isinstance(seen, Match):
                 self._react(run, seen, came, lambda: stays)
         there.world.do("ping")
+        run.acted |= strikes and run.code == -signal.SIGKILL and not hangs
         if hangs:
             run.wrong.append(Wrong("it hung"))
         elif attack is None or not run.acted:
@@ -453,9 +498,11 @@ def _size(path: Path) -> int:
     return path.stat().st_size if path.exists() else 0
 
 
-WHOLE = {row: 125 for row in ATTACKS if row.startswith("SIGKILL")} | {
-    row: 25 for row in ATTACKS if not row.startswith("SIGKILL")
-}
+WHOLE = (
+    {row: 125 for row in ATTACKS if row.startswith("SIGKILL")}
+    | {"SIGKILL at a write call": 1000}
+    | {row: 25 for row in ATTACKS if not row.startswith("SIGKILL")}
+)
 SUBSET = dict.fromkeys(ATTACKS, 1)
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 class Patch:
     """A fault in one file below the checkout: `new` in the place of `old`, which stands there exactly once.
 
-    `rows` are arguments of pytest; a row of the campaign's subset is `campaign:PART`. The `subset` runs for every change.
+    `rows` are arguments of pytest, or `campaign:PART`, the subset of a part. `subset` ones are planted in the suite.
     """
 
     name: str

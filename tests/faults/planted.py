@@ -1,4 +1,4 @@
-"""Faults planted in a copy of the checkout, one at a time: the row of the tests that promises against each catches it."""
+"""Faults planted in a copy of the checkout, one at a time: the row that promises against each has to catch it."""
 
 from __future__ import annotations
 
