@@ -82,7 +82,7 @@ PATCHES = (
         "experiment/session/exposure.py",
         "        if not self._over and self._clock.now_ns() + ahead_ns > self.ends_ns:\n",
         "        if not self._over and ahead_ns < 0:\n",
-        ("campaign:exposure",),
+        (f"{_SESSION}test_exposure.py",),
     ),
     Patch(
         "session time ignored in the masker",
@@ -112,7 +112,7 @@ PATCHES = (
         "experiment/session/masker.py",
         "        if not self._used_up and told.dose < 1 and (told.left_s is None or told.left_s > RESERVE_S):\n",
         "        if not self._used_up:\n",
-        ("campaign:exposure",),
+        (f"{_SESSION}test_masking.py",),
     ),
     Patch(
         "dose halved",

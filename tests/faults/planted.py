@@ -76,7 +76,7 @@ def run(copy: Path, rows: Sequence[str]) -> tuple[str, float, str]:
         counts = re.findall(rf"^{part}: (.*): ([\d,]+) of ([\d,]+) survived, ([\d,]+) lost$", said, re.MULTILINE)
         failed = [f"{part}: {name}" for name, good, tried, lost in counts if good != tried or lost != "0"]
     else:
-        failed = re.findall(r"^FAILED (\S+)", said, re.MULTILINE)
+        failed = re.findall(r"^FAILED (.+?)(?: - |$)", said, re.MULTILINE)
     if not failed:
         raise RuntimeError(f"{' '.join(command)} ended with {ended.returncode}, and no test failed: {said[-3000:]}")
     return failed[0].replace("|", "/"), lasted_s, said
