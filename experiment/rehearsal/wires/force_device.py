@@ -1,20 +1,21 @@
 """SIMULATED force device: the far end of the servo's line, a process of its own with a clock of its own.
 
-`python -m palpate.experiment.rehearsal.wires.force_device [FILE]` prints its port, serves one connection after the
-other, and keeps what it pushed in a file: 24 bytes each time, little-endian, the machine's monotonic clock in ns
-(int64), the force out of the block and along it, N (float32), why (uint32: `PUSHED`, `SILENT` or `HUNG_UP`) and the
-lamp (uint32). It does what `apparatus.servo.device` asks of a device: it drops its force when nothing good has come for
-2 ms, and when the connection ends. It ends when its standard input does, so it outlives nobody who started it.
+`python -m palpate.experiment.rehearsal.wires.force_device [FILE]` prints its port. Its first connection is that of
+whoever started it, and it ends when that does, so it outlives nobody. It serves the others one after the other, and
+keeps what it pushed in a file: 24 bytes each time, little-endian, the machine's monotonic clock in ns (int64), the
+force out of the block and along it, N (float32), why (uint32: `PUSHED`, `SILENT` or `HUNG_UP`) and the lamp (uint32).
+It does what `apparatus.servo.device` asks of a device: it drops its force when nothing good has come for 2 ms, and when
+the connection ends.
 """
 
 from __future__ import annotations
 
+import select
 import signal
 import socket
 import struct
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 from typing import BinaryIO, Self
@@ -22,6 +23,9 @@ from typing import BinaryIO, Self
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo.device import ANSWER, DROPPED, DROPS_AFTER_S, MESSAGE_BYTES, decode
+
+BEGINS_S = 10.0
+"""Whoever starts it connects within this time, s."""
 
 PUSHED, SILENT, HUNG_UP = range(3)
 
@@ -35,12 +39,15 @@ class ForceDeviceProcess:
         """Start it; `record` is where it keeps what it pushed."""
         told = storage.python_command("-m", __name__, *([str(record)] if record is not None else []))
         with host.held_back():
-            self._process = subprocess.Popen(told, stdin=subprocess.PIPE, stdout=subprocess.PIPE)  # noqa: S603
-        self.address = f"127.0.0.1:{int((self._process.stdout or sys.stdin.buffer).readline())}"
+            self._process = subprocess.Popen(told, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE)  # noqa: S603
+        port = int((self._process.stdout or sys.stdin.buffer).readline())
+        self._owner = socket.create_connection(("127.0.0.1", port))
+        self.address = f"127.0.0.1:{port}"
 
     def close(self) -> None:
-        """Switch it off: it ends with its input."""
-        self._process.communicate()
+        """Switch it off: it ends once its first connection has."""
+        with self._process, self._owner:
+            pass
 
     def __enter__(self) -> Self:
         return self
@@ -50,24 +57,13 @@ class ForceDeviceProcess:
 
 
 def serve(server: socket.socket, record: BinaryIO | None) -> None:
-    """Serve until standard input ends."""
-    ended = threading.Event()
-
-    def ring() -> None:
-        """Connect when it ends, for Windows waits for sockets alone; at once, for a force may be about to fall."""
-        with socket.socket() as bell:
-            sys.stdin.read()
-            ended.set()
-            bell.connect(server.getsockname())
-
-    threading.Thread(target=ring, daemon=True).start()
-    while True:
-        line, _ = server.accept()
-        with line:
-            if ended.is_set():
-                return
-            line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-            _hold(line, record)
+    """Serve until the first connection ends."""
+    server.settimeout(BEGINS_S)
+    with server.accept()[0] as owner:
+        while owner not in select.select([server, owner], [], [])[0]:
+            with server.accept()[0] as line:
+                line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+                _hold(line, record)
 
 
 def _hold(line: socket.socket, record: BinaryIO | None) -> None:
