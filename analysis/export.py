@@ -7,8 +7,6 @@ UTF-8 with commas; a missing value is NA, or empty for PsychoPy; an apostrophe s
 would compute.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Mapping, Sequence

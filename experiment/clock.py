@@ -4,8 +4,6 @@ Two clocks: `MonotonicClock` for a participant in the room, `ManualClock` for a 
 time. Nothing else in palpate asks the operating system for the time.
 """
 
-from __future__ import annotations
-
 import time
 from dataclasses import dataclass
 from datetime import UTC, date, datetime

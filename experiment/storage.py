@@ -4,8 +4,6 @@ What is on its way to its place has a name that `TEMPORARY` knows, in the folder
 next removes what a killed process left of that kind. Modes follow the umask.
 """
 
-from __future__ import annotations
-
 import errno
 import io
 import json

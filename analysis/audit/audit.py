@@ -5,8 +5,6 @@ Against a dataset it is one value. Where a number disagrees, the simplest mistak
 for a printed number, a row of the section for a printed cell or test.
 """
 
-from __future__ import annotations
-
 import statistics
 import textwrap
 from collections import Counter

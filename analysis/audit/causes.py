@@ -6,8 +6,6 @@ trial more or fewer. The cause that settles the most conflicts, and brings none,
 mistake the fewest wrong numbers would fit by chance. What it settles is then checked with the number put right.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -5,8 +5,6 @@ does. What print leaves open never makes a number differ: no line differs for da
 The stars that a mean can earn are those between the ends of its P.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence

@@ -11,8 +11,6 @@ small integer programme, which HiGHS (scipy) solves. A table that is found is ch
 none rests on HiGHS.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ A mistake computes the number as it would have made it. The first whose values t
 named, the others that fit are listed after it. A mistake that fits is an explanation, not a proof.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections import Counter

@@ -9,8 +9,6 @@ a wrong df may be a misprint or may have been used in the computation. For perce
 the check finds the numbers that can stand behind them.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence

@@ -4,8 +4,6 @@ Every function is monotone in each argument, or bounded by functions that are, s
 data with those means and variances.
 """
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Sequence

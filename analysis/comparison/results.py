@@ -4,8 +4,6 @@ A choice is right if it names the material that stands later among the study's, 
 most of what is compared. Trials without an answer count in no share.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations_with_replacement

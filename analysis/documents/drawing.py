@@ -5,8 +5,6 @@ colour vision tells apart, without the yellow, which is too faint on white. Maps
 Brewer's Blues. What differs in colour also differs in marker, hatching or line.
 """
 
-from __future__ import annotations
-
 import io
 import textwrap
 from collections.abc import Mapping, Sequence

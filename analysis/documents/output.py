@@ -6,8 +6,6 @@ its place, so a full disk changes nothing; and the manifest names each file, as 
 so that the same command goes on after a kill.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable, Mapping

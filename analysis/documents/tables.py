@@ -3,8 +3,6 @@ r"""Sections and their tables, and the ways to show them: text for a terminal, M
 LaTeX is one `table` environment a table, for `\input` into a paper, and needs the package booktabs.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -5,8 +5,6 @@ within a task by repeated measures, tasks over the participants who did both, an
 participants differ in level, by material and by task.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction

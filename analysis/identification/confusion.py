@@ -9,8 +9,6 @@ d' is that of m-AFC, p = integral of phi(z - d') Phi(z)^(m - 1) (Green and Swets
 sums up the share of correct answers.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass

@@ -11,8 +11,6 @@ another over the participants who did both, and of two materials by how much oft
 presented than when the other was.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations

@@ -1,7 +1,5 @@
 """Identification of one task: intervals of every ratio, information, d', similarities and biases, and a map."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction

@@ -8,8 +8,6 @@ Cancer Res. 27, 209-220) permutes rows and columns of one table together in all 
 are too many.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations

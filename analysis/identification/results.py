@@ -1,7 +1,5 @@
 """Study -> every number of the analysis: matrices, tests against chance, analyses of variance and reliabilities."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction

@@ -4,8 +4,6 @@ Trials without an answer are not right. Timing counts every attempt of participa
 repetition does not hide what the rig missed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

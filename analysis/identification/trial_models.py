@@ -11,8 +11,6 @@ half of the trials of every task, and of every material, have them. Trials that 
 and counted.
 """
 
-from __future__ import annotations
-
 import math
 import warnings
 from collections import Counter

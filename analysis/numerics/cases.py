@@ -1,7 +1,5 @@
 """What must hold of every way to compute a stimulus, at extreme speeds and for extreme spectra."""
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

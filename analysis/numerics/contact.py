@@ -4,8 +4,6 @@ Errors are taken against the printed closed form in extended precision (`oracle.
 the touch within a step.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from itertools import product

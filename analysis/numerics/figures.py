@@ -1,7 +1,5 @@
 """The figures of `palpate numerics`: error against run time, contact for each stiffness, the budget, and one impact."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from math import ceil, floor, log10, nan
 from typing import Any

@@ -1,7 +1,5 @@
 """Error against run time of synthesis, voltages, samples, resampling, shaping, noise and contact; and what holds."""
 
-from __future__ import annotations
-
 import platform
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence

@@ -5,8 +5,6 @@ Nothing here calls what it judges. Grids are fractions, phases are reduced in wh
 errors near 1e-16 are as much the oracle's as the method's; `extended_epsilon` tells which.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil

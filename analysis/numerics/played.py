@@ -5,8 +5,6 @@ a material, or shaped for the step; both are compared with `oracle.voltages`, wh
 precision. Everything here is SIMULATED: no rig was measured.
 """
 
-from __future__ import annotations
-
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """What `palpate numerics` prints and writes: tables, JSON, plots of error against run time and of the budget."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Sequence
 from dataclasses import asdict, replace

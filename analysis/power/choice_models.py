@@ -7,8 +7,6 @@ standard deviations that a paper prints (a logit-normal would also need the corr
 paper prints). Given these shares, a participant's answers to different materials, or in two tasks, are independent.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache

@@ -6,8 +6,6 @@ are those of `statistics.scaling`; a step or the order effect is tested by Stude
 `comparison.results` are made.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path

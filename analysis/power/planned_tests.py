@@ -1,7 +1,5 @@
 """A protocol's planned tests, as `identification.results` computes them, for many simulated studies at once."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """What `palpate power` prints and writes: tables, and a plot with a panel for each planned test and task."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace

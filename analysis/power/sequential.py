@@ -10,8 +10,6 @@ materials; the rest is of each material in each task. In the control they differ
 alike.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

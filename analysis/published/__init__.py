@@ -5,8 +5,6 @@ A TOML file of a paper comes in (`README.md` here says how to write one) and is 
 number can stand for, and nothing of how it is recomputed.
 """
 
-from __future__ import annotations
-
 from importlib import resources
 from pathlib import Path
 

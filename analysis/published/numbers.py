@@ -1,7 +1,5 @@
 """The content of a file of printed numbers: its keys are the fields, and unknown keys are refused."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from fractions import Fraction

@@ -6,8 +6,6 @@ their headings: confusion tables (ratios of answers to materials, with SDs), ANO
 table does not say is told by `Stated`. Stars are left out, because a table does not say what they stand for.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections import defaultdict

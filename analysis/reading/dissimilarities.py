@@ -1,7 +1,5 @@
 """Dissimilarities of materials, from a paper or from recordings, to compare confusions with."""
 
-from __future__ import annotations
-
 import csv
 import io
 import math

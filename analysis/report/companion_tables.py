@@ -1,7 +1,5 @@
 """What is ours of right answers -> sections: tests beside the analyses of variance, contrasts, equivalence, lapses."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

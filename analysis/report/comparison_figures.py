@@ -1,7 +1,5 @@
 """Results of comparisons -> their figures, each with its name, its section and its caption."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator, Sequence
 

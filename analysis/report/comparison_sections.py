@@ -1,7 +1,5 @@
 """Results of comparisons -> sections: tables of the report, the records behind them, and every formula by its name."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial

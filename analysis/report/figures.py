@@ -1,7 +1,5 @@
 """Results -> every figure of an analysis, with its name, its section and its caption."""
 
-from __future__ import annotations
-
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from math import ceil

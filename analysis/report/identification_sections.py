@@ -1,7 +1,5 @@
 """Identification -> sections: intervals, what confusions say, models of single trials, the course of the tasks."""
 
-from __future__ import annotations
-
 import math
 import statistics
 from collections.abc import Mapping

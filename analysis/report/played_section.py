@@ -1,7 +1,5 @@
 """What was played: how far the stimuli of a study are from what was asked for, by task and material."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """Results -> sections: the tables of the report, the records behind them, and every formula by its name."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace

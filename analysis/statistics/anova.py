@@ -6,8 +6,6 @@ Henderson's method III. Okamoto (section 5.2) prints an intraclass correlation o
 two-way ANOVA" without a formula; `icc_of_mean` is one of several readings of those words.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Psychol. Methods 1, 30-46, Tables 4, 7 and 8). McGraw and Wong's two-way random 
 and differ in what they may be generalised to; both names stand with each.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

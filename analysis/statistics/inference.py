@@ -6,8 +6,6 @@ Fouladi (1997; Steiger 2004, Psychol. Methods 9, 164-182). The Bayes factor has 
 the effect size, Jeffreys's of the variance (Rouder et al. 2009, Psychon. Bull. Rev. 16, 225-237, equation (1)).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

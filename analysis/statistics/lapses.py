@@ -6,8 +6,6 @@ its diagonal whose rows and columns are independent, quasi-independence (Goodman
 1091-1131), fitted by iterative proportional fitting.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -6,8 +6,6 @@ Softw. 67 (1), `(1 | p) + (1 | p:material) + (1 | p:task)`). The likelihood is L
 (Breslow and Clayton 1993, J. Am. Stat. Assoc. 88, 9-25), with its exact gradient.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

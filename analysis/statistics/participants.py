@@ -7,8 +7,6 @@ orthonormal contrasts of each participant's values, with the epsilon of Greenhou
 jackknife leaves out one participant at a time (Tukey 1958, Ann. Math. Stat. 29, 614).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

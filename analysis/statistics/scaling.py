@@ -7,8 +7,6 @@ tell of it alone. With ties, the odds of first : tie : second are exp(d/2) : nu 
 the order effect as Davidson and Beaver 1977). Scale values add up to zero.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """The report of a validation: sections, numbers for JSON, figures (6, 7, 12 and 13 of Okamoto et al.), and files."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

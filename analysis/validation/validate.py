@@ -4,8 +4,6 @@ A take is put on the speed whose synthesised spectrum is the least dissimilar, a
 Okamoto et al., section 3, have seven: 50, 100, 200 and 300 mm/s were recorded, and 150, 250 and 400 mm/s observed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import combinations

@@ -1,7 +1,5 @@
 """The participant's screen in a rig file: which display it is, the keys beside it, and its own sentences."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import combinations
 from typing import Annotated, Any, ClassVar

@@ -26,8 +26,6 @@ through. Nothing is collected while a foot falls.
 **Sound servers.** What begins at one takes turns with palpate's other processes (`taking_turns`).
 """
 
-from __future__ import annotations
-
 import ctypes
 import gc
 import multiprocessing

@@ -9,8 +9,6 @@ so far beyond gate and panel that a reading held at either end can decide neithe
 the noise of a foot at rest on the panel stays inside, and for as much further as zeroing may move heights.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Sequence
 from datetime import date

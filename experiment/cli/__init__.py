@@ -5,8 +5,6 @@ modules here import every other room, each command what it needs when it is call
 module itself imports next to nothing, so that `palpate --help` is there at once.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 

@@ -1,7 +1,5 @@
 """Who analyses a rehearsal: a process that imports what this takes while the participants are simulated."""
 
-from __future__ import annotations
-
 import gc
 import multiprocessing
 import signal

@@ -5,8 +5,6 @@ rehearsal and in practice the plan, and every file against the anchors in the da
 `sourcedata/`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping

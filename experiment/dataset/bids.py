@@ -5,8 +5,6 @@ Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Ma
 `SessionId` are palpate's own, and analysis reads them.
 """
 
-from __future__ import annotations
-
 import gzip
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence

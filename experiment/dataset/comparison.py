@@ -1,7 +1,5 @@
 """From the journal of a session of comparisons to its rows: one for each pair that was laid out."""
 
-from __future__ import annotations
-
 from palpate.experiment.dataset.bids import Origin
 from palpate.experiment.records.entries import Answer, Correction, MaskerSet, Redo
 from palpate.experiment.records.events import NO_ANSWER

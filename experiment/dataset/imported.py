@@ -6,8 +6,6 @@ they may hold names, addresses and birthdays: the dataset keeps what was read, w
 SHA-256 of each file, so that whoever has the files can follow every answer back.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

@@ -8,8 +8,6 @@ throughout that it is a reconstruction: no time, no order of trials and no link 
 up. A counts file is a CSV of how often each participant gave each answer to each material.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import re

@@ -6,8 +6,6 @@ lines; it may have more. A register holds one anchor a line, each with its signa
 dataset keeps every anchor too (`LOG`), so that an anchor's number, written into a lab book, is enough to check it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

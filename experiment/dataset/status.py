@@ -4,8 +4,6 @@ What is concealed stays so: the order of a participant's tasks is told only once
 counts by order hold nobody else.
 """
 
-from __future__ import annotations
-
 import shutil
 from calendar import monthrange
 from collections import Counter

@@ -5,8 +5,6 @@ empty are instructions, breaks or ends of a file, and are passed over and counte
 keys stand for which material, is the user's to say; whatever a cell may not be is refused with its line and column.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math

@@ -4,8 +4,6 @@ Every finding is told, not only the first. Journals, heads and tables show every
 them anew is shown by anchors that this person could not change (`register.py`).
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 import shlex

@@ -4,8 +4,6 @@ A terminal that is closed, and a system that shuts down, end a session as Ctrl-C
 interrupted (`Held.let_through`), for until contact nothing was felt that cannot be told.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import signal
 import threading

@@ -4,8 +4,6 @@ The session's end is one thread, which is never waited for: a console that does 
 holds the session up. Whoever connects says who they are; another user of the machine is refused by the system.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import selectors

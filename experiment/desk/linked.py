@@ -4,8 +4,6 @@ The session waits here for keys; the link's thread brings them. A key counts onl
 screen when it was pressed. While nobody is at the console nothing new is armed, and after a while the session pauses.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager

@@ -5,8 +5,6 @@ caught up with the first line that it reads. A console sends commands; every one
 participant's screen gets a `Prompt` instead of a view: nothing of what is presented is in it.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError

@@ -1,7 +1,5 @@
 """What a session needs of the experimenter's screen and keys; each console is one file that implements it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Protocol
 

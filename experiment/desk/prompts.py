@@ -6,8 +6,6 @@ too fast, how high it is and which of two places it taps, whether a masker was p
 fault ended the session, and the label of a practice are looked at.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import get_args
 

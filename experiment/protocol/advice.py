@@ -4,8 +4,6 @@ A rule (`rules`) says what cannot be. What stands here can be, so only people de
 such a protocol can still be read.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator
 from itertools import pairwise

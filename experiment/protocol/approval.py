@@ -10,8 +10,6 @@ that a change names its field. It shows that the protocol is the one approved, n
 the file can write the record. What stands in it can be checked against the board's letter.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re

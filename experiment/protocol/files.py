@@ -1,7 +1,5 @@
 """Protocol files: reading one, and finding those that come with palpate."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from palpate.experiment.errors import PalpateError, Problem, ProtocolError

@@ -6,8 +6,6 @@ names stand between double quotes and are never broken. The last line of every p
 and whether that is approved.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from datetime import date
 from html import escape

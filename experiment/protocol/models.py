@@ -5,8 +5,6 @@ What must hold between fields stands in `rules`; each model names its own. The w
 `protocols/README.md` says of each key.
 """
 
-from __future__ import annotations
-
 from datetime import date
 from fractions import Fraction
 from itertools import combinations_with_replacement

@@ -5,8 +5,6 @@ study can be practised and rehearsed with it, the board's page lists it, and no 
 checked as the file that it would become, so that what refuses an answer is what would refuse the file.
 """
 
-from __future__ import annotations
-
 import re
 import string
 import tomllib

@@ -5,8 +5,6 @@ with nothing after it, on lines of its own where letters run from right to left,
 them; and names stand between double quotes and are never broken.
 """
 
-from __future__ import annotations
-
 import textwrap
 import unicodedata
 from collections.abc import Iterable, Iterator

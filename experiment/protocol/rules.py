@@ -4,8 +4,6 @@ Every rule reads plain tables (arrays as tuples) and passes over what is missing
 a wrong type in one place still has all its rules checked, and every error is reported at once.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import date
 from itertools import pairwise

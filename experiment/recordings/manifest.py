@@ -22,8 +22,6 @@ sha256 = "..."
 ```
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

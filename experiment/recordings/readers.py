@@ -15,8 +15,6 @@ is one column of times, or one before each channel, or one whose cells are empty
 `Decimal_Separator`. A channel with fewer samples has empty cells.
 """
 
-from __future__ import annotations
-
 import io
 import re
 import warnings

@@ -9,8 +9,6 @@ A peak is a local maximum that stands out of its surroundings (prominence) by `P
 more. Its frequency and amplitude are those of the maximum of the continuous spectrum between the neighbouring bins.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

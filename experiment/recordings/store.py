@@ -6,8 +6,6 @@ they belong to: materials, speeds and takes, in the order of the walk. Then the 
 interrupted recording goes on where it stopped, one process at a time; one with another plan is refused.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import json

@@ -12,8 +12,6 @@ sensitivity matrix with Bartlett's weights (Newey and West, Econometrica 55, 198
 gives for an autoregression of first order (Econometrica 59, 1991, p. 817: equations (6.2) and (6.4)).
 """
 
-from __future__ import annotations
-
 import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace

@@ -9,8 +9,6 @@ tied to the host's clock by the frame that was delayed least, as the acceleromet
 `LATER_NS` say how far the stretch reaches on either side.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from contextlib import closing
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ hash of the last, written after each line. A file that is shorter than its head 
 longer by more than the one line that a kill can leave between the two.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

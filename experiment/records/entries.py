@@ -4,8 +4,6 @@ A journal is one session, which is one participant doing one task: a `Header`, t
 kind of trial leaves on record of an attempt stands in a module of its own (`footstep.py`).
 """
 
-from __future__ import annotations
-
 from datetime import datetime
 from hashlib import sha256
 from typing import Annotated, Literal

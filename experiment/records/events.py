@@ -1,7 +1,5 @@
 """Columns of the events tables made from journals, by kind of trial; shared with analysis."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Mapping
 from functools import cache

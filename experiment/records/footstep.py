@@ -1,7 +1,5 @@
 """Models of what a footstep leaves in the journal: where the foot rested, and each step with its stimulus."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

@@ -3,8 +3,6 @@
 Its lines are chained, so that nobody changes or cuts it unseen; `chain.py` tells how, and what a torn line does.
 """
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Which palpate writes a record: its version, and a hash of its own source, which a change without a version shows."""
 
-from __future__ import annotations
-
 import hashlib
 from dataclasses import dataclass
 from functools import cache

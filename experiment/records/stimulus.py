@@ -1,7 +1,5 @@
 """What is on record of a stimulus: how it was computed and driven, how it met the contact, and what was delivered."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field

@@ -1,7 +1,5 @@
 """Models of what a comparison of two materials leaves in the journal, and the words of its answers."""
 
-from __future__ import annotations
-
 from typing import Literal
 
 from palpate.experiment.records.entries import OfAttempt

@@ -1,7 +1,5 @@
 """A journal as text for people to read."""
 
-from __future__ import annotations
-
 import textwrap
 
 from palpate.experiment.clock import utc

@@ -4,8 +4,6 @@
 nobody in the room, and ends when its input does, so that others can look at its ports meanwhile.
 """
 
-from __future__ import annotations
-
 import json
 import subprocess
 import sys

@@ -3,8 +3,6 @@
 What every simulated participant does beside the trials stands here; what they feel and answer is their kind's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 

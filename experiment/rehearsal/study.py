@@ -1,7 +1,5 @@
 """REHEARSAL of a whole study, and PRACTICE of one session of it, through the ports, the journal and the dataset."""
 
-from __future__ import annotations
-
 import errno
 import os
 from collections.abc import Callable, Iterator

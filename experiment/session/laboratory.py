@@ -4,8 +4,6 @@ A session with a participant and a rehearsal open the same parts by the same lin
 stands at the far ends of the ports (`FarEnds`).
 """
 
-from __future__ import annotations
-
 import secrets
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Executor

@@ -5,8 +5,6 @@ until every trial is answered, pauses between trials included, or until its time
 change it whenever an answer is asked for; no protocol has these keys for anything else.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from contextlib import ExitStack

@@ -1,7 +1,5 @@
 """The sessions of a participant's visit in a real study: from the approved protocol and the roster to the dataset."""
 
-from __future__ import annotations
-
 import shlex
 from contextlib import ExitStack
 from dataclasses import dataclass, field

@@ -4,8 +4,6 @@ Who the participant is, and whether they consented, is asked in `run.py` before 
 end of the last.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from functools import partial
 

@@ -10,8 +10,6 @@ such as full-width ones; and marks that pile up, or that no letter of the text c
 they hold no letters that run from right to left either: with these a line shows its numbers in another order.
 """
 
-from __future__ import annotations
-
 import re
 import unicodedata
 from collections import Counter

@@ -9,8 +9,6 @@ values without lines, so `locate` finds them: it reads the structure alone (head
 text that `tomllib` has accepted.
 """
 
-from __future__ import annotations
-
 import difflib
 import functools
 import json

@@ -5,8 +5,6 @@ study that ends early is as far as it can be in each task. Who does several task
 permuted blocks: a block holds every order once, shuffled, so the orders balance after every block.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import permutations

@@ -10,8 +10,6 @@ seed with a salt of 128 bits, drawn with it and kept beside it. If the file is l
 from a journal's header; without the salt the hash proves nothing, but then the journals say which seed it was.
 """
 
-from __future__ import annotations
-
 import hashlib
 import secrets
 from collections.abc import Callable

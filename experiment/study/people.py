@@ -4,8 +4,6 @@ A study needs labels alone. Names stand here so that the right person sits at th
 nothing of palpate copies them: no journal, table, export, anchor or log holds any, and no reason that goes on record.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import re

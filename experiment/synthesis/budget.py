@@ -19,8 +19,6 @@ for the equations ask for what these give; the other reading of equation (7) (`o
 all of a stimulus and changes none of its spectrum.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache

@@ -8,8 +8,6 @@ Two decisions where the paper leaves room or errs:
   meet its own measurement at v_i+1. The default takes the signed difference; `literal=True` gives the printed form.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import ceil, inf, sqrt
 from typing import Literal

@@ -5,8 +5,6 @@ that of the colour, and the samples are nearly normal in distribution, as a sum 
 the beginning: played in a loop, the noise has no seam.
 """
 
-from __future__ import annotations
-
 from math import inf
 from typing import Literal, get_args
 

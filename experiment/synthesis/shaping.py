@@ -17,8 +17,6 @@ Each bin counts once, under what limited it last. `drive` makes the voltages of 
 of what would pass a limit of panel or amplifier.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from math import inf, isfinite

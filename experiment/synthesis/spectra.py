@@ -4,8 +4,6 @@ Erratum: the paper puts bin k at F k / N. The basis cos(pi k (i + 1/2) / N) of (
 which at F = 5000 Hz and N = 2500 is one bin a hertz. That is used here.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import ceil, cos, gcd, inf, pi
 

@@ -12,8 +12,6 @@ A. B was 100 /s for all.
 Table 1 gives aluminum's stiffness as more than 160,000 N/m; here it is 160,000 N/m.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from math import exp, inf, log, pi
 

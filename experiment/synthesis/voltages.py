@@ -26,8 +26,6 @@ error of its own transform, and three roundings come on top. A knot is as exact 
 steep that the rounding of a place tells, more than `MISSED` in the middle of two knots, nothing is held between them.
 """
 
-from __future__ import annotations
-
 from bisect import bisect_right
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass

@@ -3,8 +3,6 @@
 What the loopback heard is set beside what was intended: where it began, how loud it was, and what else was there.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

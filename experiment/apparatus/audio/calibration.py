@@ -1,7 +1,5 @@
 """Latency and level of an audio device, measured through its loopback."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ The dose is that of Directive 2003/10/EC, articles 2 and 3: levels are referred 
 in half the time), and the lower exposure action value of 80 dB(A) is a dose of 1.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A microphone on an input of the session's audio stream, beside what the headphones were sent: both on its frames."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.experiment.apparatus.audio.stream import KEPT_S, AudioStream

@@ -10,8 +10,6 @@ all is settled once, in the same way: whoever pops the one entry of `Cue.unsettl
 session's thread to withdraw it, has its way, wherever the stimulus lies meanwhile.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field

@@ -14,8 +14,6 @@ move it.
 Devices are known by host API and name; what PortAudio says against one becomes an `AudioError`.
 """
 
-from __future__ import annotations
-
 import atexit
 import sys
 import threading

@@ -5,8 +5,6 @@ whether its server answers: nothing is sent, so nothing moves. On the disk, chec
 entry takes until it is there for good. On the machine, they look at the clocks and whether it wakes in time.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import shutil

@@ -4,8 +4,6 @@ The tracker speaks, in time, whole, and of heights that were calibrated. The aud
 and its loopback answers as it was calibrated.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Audio stream and tracker run at the same time and at the priority that they have
 the other shows. The caller starts the far ends of a simulated rig.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace

@@ -3,8 +3,6 @@
 It answers, in time, as often as the servo will ask; the limit that holds; and whether it bears the protocol's block.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 

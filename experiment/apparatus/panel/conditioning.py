@@ -7,8 +7,6 @@ do, and takes down the whole of a stimulus that would pass it. The limiter stand
 voltage whatever shaping did.
 """
 
-from __future__ import annotations
-
 import hashlib
 import math
 from collections.abc import Mapping

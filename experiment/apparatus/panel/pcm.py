@@ -15,8 +15,6 @@ that every piece has. What came within `RING_S` is held, and a take begins `BEFO
 reaches the rig's trigger level in the stretch that is asked for, whatever shook the panel before.
 """
 
-from __future__ import annotations
-
 import socket
 import threading
 from collections import deque

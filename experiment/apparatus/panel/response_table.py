@@ -15,8 +15,6 @@ has the same drive levels, rising. Reading turns both columns into amplitudes of
 sqrt 2 times the rms, half the peak to peak.
 """
 
-from __future__ import annotations
-
 import csv
 from dataclasses import dataclass
 from itertools import groupby

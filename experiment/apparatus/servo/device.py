@@ -15,8 +15,6 @@ that holds where the servo itself has died. The connection is neither encrypted 
 loopback interface or a line of its own.
 """
 
-from __future__ import annotations
-
 import select
 import socket
 import struct

@@ -4,8 +4,6 @@
 own process, as fast as the tracker's line brings samples: no deadline means anything there.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import socket

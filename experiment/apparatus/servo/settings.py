@@ -1,7 +1,5 @@
 """The force device of a rig file, and whether a block may be rendered on it."""
 
-from __future__ import annotations
-
 from math import inf
 from typing import Annotated, ClassVar, Literal
 

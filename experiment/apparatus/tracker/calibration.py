@@ -11,8 +11,6 @@ one connection: a tracker that was plugged in again may have been moved, or may 
 again.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Iterator, MutableMapping, Sequence

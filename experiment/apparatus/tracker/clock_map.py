@@ -29,8 +29,6 @@ A map takes the device at its word. `Pace` does not: it says whether a clock tha
 have brought the reads before and after a step. The least delay before it, and that after it, may differ by `PACE_US`.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 from typing import NamedTuple

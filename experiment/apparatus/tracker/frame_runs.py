@@ -3,8 +3,6 @@
 A run is made of whole frames, one after the other. Any fewer than `FEWEST` are made and read sooner one by one.
 """
 
-from __future__ import annotations
-
 from binascii import crc_hqx
 from typing import NamedTuple
 

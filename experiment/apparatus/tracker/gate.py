@@ -30,8 +30,6 @@ and a passage counts only if heights and times agree with what a foot, the rig's
 allow.
 """
 
-from __future__ import annotations
-
 import math
 from bisect import bisect_left
 from collections.abc import Sequence

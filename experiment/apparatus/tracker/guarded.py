@@ -4,8 +4,6 @@ A file beside the rig file comes first, and under a name of its own: no module o
 it, nor hidden by it. Otherwise the driver is imported as any module of an installed package.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import inspect

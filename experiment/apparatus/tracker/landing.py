@@ -20,8 +20,6 @@ A foot whose speed has surely (by `SURE` standard errors) fallen below `FALLS_PA
 stopped or hesitates; one that surely rises has turned back. Neither is predicted to land.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import NamedTuple

@@ -6,8 +6,6 @@ view. What is drawn, which press of a key counts, and what a form asks for are p
 alone, with its widgets, knows Textual.
 """
 
-from __future__ import annotations
-
 import os
 
 # Whatever is drawn waits for its next turn; Textual, which reads this when it is loaded, would have 60 a second.

@@ -1,7 +1,5 @@
 """The console itself: draws the newest view, and turns keys and clicks into commands."""
 
-from __future__ import annotations
-
 import asyncio
 import signal
 import threading

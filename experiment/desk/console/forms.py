@@ -1,7 +1,5 @@
 """What the experimenter may ask for at any moment beside answering, and which fields have to be filled in for it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 from palpate.experiment.desk.messages import Choice, Correct, Deed, Pause, Question, Repeat, Stop, TakeNote, View, Write

@@ -1,7 +1,5 @@
 """The console's parts on the screen, each of which is drawn anew only where what it shows has changed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from io import StringIO
 from typing import ParamSpec

@@ -4,8 +4,6 @@ A key or a command that may be clicked carries it in the text's style (`PRESSES`
 does.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 from itertools import zip_longest

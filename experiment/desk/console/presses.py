@@ -1,7 +1,5 @@
 """Which press of a key, or of the mouse's button, counts: not one that repeats, nor one from before its question."""
 
-from __future__ import annotations
-
 HELD_S = 0.75
 """The same key again after less time than this is a key that is held down, s.
 

@@ -4,8 +4,6 @@ The page is open to this machine alone unless another address of it is named. Wh
 from elsewhere it is best reached through an ssh tunnel.
 """
 
-from __future__ import annotations
-
 import hmac
 import ipaddress
 import secrets

@@ -3,8 +3,6 @@
 It draws what `palpate status` knows, so the same stays concealed: no order of tasks stands here before its session.
 """
 
-from __future__ import annotations
-
 import threading
 from collections import Counter
 from collections.abc import Callable, Iterator

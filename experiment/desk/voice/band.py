@@ -3,8 +3,6 @@
 One Fourier transform takes the band and its rate at once, so no frequency is folded and nothing is delayed.
 """
 
-from __future__ import annotations
-
 from math import gcd
 from typing import Any
 

@@ -11,8 +11,6 @@ What is left is what the room adds of its own, what comes later than `TAPS`, and
 s in the microphone leaves about s TAPS / n of its own over n samples.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, linalg

@@ -5,8 +5,6 @@ the console is told what to propose. Once the answer is confirmed, what was hear
 which may be after the next trial was armed. Nothing is computed while a foot is awaited.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import multiprocessing

@@ -4,8 +4,6 @@ What is kept are cepstra, never a sound, in a file that its owner alone may open
 that goes on after a kill, and the next task of the visit, find it there; the end of the visit deletes it.
 """
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Mapping, Sequence

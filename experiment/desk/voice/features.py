@@ -9,8 +9,6 @@ nor through which microphone somebody speaks matters.
 Differences in time, and taking off the noise's energies, changed nothing that was measured, and are left out.
 """
 
-from __future__ import annotations
-
 from functools import lru_cache
 
 import numpy as np

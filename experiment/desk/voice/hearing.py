@@ -7,8 +7,6 @@ the utterances, and matches each against the participant's enrolment, whose take
 What is proposed is only that. The experimenter's key decides.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -8,8 +8,6 @@ different answers. An utterance's distance is told in those terms: an **agreemen
 answer, 0 that of different answers.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -7,8 +7,6 @@ somebody speaks. The onset itself is the sample that parts two stretches of diff
 criterion (N. Maeda, Zisin 38 (1985) 365-379, who picks the onsets of earthquakes so).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

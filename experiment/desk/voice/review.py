@@ -5,8 +5,6 @@ another, and a share of the others that is drawn by chance. What the second rate
 file that only grows; the first answers stay as they are.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import subprocess

@@ -10,8 +10,6 @@ foot to the next step: the device's time then jumps while sequence numbers run o
 clock, between steps too, and what a full line does not take is lost, as on a real device.
 """
 
-from __future__ import annotations
-
 import math
 import threading
 from collections import deque

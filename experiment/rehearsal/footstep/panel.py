@@ -14,8 +14,6 @@ panel resonates at `PANEL_HZ`, and the drive saturates softly,
 never by the table, so what shaping makes of the table meets a response that is independent of it.
 """
 
-from __future__ import annotations
-
 import queue
 import socket
 import threading

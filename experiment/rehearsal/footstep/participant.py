@@ -26,8 +26,6 @@ Noise, sensitivity, concurrence and the two spreads were chosen so that simulate
 deviations among participants are about those that Tables 1 and 2 print.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -35,8 +35,6 @@ Any other material gets a generic crackle, drawn from its id between the paramet
 and fresh takes are drawn alike. The first attempt at a take that is on target is kept.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

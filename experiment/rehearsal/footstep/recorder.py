@@ -6,8 +6,6 @@ simulated too: it shows the foot's device time, moves on as frames of the foot a
 recorded until then.
 """
 
-from __future__ import annotations
-
 import socket
 import threading
 from contextlib import ExitStack, suppress

@@ -7,8 +7,6 @@ is not pushed by the simulated force: its path is given. Speeds are ours, below 
 a few.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from palpate.experiment.rehearsal.footstep.foot import Trajectory, progress

@@ -14,8 +14,6 @@ Further parameters are few, and none of them was fitted to percentages of right 
   Ours.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 

@@ -17,8 +17,6 @@ height says of hardness in virtual taps is FITTED to Table 3** (`FITTED`): that 
 to 0.98 over three seeds, is no evidence of anything (`tests/experiment/rehearsal/tapping/test_observer.py`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from functools import cache
 

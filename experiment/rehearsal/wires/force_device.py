@@ -8,8 +8,6 @@ It does what `apparatus.servo.device` asks of a device: it drops its force when 
 the connection ends.
 """
 
-from __future__ import annotations
-
 import select
 import signal
 import socket

@@ -5,8 +5,6 @@ for it with each block of the sound server. It asks the listener over a socket: 
 and the samples.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from contextlib import ExitStack

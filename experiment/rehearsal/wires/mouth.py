@@ -5,8 +5,6 @@ on, through an impulse response. As the listener's, this process takes no turn a
 writes samples to it over a socket.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections import deque

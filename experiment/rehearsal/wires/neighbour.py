@@ -3,8 +3,6 @@
 It takes no turn at the session's interpreter, and ends when whoever started it has gone.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import socket

@@ -3,8 +3,6 @@
 On POSIX it is a pseudo-terminal in raw mode; where there is none (Windows) a TCP server on the loopback interface.
 """
 
-from __future__ import annotations
-
 import os
 import select
 import socket

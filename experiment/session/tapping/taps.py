@@ -5,8 +5,6 @@ lies there is aimed at it; at the touch itself, what was not aimed sounds at onc
 it needs no session for a touch.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Touch and release are found as roots in time, so its error does not depend on th
 the signature of `advance` (`stepping.steppers`).
 """
 
-from __future__ import annotations
-
 from math import inf, sqrt
 
 from palpate.experiment.errors import SynthesisError

@@ -16,8 +16,6 @@ could add up, as that of factors near 1 has.
 The zeros of y' and of its derivatives, which solve the equation without p, have closed forms (`first_zero`).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction

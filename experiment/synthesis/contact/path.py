@@ -4,8 +4,6 @@ Between two samples the hand moves on a straight line, at constant speed. Blocks
 their state is where they were left, and at which speed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite

@@ -17,8 +17,6 @@ a delay d, the right side is
 which without delay is largest at q = pi: b > K T / 2 + |C|. The wall is held: a block that gives way asks for less.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import inf, pi, sqrt

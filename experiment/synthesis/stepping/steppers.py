@@ -13,8 +13,6 @@ through a switch, whatever their order elsewhere.
 - `exact`: `exact.advance`, the default.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 
 from palpate.experiment.errors import SynthesisError
