@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from palpate.experiment.apparatus.panel.conditioning import Played
     from palpate.experiment.apparatus.servo.rendering import Felt
     from palpate.experiment.synthesis.contact.block import Block
-    from palpate.experiment.synthesis.tap import Ring
-    from palpate.experiment.synthesis.waveforms import Stimulus
+    from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 
 
 class Tracker(Protocol):

@@ -48,7 +48,6 @@ from palpate.experiment.session import runner, scene
 from palpate.experiment.session.kind import Stimuli
 from palpate.experiment.session.laboratory import header, open_laboratory
 from palpate.experiment.synthesis import waveforms
-from palpate.experiment.synthesis.tap import Surface
 from palpate.experiment.synthesis.waveforms import Basis
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
@@ -206,10 +205,8 @@ class SimulatedEnds:
             _stimuli[key] = prepare()
         return _stimuli[key]
 
-    def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
-        if self.job.control != "silence":
-            return surfaces
-        return {material: replace(one, amplitude=0.0) for material, one in surfaces.items()}
+    def ringing_m_s2(self, full_m_s2: float) -> float:
+        return 0.0 if self.job.control == "silence" else full_m_s2
 
     def force(self, opened: ExitStack) -> str:
         return opened.enter_context(ForceDeviceProcess()).address

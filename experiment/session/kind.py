@@ -24,7 +24,6 @@ from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.records.progress import Progress
 
 if TYPE_CHECKING:
-    from palpate.experiment.synthesis.tap import Surface
     from palpate.experiment.synthesis.voltages import Drive
     from palpate.experiment.synthesis.waveforms import Basis
 
@@ -230,9 +229,9 @@ class FarEnds(Protocol):
         """Return what `prepare` prepares, or what it did for an earlier session of the same rehearsal."""
         return prepare()
 
-    def surfaces(self, surfaces: dict[str, Surface]) -> dict[str, Surface]:
-        """Return how each virtual surface rings, by its material's id, unless a rehearsal controls for it."""
-        return surfaces
+    def ringing_m_s2(self, full_m_s2: float) -> float:
+        """Return how strong aluminum rings at 0.2 m/s, m/s^2: as stated, unless a rehearsal controls for it."""
+        return full_m_s2
 
     def force(self, opened: ExitStack) -> str | None:  # noqa: ARG002
         """Set up what pushes the hand; return where it answers, or None for the address that the rig names."""

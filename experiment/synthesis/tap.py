@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.spectra import finite
+from palpate.experiment.synthesis.waveforms import Ring
 
 DECAY_PER_S = 100.0
 """B, as the paper held it constant."""
@@ -83,14 +84,6 @@ def waveform(
     t = np.arange(max(1, round(length * rate_hz))) / rate_hz
     grown = amplitude(surface, speed_m_s=speed_m_s) * aluminum_m_s2
     return np.asarray(grown * np.exp(-surface.decay_per_s * t) * np.sin(2 * pi * surface.attack_hz * t))
-
-
-@dataclass(frozen=True, eq=False)
-class Ring:
-    """The vibration of one tap as a device is to play it: samples, m/s^2, shape (n,), at a rate, Hz."""
-
-    waveform_m_s2: NDArray[np.float64]
-    rate_hz: int
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,6 +57,14 @@ MARGIN = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
+class Ring:
+    """The vibration of one tap as a device is to play it: samples, m/s^2, shape (n,), at a rate, Hz."""
+
+    waveform_m_s2: NDArray[np.float64]
+    rate_hz: int
+
+
+@dataclass(frozen=True, eq=False)
 class Basis:
     """One material, prepared for one output rate; `prepare` makes it.
 

@@ -49,8 +49,7 @@ from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.stimulus import Sounder
 from palpate.experiment.session.footstep.watch import Feed, Watch, watch
 from palpate.experiment.session.masker import open_sound
-from palpate.experiment.synthesis.tap import Ring
-from palpate.experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 from tests.benchmarks import attended
 from tests.experiment.session.scripted import Endless
 

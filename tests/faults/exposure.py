@@ -36,8 +36,7 @@ from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.exposure import Exposed, dose_before
 from palpate.experiment.session.footstep.trials import FootstepDevices
-from palpate.experiment.synthesis.tap import Ring
-from palpate.experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 from tests.experiment.session.bench import HEADER, Constant, in_pieces
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, rest_samples, step_samples
 from tests.experiment.synthesis.stimuli import given

@@ -15,8 +15,7 @@ from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
 from palpate.experiment.apparatus.rig import AudioRig, DeliveredRig
 from palpate.experiment.errors import ActuatorError
 from palpate.experiment.records.stimulus import Delivered
-from palpate.experiment.synthesis.tap import Ring
-from palpate.experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 
 FOUND = 0.5
 """Correlation from which on something heard is the intended waveform; noise of any length stays far below."""

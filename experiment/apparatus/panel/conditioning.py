@@ -22,9 +22,8 @@ from palpate.experiment.errors import ActuatorError
 from palpate.experiment.records import stimulus as records
 from palpate.experiment.synthesis import budget
 from palpate.experiment.synthesis.shaping import Shaped
-from palpate.experiment.synthesis.tap import Ring
 from palpate.experiment.synthesis.voltages import Drive
-from palpate.experiment.synthesis.waveforms import Basis, Stimulus
+from palpate.experiment.synthesis.waveforms import Basis, Ring, Stimulus
 
 EVERY_HZ = (0.0, math.inf)
 """What a device carries of which nothing else is said, Hz."""

@@ -30,8 +30,7 @@ from palpate.experiment.apparatus.rig import AccelerometerRig
 from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.errors import ActuatorError, PalpateError, RecordingError
 from palpate.experiment.records.stimulus import Delivered
-from palpate.experiment.synthesis.tap import Ring
-from palpate.experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""

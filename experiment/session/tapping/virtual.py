@@ -73,8 +73,8 @@ def open_surfaces(
     actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, address=address, stream=stream)
     opened.callback(actuator.close)
     rings = {
-        name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)
-        for name, surface in ends.surfaces(surfaces(protocol, virtual)).items()
+        name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=ends.ringing_m_s2(virtual.full_m_s2))
+        for name, surface in surfaces(protocol, virtual).items()
     }
     force = ends.force(opened)
     port, clock_map = ends.tracker(opened)

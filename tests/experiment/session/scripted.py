@@ -15,8 +15,7 @@ from palpate.experiment.clock import Clock, ManualClock
 from palpate.experiment.desk.port import Attended, Remark
 from palpate.experiment.errors import PalpateError, TrackerStopped
 from palpate.experiment.records.stimulus import Delivered
-from palpate.experiment.synthesis.tap import Ring
-from palpate.experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 
 START_NS = 10**18
 

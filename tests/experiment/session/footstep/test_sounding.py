@@ -11,8 +11,7 @@ from palpate.experiment.apparatus.tracker.landing import Landing
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.session.footstep.stimulus import Sounder, Sounding
-from palpate.experiment.synthesis.tap import Ring
-from palpate.experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 from tests.experiment.synthesis.stimuli import basis_of
 
 LEAD_NS = 10_000_000
