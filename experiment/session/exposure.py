@@ -2,7 +2,7 @@
 
 Vibrations are counted; what holds their peak is the limiter.
 
-In real time a thread looks twice a second, while a foot is waited for and while the experimenter reads a prompt: it
+In real time a thread looks ten times a second, while a foot is waited for and while the experimenter reads a prompt: it
 silences the masker when the session's time or the dose is used up, and puts the exposure on disk every few seconds, so
 that a kill loses none of it. Simulated time stands still meanwhile: there the session's own questions suffice.
 """
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
     from palpate.experiment.clock import Clock
     from palpate.experiment.desk.port import Console
     from palpate.experiment.records.journal import Contents, Line
-    from palpate.experiment.session.kind import Log
+    from palpate.experiment.session.kind import Kind, Log
     from palpate.experiment.session.masker import Masking
 
-LOOK_S = 0.5
+LOOK_S = 0.1
 """Between two looks, s."""
 
 EVERY_NS = 5 * 10**9
 """Between two entries, ns."""
 
-KILLED_NS = EVERY_NS + int(LOOK_S * 1e9)
+KILLED_NS = EVERY_NS + 500_000_000
 """A runner that was killed counts as going on, and as playing its masker, for so long after its last line, ns."""
 
 WINDOW_NS = 24 * 3600 * 10**9
@@ -56,14 +56,16 @@ class Exposed:
         self._console = console
         self._clock = clock
         self._log = log
+        self._kind: Kind | None = None
         self._over = self._asked = self._skipped = ""
         self._failed: Exception | None = None
         self._due_ns = clock.now_ns()
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._watch, args=(host.joining(),), name="exposure", daemon=True)
 
-    def begin(self) -> None:
-        """Watch from now on; the journal has its header, or the entry that it was resumed."""
+    def begin(self, kind: Kind) -> None:
+        """Watch trials from now on; the journal has its header, or the entry that it was resumed."""
+        self._kind = kind
         if not self._clock.simulated:
             self.look()
             self._thread.start()
@@ -112,6 +114,15 @@ class Exposed:
             self._due_ns = now_ns + EVERY_NS
             self._log.write(self._told())
 
+    def _quiet(self) -> None:
+        """Keep a kind's devices alive, and have them still once the session is over or pauses."""
+        if self._kind is None:
+            return
+        self._kind.beat(self.ends_ns)
+        ended = self._ended if self._clock.now_ns() > self.ends_ns else ""
+        if why := self._over or ended or self._asked:
+            self._kind.quiet(why)
+
     def _silence(self) -> None:
         if self._masking is None:
             return
@@ -134,6 +145,7 @@ class Exposed:
         try:
             join()
             while not self._closing.wait(min(LOOK_S, self.left_s) or LOOK_S):
+                self._quiet()
                 self.look()
                 if not shown and self.over() and (why := self._over):
                     shown = True

@@ -157,6 +157,22 @@ class Kind(Protocol):
         """
         return ""
 
+    def quiet(self, why: str) -> None:  # noqa: ARG002
+        """Take away at once whatever can be felt, for the session is over or pauses, as `why` says.
+
+        The thread that watches the limits calls it, again and again while they forbid everything: it neither writes nor
+        waits for a thread that does.
+        """
+        return
+
+    def beat(self, ends_ns: int) -> None:  # noqa: ARG002
+        """Pass on that the session is alive, and that nothing may be felt from the session time `ends_ns` on.
+
+        The thread that watches the limits calls it at every look, every 0.1 s, in real time alone, until the session
+        ends; as `quiet`, it neither writes nor waits.
+        """
+        return
+
     def measured(self) -> Measured:
         """Return what is measured now; it may be called from any thread."""
         return Measured()

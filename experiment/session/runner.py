@@ -423,7 +423,7 @@ class _Session:
             remaining = tuple(planned.trial for planned in done.remaining)
             torn = contents.torn.decode("utf-8", "backslashreplace")
             self._log.write(entries.Resumed(torn=torn, remaining=remaining))
-            self._exposed.begin()
+            self._exposed.begin(self._attempts.kind)
             if torn:
                 self._devices.console.show(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
             for cut, when in (
@@ -436,7 +436,7 @@ class _Session:
             self._devices.console.show(_onward(self._log.done, day(contents.lines[-1].t_ns)))
         else:
             self._log.write(done.header)
-            self._exposed.begin()
+            self._exposed.begin(self._attempts.kind)
         if self._identity is not None:
             self._log.write(self._identity)
         self._devices.console.attend(self._attendance)

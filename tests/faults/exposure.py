@@ -36,6 +36,7 @@ from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.exposure import Exposed, dose_before
 from palpate.experiment.session.footstep.trials import FootstepDevices
+from palpate.experiment.session.kind import Kind
 from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 from tests.experiment.session.bench import HEADER, Constant, in_pieces
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, rest_samples, step_samples
@@ -348,7 +349,7 @@ def on(machine: Machine) -> Iterator[None]:
             raise Killed
         return append(self, entry)
 
-    def begun(self: Exposed) -> None:
+    def begun(self: Exposed, kind: Kind) -> None:
         self.look()
         machine.watchers.append(self.look)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -27,6 +28,7 @@ from palpate.experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WIN
 from palpate.experiment.session.kind import nothing_more
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.runner import SessionLog
+from palpate.experiment.session.tapping.trials import Comparisons
 from tests.experiment.session.bench import Bench, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
@@ -84,6 +86,13 @@ class SteadyMasker:
         return MaskerExposure(self.level_db_a, dose, None, left_s)
 
 
+def wait_until(holds: Callable[[], bool]) -> None:
+    ends_s = time.monotonic() + 30
+    while not holds():
+        assert time.monotonic() < ends_s
+        time.sleep(0.001)
+
+
 def played(duration_ns: int) -> float:
     """Directive 2003/10/EC: 80 dB(A) for eight hours is 1."""
     return duration_ns / 28.8e12
@@ -112,6 +121,20 @@ class Lines:
     @property
     def contents(self) -> Contents:
         return Contents(tuple(self.lines))
+
+
+class Felt(Comparisons):
+    """A kind of trial that keeps what the session's limits ask of it."""
+
+    def __init__(self) -> None:
+        self.beats: list[int] = []
+        self.quieted: list[str] = []
+
+    def beat(self, ends_ns: int) -> None:
+        self.beats.append(ends_ns)
+
+    def quiet(self, why: str) -> None:
+        self.quieted.append(why)
 
 
 def watched(
@@ -321,7 +344,7 @@ def test_what_the_watching_thread_cannot_write_is_raised_where_the_session_asks_
     assert masker is not None
     assert masking is not None
     masking.choose("", None)
-    exposed.begin()
+    exposed.begin(Felt())
     log.failing = True
     exposed._thread.join(60)
     assert masker.level_db_a is None, "nobody watches it any longer"
@@ -341,12 +364,24 @@ def test_the_experimenter_is_told_that_the_session_is_over(monkeypatch: pytest.M
         raise ScreenGone("the screen is gone")
 
     monkeypatch.setattr(exposed._console, "show", gone)
-    exposed.begin()
+    exposed.begin(Felt())
     exposed._thread.join(60)
     exposed.close()
     assert told == ["\nNothing more will be felt: it is over. Answer what is asked; then the session ends or pauses."]
     with pytest.raises(ScreenGone):
         exposed.over()
+
+
+def test_a_kind_hears_that_the_session_lives_and_from_its_end_on_to_be_quiet() -> None:
+    clock, felt = Machine(), Felt()
+    exposed, _, _ = watched(clock, Lines(clock), lasts_ns=10**9)
+    exposed.begin(felt)
+    wait_until(lambda: len(felt.beats) > 1)
+    assert (set(felt.beats), felt.quieted) == ({START_NS + 10**9}, [])
+    clock.sleep_ns(10**9 + 1)
+    wait_until(lambda: bool(felt.quieted))
+    exposed.close()
+    assert set(felt.quieted) == {"it is over"}
 
 
 def lasting(protocol: Protocol, seconds: float) -> Protocol:
