@@ -15,9 +15,7 @@ is one column of times, or one before each channel, or one whose cells are empty
 `Decimal_Separator`. A channel with fewer samples has empty cells.
 """
 
-import io
 import re
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from math import isfinite
@@ -26,10 +24,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.io import wavfile
 
 from palpate.experiment import storage
 from palpate.experiment.errors import RecordingError
+from palpate.experiment.recordings.wav import wav_samples
 
 LARGEST_STEP_ERROR = 0.5
 """How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""
@@ -113,31 +111,6 @@ def read(path: Path, *, channel: str | None = None) -> Recording:
         return _recording(str(path), channel, *table(text.splitlines()))
     except RecordingError as error:
         raise RecordingError(f"{path}: {error}") from None
-
-
-def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
-    """Return a WAV file's sampling rate in Hz, and its samples in their own type, shape (n,) or (n, channels).
-
-    Raises:
-        RecordingError: `content` is no WAV file, is damaged or cut off, or holds no samples; the error names `file`.
-    """
-    try:
-        with warnings.catch_warnings():
-            # A file shorter than its header says is only warned about; a chunk of metadata is harmless.
-            warnings.simplefilter("error")
-            warnings.filterwarnings("ignore", message=r"Chunk \(non-data\) not understood")
-            rate_hz, samples = wavfile.read(io.BytesIO(content))
-    except Exception as error:
-        # scipy meets a damaged header with whatever the broken number leads to: ZeroDivisionError, TypeError, ...
-        detail = " ".join(str(error).split()).rstrip(".")
-        raise RecordingError(
-            f"{file}: got a WAV file that cannot be decoded ({detail}); allowed: whole PCM or float; export it again"
-        ) from error
-    if rate_hz < 1 or samples.size == 0:
-        raise RecordingError(
-            f"{file}: got {samples.size} samples at {rate_hz} Hz; allowed: one or more at 1 Hz or more; export it again"
-        )
-    return int(rate_hz), np.asarray(samples)
 
 
 def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | None) -> Recording:

@@ -1,0 +1,36 @@
+"""The samples of a WAV file: all that a session reads of recordings, which are kept as such."""
+
+import io
+import warnings
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.io import wavfile
+
+from palpate.experiment.errors import RecordingError
+
+
+def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
+    """Return a WAV file's sampling rate in Hz, and its samples in their own type, shape (n,) or (n, channels).
+
+    Raises:
+        RecordingError: `content` is no WAV file, is damaged or cut off, or holds no samples; the error names `file`.
+    """
+    try:
+        with warnings.catch_warnings():
+            # A file shorter than its header says is only warned about; a chunk of metadata is harmless.
+            warnings.simplefilter("error")
+            warnings.filterwarnings("ignore", message=r"Chunk \(non-data\) not understood")
+            rate_hz, samples = wavfile.read(io.BytesIO(content))
+    except Exception as error:
+        # scipy meets a damaged header with whatever the broken number leads to: ZeroDivisionError, TypeError, ...
+        detail = " ".join(str(error).split()).rstrip(".")
+        raise RecordingError(
+            f"{file}: got a WAV file that cannot be decoded ({detail}); allowed: whole PCM or float; export it again"
+        ) from error
+    if rate_hz < 1 or samples.size == 0:
+        raise RecordingError(
+            f"{file}: got {samples.size} samples at {rate_hz} Hz; allowed: one or more at 1 Hz or more; export it again"
+        )
+    return int(rate_hz), np.asarray(samples)
