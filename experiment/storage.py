@@ -148,15 +148,16 @@ def extreme(document: object) -> tuple[Place, str] | None:
 
 def _is_plain(document: object) -> bool:
     """Return whether `extreme` finds nothing, sooner than by keeping the place of everything."""
-    level = [document]
+    level: list[Any] = [document]
     for _ in range(DEEPEST + 1):
-        inner: list[object] = []
+        inner: list[Any] = []
         for held in level:
-            if isinstance(held, dict):
+            what = type(held)
+            if what is dict:
                 inner += held.values()
-            elif isinstance(held, list):
+            elif what is list:
                 inner += held
-            elif isinstance(held, int) and not -(2**63) <= held < 2**63:
+            elif what is int and not -(2**63) <= held < 2**63:
                 return False
         level = inner
     return not level

@@ -318,20 +318,27 @@ def journal(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Verify a journal and print it as text."""
+    """Verify a journal and print it as text.
+
+    An entry that cannot be read is named, and the rest is printed; the exit code is then 1.
+    """
     from palpate.experiment.records import journal as journals
     from palpate.experiment.records import transcript
 
-    contents = journals.read(file)
+    contents = journals.read(file, strict=False)
     if as_json:
         entries = [
             {"t_ns": line.t_ns, **line.entry.model_dump(mode="json")}
             for line in contents.lines
             if trial is None or getattr(line.entry, "trial", None) == trial
         ]
-        options.put({"file": str(file), "torn_bytes": len(contents.torn), "entries": entries})
+        unreadable = [{"line": one.number, "t_ns": one.t_ns, "why": one.why} for one in contents.unreadable]
+        torn = len(contents.torn)
+        options.put({"file": str(file), "torn_bytes": torn, "entries": entries, "unreadable": unreadable})
     else:
         typer.echo(transcript.text(contents, trial))
+    if contents.unreadable:
+        raise typer.Exit(1)
 
 
 @commands.command(epilog="Example: palpate withdraw study.toml --participant 01 --reason 'asked to stop'")

@@ -233,10 +233,11 @@ def _refused(root: Path, error: PalpateError) -> Finding:
 
 
 def _session(path: Path, headers: list[Header]) -> str:
-    contents = journal.read_if_begun(path)
+    contents = journal.read_if_begun(path, strict=False)
     if not contents.lines:
         return "no line: the session never began"
     headers.append(contents.header)
+    journal.refuse_unreadable(path, contents)
     rig_file = storage.rig_path(path)
     rig = rigs.kept(rig_file, contents.header.rig_sha256)
     if rig.actuator.shaping:

@@ -98,6 +98,8 @@ class LinkedConsole:
         self._screen = self._awaits_screen = screen
         self._screens = 0
         self._prompts = [Prompt()]
+        # No screen showed anything of a session before its desk began; another clock's reading may be a second off.
+        self._began_ns = monotonic_ns() - 10**9
         self._armed: int | None = None
         self._waits_ns: int | None = None
         self._pausing: Pause | Stop | None = None
@@ -251,7 +253,7 @@ class LinkedConsole:
         """Put on record what the participant's screen shows, and since when."""
         ago_ns = monotonic_ns() - deed.t_ns
         told = next((one for one in self._prompts if one.number == deed.number), None)
-        if told is None or ago_ns < 0:
+        if told is None or not 0 <= ago_ns <= monotonic_ns() - self._began_ns:
             return False, "The participant's screen cannot have shown that."
         if session is not None:
             session.shown(told, ago_ns)

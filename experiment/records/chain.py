@@ -24,15 +24,31 @@ from palpate.experiment.errors import PalpateError, SessionLocked
 GENESIS = "0" * 64
 """`prev` of the first line."""
 
+ENCODER = json.JSONEncoder(separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+
+ENVELOPE = re.compile(
+    rb'\{"n":([0-9]{1,12}),"t_ns":(-?[0-9]{1,19}),"prev":"([0-9a-f]{64})","entry":\{.*\}\}', re.DOTALL
+)
+"""A line, whatever its entry is: its number, its time and the hash of the line before it."""
+
 
 @dataclass(frozen=True)
 class Link:
-    """One line: when it was written, ns since 1970-01-01T00:00Z, what it says, the JSON of that, and its SHA-256."""
+    """One line: when it was written, ns since 1970-01-01T00:00Z, its entry, its bytes, and its SHA-256.
+
+    `problem` is why the entry cannot be read, and is empty where it can.
+    """
 
     t_ns: int
     entry: dict[str, object]
-    json: bytes
+    line: bytes
     sha256: str
+    problem: str = ""
+
+    @property
+    def json(self) -> bytes:
+        """The entry as JSON."""
+        return self.line.partition(b',"entry":')[2][:-1]
 
 
 @dataclass(frozen=True)
@@ -69,10 +85,11 @@ def head_path(path: Path) -> Path:
     return path.with_suffix(".head")
 
 
-def read(path: Path, error: type[PalpateError]) -> Chain:
+def read(path: Path, error: type[PalpateError], *, strict: bool = True) -> Chain:
     """Read and verify a file of chained lines; one that was never begun is empty.
 
-    Raises `error` if the file or its head cannot be read, is gone, or does not fit.
+    Raises `error` if the file or its head cannot be read, is gone, or does not fit; unless `strict`, not for a line
+    that follows the one before it and that the next one follows, and whose entry alone is no JSON.
     """
     # The head first: read the other way round, a file that is being written would seem cut off.
     head, data = _head(path, error), _bytes(path, error)
@@ -84,7 +101,13 @@ def read(path: Path, error: type[PalpateError]) -> Chain:
     lines, torn = split(data or b"")
     links, last = list[Link](), GENESIS
     for number, line in enumerate(lines):
-        links.append(_verified(f"{path}: line {number + 1}", number, line, last, error))
+        try:
+            links.append(_verified(f"{path}: line {number + 1}", number, line, last, error, strict=strict))
+        except error:
+            # A line that does not follow an unreadable one shows that that one was changed.
+            if links and links[-1].problem:
+                _verified(f"{path}: line {number}", number - 1, links[-1].line, GENESIS, error, strict=True)
+            raise
         last = links[-1].sha256
     (known, named), file = head, head_path(path).name
     remedy = "keep a copy of it as it is, and restore it from a backup"
@@ -136,26 +159,31 @@ def _head(path: Path, error: type[PalpateError]) -> tuple[int, str]:
     return int(found[1]), found[2]
 
 
-def _verified(where: str, number: int, line: bytes, last: str, error: type[PalpateError]) -> Link:
+def _verified(where: str, number: int, line: bytes, last: str, error: type[PalpateError], *, strict: bool) -> Link:
     remedy = "keep a copy of it as it is, and restore it from a backup"
-    older = "it was changed, or an older palpate wrote it"
     try:
         document = storage.json_of(line)
         n, t_ns, prev, entry = (document[key] for key in ("n", "t_ns", "prev", "entry"))
-        fits = set(document) == {"n", "t_ns", "prev", "entry"} and isinstance(t_ns, int) and isinstance(entry, dict)
-    except (ValueError, KeyError, TypeError) as problem:
-        raise error(f"{where} is no chained line: {older}; {remedy}") from problem
-    if not fits or (n, prev) != (number, last):
+        if set(document) != {"n", "t_ns", "prev", "entry"} or not isinstance(t_ns, int) or not isinstance(entry, dict):
+            raise ValueError("not the keys of a chained line")
+        problem = ""
+    except (ValueError, KeyError, TypeError) as refused:
+        envelope = None if strict else ENVELOPE.fullmatch(line)
+        if envelope is None:
+            older = "it was changed, or an older palpate wrote it"
+            raise error(f"{where} is no chained line: {older}; {remedy}") from refused
+        n, t_ns, prev, entry = int(envelope[1]), int(envelope[2]), envelope[3].decode(), {}
+        problem = str(refused)
+    if (n, prev) != (number, last):
         raise error(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
     # JSON lets a line hold more than what it says, another line among it: blanks, or one key twice.
-    if line != _line(number, t_ns, prev, entry):
+    if not problem and line != _line(number, t_ns, last, entry):
         raise error(f"{where} is not as palpate writes it: it was changed; {remedy}")
-    return Link(t_ns, entry, line.partition(b',"entry":')[2][:-1], hashlib.sha256(line).hexdigest())
+    return Link(t_ns, entry, line, hashlib.sha256(line).hexdigest(), problem)
 
 
 def _line(number: int, t_ns: int, last: str, entry: dict[str, object]) -> bytes:
-    document = {"n": number, "t_ns": t_ns, "prev": last, "entry": entry}
-    return json.dumps(document, separators=(",", ":"), ensure_ascii=False, allow_nan=False).encode()
+    return ENCODER.encode({"n": number, "t_ns": t_ns, "prev": last, "entry": entry}).encode()
 
 
 class Writer:
@@ -196,21 +224,29 @@ class Writer:
         """The open file and the open head."""
         return self._file.fileno(), self._head
 
-    def append(self, t_ns: int, entry: dict[str, object]) -> None:
-        """Write one more line, on disk when this returns if the writer `waits`. Raises `OSError`."""
+    def next_link(self, t_ns: int, entry: dict[str, object]) -> Link:
+        """Return the next line as `read` would; nothing is written. Raises `ValueError` if that would refuse it."""
         line = _line(self._count, t_ns, self._last, entry)
+        if self._size + len(line) >= storage.MOST:
+            raise ValueError(f"the file would be larger than {storage.MOST:,} bytes")
+        if extreme := storage.extreme([t_ns, entry]):
+            raise ValueError(extreme[1])
+        return Link(t_ns, entry, line, hashlib.sha256(line).hexdigest())
+
+    def append(self, link: Link) -> None:
+        """Write what `next_link` returned, on disk when this returns if the writer `waits`. Raises `OSError`."""
         # An interrupt from here on leaves it open whether the line is on disk; only reading the file again tells.
         self.whole = False
         try:
-            write_through(self._file, line + b"\n", wait=self.waits)
+            write_through(self._file, link.line + b"\n", wait=self.waits)
         except OSError:
             # This raises too if it cannot be cut off again.
             self._cut()
             self.whole = True
             raise
         self._count += 1
-        self._size += len(line) + 1
-        self._last = hashlib.sha256(line).hexdigest()
+        self._size += len(link.line) + 1
+        self._last = link.sha256
         self._write_head()
         self.whole = True
 

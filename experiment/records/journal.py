@@ -5,6 +5,7 @@ Its lines are chained, so that nobody changes or cuts it unseen; `chain.py` tell
 
 import errno
 import os
+import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -62,14 +63,24 @@ class Line:
 
 
 @dataclass(frozen=True)
+class Unreadable:
+    """A line whose entry cannot be read, though no line is missing or changed: its number from 1, its time, and why."""
+
+    number: int
+    t_ns: int
+    why: str
+
+
+@dataclass(frozen=True)
 class Contents:
     """A journal as read from disk: its whole lines, oldest first, and where they end.
 
-    There are no lines when not even the header was finished.
+    There are no lines when not even the header was finished. What is `unreadable` is not among the lines.
     """
 
     lines: tuple[Line, ...]
     end: End = chain.START
+    unreadable: tuple[Unreadable, ...] = ()
 
     @property
     def torn(self) -> bytes:
@@ -88,41 +99,88 @@ class Contents:
             raise JournalError("the journal has no header: its session never started; run the session again")
         return self.lines[0].entry
 
+    def in_order(self) -> list[Line | Unreadable]:
+        """Return every line, also those that cannot be read, in the order of the file."""
+        lines: list[Line | Unreadable] = list(self.lines)
+        for one in self.unreadable:
+            lines.insert(one.number - 1, one)
+        return lines
 
-def read(path: Path) -> Contents:
+
+def read(path: Path, *, strict: bool = True) -> Contents:
     """Read and verify a journal.
 
-    Raises `JournalError` if the file cannot be read, or if a whole line is broken, missing or changed.
+    Raises `JournalError` if the file cannot be read, or if a whole line is broken, missing or changed; unless `strict`,
+    not for an entry behind the header that cannot be read, while no line is missing or changed.
     """
     if not path.is_file():
         raise JournalError(f"{path}: cannot read the journal: it is no file; give the path of a journal")
-    return read_if_begun(path)
+    return read_if_begun(path, strict=strict)
 
 
-def read_if_begun(path: Path) -> Contents:
+def read_if_begun(path: Path, *, strict: bool = True) -> Contents:
     """Return what `read` returns, without any lines if the session has not begun.
 
     Raises `JournalError` as `read`, and if the journal is gone although its head is there.
     """
-    found = chain.read(path, JournalError)
-    lines = (_line(f"{path}: line {number}", link, number == 1) for number, link in enumerate(found.links, start=1))
-    return Contents(tuple(lines), found.end)
+    found = chain.read(path, JournalError, strict=False)
+    lines, unreadable = list[Line](), list[Unreadable]()
+    for number, link in enumerate(found.links, start=1):
+        where, first = f"{path}: line {number}", number == 1
+        try:
+            lines.append(Line(link.t_ns, _entry(where, link, first)))
+        except ValueError as error:
+            why = _why(error)
+            if first:
+                raise _refused(where, why, "keep a copy of it as it is, and restore it from a backup") from error
+            unreadable.append(Unreadable(number, link.t_ns, why))
+    contents = Contents(tuple(lines), found.end, tuple(unreadable))
+    if strict:
+        refuse_unreadable(path, contents)
+    return contents
 
 
-def _line(where: str, link: chain.Link, first: bool) -> Line:
-    remedy = "keep a copy of it as it is, and restore it from a backup"
-    try:
-        # A journal of another format is refused in plain words, before its models refuse it in theirs.
-        if link.entry["kind"] == "header":
-            got, by = link.entry.get("format"), str(link.entry.get("software", ""))
-            if (other := other_format(where, "journal", got, entries.FORMAT, software=by)) is not None:
-                raise other
-        entry = ENTRY.validate_json(link.json)
-    except (KeyError, ValidationError) as error:
-        raise JournalError(f"{where} is no journal entry that this palpate knows; {remedy}") from error
+def refuse_unreadable(path: Path, contents: Contents) -> None:
+    """Raise `JournalError` for the first entry that cannot be read; it names the answers that can."""
+    for one in contents.unreadable:
+        by_trial: dict[int, str | None] = {}
+        for entry in contents.entries:
+            if isinstance(entry, entries.Answer | entries.Correction):
+                by_trial[entry.trial] = entry.answered
+            elif isinstance(entry, entries.Redo):
+                by_trial.pop(entry.trial, None)
+        answers = ", ".join(f"trial {trial} {answered or 'no answer'}" for trial, answered in by_trial.items())
+        rest = f"These answers are confirmed: {answers}" if answers else "No answer is confirmed"
+        show = shlex.join(["palpate", "journal", str(path)])
+        remedy = f"{rest}. Show all other entries with {show}, and ask the maintainers for a version that reads it"
+        raise _refused(f"{path}: line {one.number}", one.why, f"no line is missing or changed. {remedy}")
+
+
+def _entry(where: str, link: chain.Link, first: bool) -> AnyEntry:
+    """Return the entry of a line. Raises `ValueError`, and `OtherFormat` for a header of another format."""
+    if link.problem:
+        raise ValueError(link.problem)
+    # A journal of another format is refused in plain words, before its models refuse it in theirs.
+    if link.entry.get("kind") == "header":
+        got, by = link.entry.get("format"), str(link.entry.get("software", ""))
+        if (other := other_format(where, "journal", got, entries.FORMAT, software=by)) is not None:
+            raise other
+    entry = ENTRY.validate_json(link.json)
     if isinstance(entry, Header) != first:
-        raise JournalError(f"{where}: a journal holds one header, in its first line; {remedy}")
-    return Line(link.t_ns, entry)
+        raise ValueError("a journal has one header, in its first line")
+    return entry
+
+
+def _why(error: ValueError) -> str:
+    """Return why an entry cannot be read: of several reasons the first."""
+    if not isinstance(error, ValidationError):
+        return str(error)
+    problem = error.errors(include_url=False)[0]
+    return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"
+
+
+def _refused(where: str, why: str, remedy: str) -> JournalError:
+    return JournalError(f"{where} is no journal entry that this palpate knows ({why}); {remedy}")
 
 
 class Journal:
@@ -162,20 +220,34 @@ class Journal:
     def append(self, entry: AnyEntry) -> int:
         """Write one entry, and return the session time written with it, ns.
 
-        Raises `JournalError` if the disk does not take it, or if the journal no longer stands where it was begun.
+        Raises `JournalError` if `read` would refuse the entry (nothing is written), if the disk does not take it, or if
+        the journal no longer stands where it was begun.
         """
         if not self._writer.whole:
             raise JournalError(f"{self._path}: an earlier entry was interrupted; run the same command again")
         t_ns = self._clock.now_ns()
+        link = self._readable(t_ns, entry)
         self._is_of(entry)
         try:
-            self._writer.append(t_ns, entry.model_dump(mode="json"))
+            self._writer.append(link)
         except OSError as error:
             raise unwritable(self._path, error) from error
         self._begun = True
         for file, path in zip(self._writer.descriptors, self._paths, strict=True):
             check_place(file, path)
         return t_ns
+
+    def _readable(self, t_ns: int, entry: AnyEntry) -> chain.Link:
+        """Return the line of an entry. Raises `JournalError` if `read` would refuse it."""
+        try:
+            link = self._writer.next_link(t_ns, entry.model_dump(mode="json", warnings=False))
+            _entry(str(self._path), link, first=not self._begun)
+        except ValueError as error:
+            raise JournalError(
+                f"{self._path}: an entry of kind {entry.kind} was not written, because it could not be read again "
+                f"({_why(error)}); run the same command again"
+            ) from error
+        return link
 
     def close(self) -> None:
         """Close the files; nothing is pending. Raises `JournalError` if the disk does not take what is."""

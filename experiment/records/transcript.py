@@ -6,7 +6,7 @@ from palpate.experiment.clock import utc
 from palpate.experiment.errors import JournalError
 from palpate.experiment.records import entries
 from palpate.experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
-from palpate.experiment.records.journal import AnyEntry, Contents
+from palpate.experiment.records.journal import Contents, Line, Unreadable
 from palpate.experiment.records.progress import progress
 from palpate.experiment.records.stimulus import Onset, Stimulus
 from palpate.experiment.records.tapping import Changed, PairLaidOut, Tapped
@@ -36,18 +36,18 @@ def text(contents: Contents, trial: int | None = None) -> str:
         f"task number {header.task_position}).",
         f"The session began at {header.started_utc} with {header.software} and rig {header.rig}.",
         f"The SHA-256 of the protocol is {header.protocol_sha256}.",
-        f"The journal has {len(contents.lines)} lines. Each carries the hash of the one before, and all were verified.",
+        f"The journal has {contents.end.count} lines. Each carries the hash of the one before, and all were verified.",
         "",
     ]
     # There is an exposure every few seconds; the last one tells what the others told.
-    last = max((n for n, entry in enumerate(contents.entries) if isinstance(entry, entries.Exposure)), default=0)
-    exposure = entries.Exposure
-    told = [line for n, line in enumerate(contents.lines) if n and (n == last or not isinstance(line.entry, exposure))]
+    everything = contents.in_order()
+    last = max((n for n, line in enumerate(everything) if _is_exposure(line)), default=0)
+    told = [line for n, line in enumerate(everything) if n and (n == last or not _is_exposure(line))]
     if trial is not None:
         if trial not in {planned.trial for planned in header.order}:
             raise JournalError(f"trial {trial}: this session has none; allowed: 1 to {len(header.order)}; give another")
-        told = [line for line in contents.lines if getattr(line.entry, "trial", None) == trial]
-    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line.entry)}" for line in told]
+        told = [line for line in everything if isinstance(line, Unreadable) or getattr(line.entry, "trial", 0) == trial]
+    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line)}" for line in told]
     if trial is not None and not told:
         lines.append(f"Trial {trial} was not begun yet.")
     lines += [
@@ -65,7 +65,14 @@ def text(contents: Contents, trial: int | None = None) -> str:
     return "\n".join(fill(plain(line, keep="")) for line in lines)
 
 
-def _said(entry: AnyEntry) -> str:
+def _is_exposure(line: Line | Unreadable) -> bool:
+    return isinstance(line, Line) and isinstance(line.entry, entries.Exposure)
+
+
+def _said(line: Line | Unreadable) -> str:
+    if isinstance(line, Unreadable):
+        return f"line {line.number} CANNOT BE READ: {line.why}"
+    entry = line.entry
     match entry:
         case entries.Header():
             return "header"

@@ -15,7 +15,17 @@ from palpate.experiment.desk.messages import RECENT, Correct, Gauges, Lamp, Prom
 from palpate.experiment.desk.port import Console, Remark
 from palpate.experiment.protocol.models import Answers
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Commanded, Correction, Ignored, Note, Redo, Shown, Visited, Withdrawal
+from palpate.experiment.records.entries import (
+    Commanded,
+    Correction,
+    Header,
+    Ignored,
+    Note,
+    Redo,
+    Shown,
+    Visited,
+    Withdrawal,
+)
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.kind import Kind, Limits, Log
 from palpate.experiment.settings import characters
@@ -66,6 +76,8 @@ class Remarks:
             if not self._open:
                 return False, CLOSED
             if isinstance(remark, TakeNote):
+                if refused := _no_trial(remark, self._log.done.header):
+                    return False, refused
                 self._log.write(Note(trial=remark.trial, text=remark.text))
                 return True, "The note is on disk."
             done = self._log.done
@@ -197,7 +209,7 @@ class Paused:
     def __init__(self, path: Path, contents: journal.Contents, clock: Clock) -> None:
         """Tell of the session whose journal at `path` has these contents."""
         self._path = path
-        self._participant = contents.header.participant
+        self._header = contents.header
         self._standing = standing(progress(contents.entries))
         self.clock = clock
 
@@ -210,6 +222,8 @@ class Paused:
     def remark(self, remark: Remark) -> tuple[bool, str]:
         if not isinstance(remark, TakeNote):
             return False, "The session is paused; go on with it, then ask again. Nothing was changed."
+        if refused := _no_trial(remark, self._header):
+            return False, refused
         if not self._write(Note(trial=remark.trial, text=remark.text)):
             return False, "The session can take no note now. Keep it on paper, and see what palpate status says."
         return True, "The note is on disk."
@@ -226,7 +240,7 @@ class Paused:
 
     def _write(self, entry: Note | Commanded | Shown) -> bool:
         """Put an entry on record; return False where none may follow: after a withdrawal, or a line cut off."""
-        with journal.locked(self._path.parent, self._participant):
+        with journal.locked(self._path.parent, self._header.participant):
             contents = journal.read_if_begun(self._path)
             if not contents.lines or contents.torn or isinstance(contents.entries[-1], Withdrawal):
                 return False
@@ -243,6 +257,13 @@ def paused(dataset: Path, participant: str, tasks: Sequence[str], task_id: str, 
         if contents.lines:
             return Paused(path, contents, clock)
     return None
+
+
+def _no_trial(note: TakeNote, header: Header) -> str:
+    """Return why a note cannot go on record: its trial is not one of the session's; or nothing."""
+    if note.trial is None or note.trial in {planned.trial for planned in header.order}:
+        return ""
+    return f"Trial {note.trial}: this session has trials 1 to {len(header.order)}; the note was not written."
 
 
 def standing(done: Progress) -> Standing:

@@ -280,7 +280,15 @@ class Roster:
             latest = Roster.load(self.path)
             latest._apply(entry)
             with closing(chain.Writer(self.path, latest.lines.end)) as opened:
-                opened.append(self.now_ns(), entry.model_dump(mode="json"))
+                try:
+                    link = opened.next_link(self.now_ns(), entry.model_dump(mode="json"))
+                    _ENTRY.validate_json(link.json)
+                except ValueError as error:
+                    raise RosterError(
+                        f"{self.path}: {quoted(repr(entry))} was not written, because it could not be read again; "
+                        "correct what you gave"
+                    ) from error
+                opened.append(link)
             vars(self).update(vars(Roster.load(self.path)) | {"now_ns": self.now_ns})
 
     @contextmanager

@@ -17,6 +17,7 @@ from palpate.experiment.records.progress import progress
 from palpate.experiment.study import enrolment, roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
+from tests.experiment.records.test_journal import chained
 from tests.faults.wrong import ALONE, WRONG, Act, Wrong, base, copied
 
 
@@ -117,11 +118,32 @@ def test_a_moment_that_no_clock_tells_is_refused_though_its_journal_was_chained_
     chain.head_path(path).unlink()
     writer = chain.Writer(path, chain.START)
     for link in links:
-        writer.append(link.t_ns, {**link.entry, **(wrong if link.entry["kind"] == kind else {})})
+        entry = {**link.entry, **(wrong if link.entry["kind"] == kind else {})}
+        writer.append(writer.next_link(link.t_ns, entry))
     writer.close()
     for code, *command in ((1, "verify"), (2, "build"), (2, "analyse", "--out", tmp_path / "out")):
         got, shown, err = palpate(*command[:1], study.root, *command[1:])
         assert (got, "is no journal entry that this palpate knows" in shown + err) == (code, True)
+
+
+def test_an_entry_that_cannot_be_read_is_named_and_every_answer_beside_it_is_shown(
+    made: MadeStudy, tmp_path: Path, palpate: Palpate
+) -> None:
+    study = copied(made, tmp_path / "study")
+    path = study.journal()
+    said = progress(journal.read(path).entries).said
+    chained(path, 5, b'{"kind":"note","trial":%d,"text":"a door"}' % 2**63)
+    for code, *command in ((1, "verify"), (2, "build"), (2, "analyse", "--out", tmp_path / "out")):
+        got, shown, err = palpate(*command[:1], study.root, *command[1:])
+        assert got == code
+        assert "line 6 " in shown + err
+        assert all(f"trial {trial} {answer}" in shown + err for trial, answer in said)
+    got, shown, err = palpate("journal", path)
+    assert (got, "line 6 CANNOT BE" in shown, f"{len(said)} of " in shown) == (1, True, True)
+    got, shown, err = palpate("journal", path, "--json")
+    document = json.loads(shown)
+    assert (got, [one["line"] for one in document["unreadable"]]) == (1, [6])
+    assert len(document["entries"]) == len(chain.read(path, DatasetError, strict=False).links) - 1
 
 
 def test_a_first_task_that_was_edited_is_mended_as_the_error_says(made: MadeStudy, tmp_path: Path) -> None:

@@ -288,6 +288,8 @@ def test_what_cannot_have_been_shown_is_refused(desk: LinkedConsole, session: Re
     refused = (False, "The participant's screen cannot have shown that.")
     assert desk.take(SCREEN, Shown(number=number, t_ns=monotonic_ns() + 10**12)) == refused
     assert desk.take(SCREEN, Shown(number=number + 1, t_ns=0)) == refused
+    assert desk.take(SCREEN, Shown(number=number, t_ns=monotonic_ns() - 60 * 10**9)) == refused
+    assert desk.take(SCREEN, Shown(number=number, t_ns=-(10**30))) == refused
     assert not desk.take(CONSOLE, Shown(number=number, t_ns=0))[0]
     assert session.shows == []
 

@@ -12,6 +12,7 @@ import sys
 import tempfile
 import tracemalloc
 from collections.abc import Callable
+from contextlib import suppress
 from io import FileIO
 from pathlib import Path
 
@@ -19,10 +20,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import JournalError, OtherFormat, SessionLocked
 from palpate.experiment.records import chain, journal, transcript
-from palpate.experiment.records.entries import Answer, Footer, Phase, Purpose
+from palpate.experiment.records.entries import Answer, Footer, Note, Phase, Purpose, Shown
 from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.settings.characters import hidden
 from tests.experiment.session.bench import HEADER
@@ -46,6 +48,17 @@ def write(path: Path, entries: tuple[AnyEntry, ...] = ENTRIES) -> bytes:
         clock.sleep_ns(5)
     opened.close()
     return path.read_bytes()
+
+
+def chained(path: Path, position: int, entry: bytes) -> None:
+    """Put an entry into a journal as one more line, whatever it is, and chain every line behind it anew."""
+    lines, last = list[bytes](), chain.GENESIS
+    found = [(link.t_ns, link.json) for link in chain.read(path, JournalError).links]
+    for number, (t_ns, what) in enumerate([*found[:position], (12, entry), *found[position:]]):
+        lines.append(b'{"n":%d,"t_ns":%d,"prev":"%s","entry":%s}' % (number, t_ns, last.encode(), what))
+        last = hashlib.sha256(lines[-1]).hexdigest()
+    path.write_bytes(b"".join(line + b"\n" for line in lines))
+    write_head(path)
 
 
 def write_head(path: Path, behind: int = 0) -> None:
@@ -430,3 +443,109 @@ def test_a_journal_that_is_written_is_held(tmp_path: Path) -> None:
     assert path.read_bytes() == before
     opened.close()
     journal.Journal(path, ManualClock(0), journal.read(path)).close()
+
+
+OUT_OF_REACH: tuple[AnyEntry, ...] = (
+    Note(trial=2**63, text="a door"),
+    Note(trial=10**5000, text="a door"),
+    Note(trial=1, text="half a character: \ud800"),
+    Shown(show="wait", text="", pace=None, since_ns=-(10**30)),
+    ANSWER.model_copy(update={"response_time_s": float("nan")}),
+    ANSWER.model_copy(update={"trial": "1"}),
+    HEADER,
+)
+
+
+@pytest.mark.parametrize("entry", OUT_OF_REACH, ids=range(len(OUT_OF_REACH)))
+def test_an_entry_that_cannot_be_read_again_is_refused_before_the_first_byte(tmp_path: Path, entry: AnyEntry) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(10), journal.Contents(()))
+    opened.append(HEADER)
+    before = path.read_bytes(), chain.head_path(path).read_bytes()
+    with pytest.raises(JournalError, match="was not written"):
+        opened.append(entry)
+    assert (path.read_bytes(), chain.head_path(path).read_bytes()) == before
+    opened.append(ANSWER)
+    opened.close()
+    assert journal.read(path).entries == (HEADER, ANSWER)
+
+
+@given(st.one_of(st.none(), st.integers()), st.text(st.characters()), st.integers(), st.floats())
+def test_any_entry_is_refused_or_reads_back_equal(trial: int | None, text: str, since_ns: int, time_s: float) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "j"
+        opened = journal.Journal(path, ManualClock(10), journal.Contents(()))
+        written: list[AnyEntry] = [HEADER]
+        opened.append(HEADER)
+        answer = ANSWER.model_copy(update={"response_time_s": time_s})
+        for entry in (
+            Note(trial=trial, text=text),
+            Shown(show="wait", text=text, pace=None, since_ns=since_ns),
+            answer,
+        ):
+            with suppress(JournalError):
+                opened.append(entry)
+                written.append(entry)
+        opened.close()
+        assert journal.read(path).entries == tuple(written)
+
+
+UNREADABLE = [
+    b'{"kind":"note","trial":%d,"text":"a door"}' % 2**63,
+    b'{"kind":"shown","show":"wait","text":"","pace":null,"since_ns":-%d}' % 10**30,
+    b'{"kind":"note","trial":1,"text":"\\ud800"}',
+    b'{"kind":"answer","trial":1,"attempt":NaN}',
+    b'{"kind":"note","trial":1,"text":"\xff"}',
+    b'{"kind":"rating","trial":1}',
+    b'{"trial":1}',
+    HEADER.model_dump_json().encode(),
+]
+
+
+@pytest.mark.parametrize("entry", UNREADABLE, ids=range(len(UNREADABLE)))
+@pytest.mark.parametrize("position", [1, 3, 4])
+def test_one_entry_that_cannot_be_read_hides_none_of_the_others(tmp_path: Path, entry: bytes, position: int) -> None:
+    path = tmp_path / "j"
+    write(path)
+    chained(path, position, entry)
+    contents = journal.read(path, strict=False)
+    assert contents.entries == ENTRIES
+    assert [(one.number, one.t_ns) for one in contents.unreadable] == [(position + 1, 12)]
+    assert f"line {position + 1} CANNOT BE" in transcript.text(contents)
+    with pytest.raises(JournalError, match=rf"line {position + 1} .* 1 no answer"):
+        journal.read(path)
+
+
+def test_what_was_changed_is_refused_also_where_an_entry_cannot_be_read(tmp_path: Path) -> None:
+    path = tmp_path / "j"
+    write(path)
+    chained(path, 2, UNREADABLE[0])
+    data, head = path.read_bytes(), chain.head_path(path).read_bytes()
+    lines = data.splitlines(keepends=True)
+    for changed in (
+        data.replace(b"a door", b"a desk"),
+        data.replace(b'"n":2,', b'"n":7,'),
+        b"".join(lines[:2] + lines[3:]),
+        b"".join(lines[:3]),
+    ):
+        path.write_bytes(changed)
+        with pytest.raises(JournalError, match="backup"):
+            journal.read(path, strict=False)
+    chain.head_path(path).write_bytes(head)
+    first = lines[0].replace(b'"order":', b'"order":NaN,"more":')
+    path.write_bytes(first)
+    write_head(path)
+    with pytest.raises(JournalError, match="line 1 is"):
+        journal.read(path, strict=False)
+
+
+def test_no_line_makes_a_journal_larger_than_what_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "j"
+    opened = journal.Journal(path, ManualClock(10), journal.Contents(()))
+    opened.append(HEADER)
+    monkeypatch.setattr(storage, "MOST", 2 * len(path.read_bytes()))
+    with pytest.raises(JournalError, match="was not written"):
+        for _ in range(100):
+            opened.append(Note(trial=1, text="a door slammed"))
+    opened.close()
+    assert len(journal.read(path).entries) > 2

@@ -46,7 +46,7 @@ def told(folder: Path, *entries: Entry) -> str:
     path = folder / "sub-01_task-virtual_journal.jsonl"
     writer = chain.Writer(path, chain.START)
     for number, entry in enumerate((HEADER, *entries)):
-        writer.append(number * 1_000_000, entry.model_dump(mode="json"))
+        writer.append(writer.next_link(number * 1_000_000, entry.model_dump(mode="json")))
     writer.close()
     return transcript.text(journal.read(path))
 

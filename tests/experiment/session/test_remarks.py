@@ -50,6 +50,20 @@ def test_a_note_belongs_to_the_trial_at_which_it_was_made(protocol: Protocol, tm
     assert found == [Note(trial=2, text="A door slammed."), Note(trial=None, text="Felt every one.")]
 
 
+@pytest.mark.parametrize("trial", [0, -1, 4, 2**63, 10**4000])
+def test_a_note_on_a_trial_that_the_session_has_not_is_refused(protocol: Protocol, tmp_path: Path, trial: int) -> None:
+    note = TakeNote(text="A door slammed.", trial=trial)
+    replies: list[bool] = []
+    one = bench("cpt")
+    one.console = Attentive(one.clock, "cpt", lambda session, *_: replies.append(session.remark(note)[0]))
+    one.run(protocol, header("real"), tmp_path)
+    paused = remarks.paused(tmp_path, "01", (), "real", one.clock)
+    assert paused is not None
+    replies.append(paused.remark(note)[0])
+    assert set(replies) == {False}
+    assert not any(isinstance(entry, Note) for entry in entries(tmp_path, "real"))
+
+
 @pytest.mark.parametrize("late", [False, True], ids=["at the next question", "after the last trial"])
 @pytest.mark.parametrize(("key", "material"), [("t", "typing paper"), ("n", None)])
 def test_the_table_takes_the_correction_and_the_journal_holds_both(

@@ -32,6 +32,7 @@ from palpate.experiment.records.footstep import FootStep
 from palpate.experiment.records.stimulus import Stimulus
 from palpate.experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
 from palpate.experiment.study.roster import Roster
+from tests.experiment.records.test_journal import chained
 from tests.experiment.session.bench import COMPUTED, ORDER, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole, ScriptedTracker, step_samples
 
@@ -364,6 +365,16 @@ def test_a_session_goes_on_only_as_it_was_begun(
     bench("cq").run(protocol, header("real"), tmp_path)
     with pytest.raises(JournalError, match=f"begun with another {named}"):
         bench("pt").run(protocol, header("real").model_copy(update=change), tmp_path)
+
+
+def test_a_session_with_an_entry_that_cannot_be_read_does_not_go_on(protocol: Protocol, tmp_path: Path) -> None:
+    bench("cpq").run(protocol, header("real"), tmp_path)
+    path = storage.journal_path(tmp_path, "01", "real")
+    chained(path, 3, b'{"kind":"note","trial":%d,"text":"a door"}' % 2**63)
+    before = path.read_bytes()
+    with pytest.raises(JournalError, match=r"line 4 .* 1 copy paper"):
+        bench("pt").run(protocol, header("real"), tmp_path)
+    assert path.read_bytes() == before
 
 
 def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol, tmp_path: Path) -> None:

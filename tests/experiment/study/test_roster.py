@@ -215,8 +215,21 @@ def test_a_torn_last_line_was_never_confirmed(roster: Roster) -> None:
 def test_a_line_that_cannot_be_trusted_is_refused_and_kept(roster: Roster, entry: dict[str, object], why: str) -> None:
     roster.enrol("01", TODAY)
     with closing(chain.Writer(roster.path, roster.lines.end)) as opened:
-        opened.append(1, entry)
+        opened.append(opened.next_link(1, entry))
     refused_and_kept(roster, f"roster.jsonl: line 2: {why}.*restore the roster from a backup")
+
+
+def test_a_line_that_could_not_be_read_again_is_not_written(roster: Roster) -> None:
+    roster.enrol("01", TODAY)
+    before = roster.path.read_bytes()
+    for label in ("half a character: \ud800", "0" * 2**8 + "\udfff"):
+        with pytest.raises(RosterError, match="was not written"):
+            roster.reveal(label, TODAY)
+    roster.now_ns = lambda: 2**63
+    with pytest.raises(RosterError, match="was not written"):
+        roster.enrol("02", TODAY)
+    assert roster.path.read_bytes() == before
+    assert list(Roster.load(roster.path).consent_on) == ["01"]
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ def write_chain(path: Path, lines: Lines) -> None:
     chain.head_path(path).unlink(missing_ok=True)
     with closing(chain.Writer(path, chain.START)) as opened:
         for t_ns, entry in lines:
-            opened.append(t_ns, entry)
+            opened.append(opened.next_link(t_ns, entry))
 
 
 def anchor(study: MadeStudy) -> None:
