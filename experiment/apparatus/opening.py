@@ -115,6 +115,7 @@ def _settings(audio: AudioRig, ceilings: list[float], *, inputs: int, sent: bool
         ceilings=tuple(ceilings),
         sent=audio.channels.headphones[0] - 1 if sent else None,
         stimuli=stimuli,
+        output_ms=audio.latency.output_ms,
     )
 
 

@@ -152,7 +152,8 @@ class MaskerExposure:
         level_db_a: level now; None for silence.
         dose: of 24 hours, 1 being 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value).
         daily_level_db_a: L_EX,8h of that dose; None for none.
-        left_s: how long this level may go on until the dose is 1, s; None in silence.
+        left_s: how long this level may go on until the dose is 1, s; 0 where the masker fell silent for that, and None
+            in another silence.
     """
 
     level_db_a: float | None

@@ -109,6 +109,8 @@ class Exposed:
     def look(self) -> None:
         """Silence the masker if time or dose are used up, and put the exposure on disk if that is due."""
         self._silence()
+        if self._masking is not None:
+            self._masking.record()
         now_ns = self._clock.now_ns()
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + EVERY_NS

@@ -6,6 +6,7 @@ change it whenever an answer is asked for; no protocol has these keys for anythi
 """
 
 import threading
+from collections import deque
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -36,7 +37,10 @@ KEYS = {LOUDER_KEY: "masker louder", SOFTER_KEY: "masker softer"}
 
 
 class Masking:
-    """Drives a masker and puts its levels on disk; a second thread may silence it for good."""
+    """Drives a masker and puts its levels on disk; a second thread may silence it for good.
+
+    The masker's lock is never held while an entry is written, and who silences writes nothing: `record` does, later.
+    """
 
     def __init__(
         self, masker: Masker, console: Console, write: Callable[[MaskerSet | Note], None], clock: Clock
@@ -50,6 +54,9 @@ class Masking:
         self._clock = clock
         self._rises_ns = clock.now_ns()
         self._lock = threading.Lock()
+        self._writing = threading.Lock()
+        self._unwritten = deque[MaskerSet]()
+        self._noted_db_a: float | None = None
         self._silenced = self._used_up = False
 
     def choose(self, criterion: str, begin_db_a: float | None, probe: Callable[[], None] | None = None) -> None:
@@ -63,8 +70,9 @@ class Masking:
         with self._lock:
             if not self._silenced:
                 self._go(self._masker.start, begin_db_a or FIRST_DB_A)
+        self.record()
         while not self._silenced:
-            level_db_a, limit_db_a = self._masker.level_db_a or FIRST_DB_A, self.limit_db_a
+            level_db_a, limit_db_a = self.exposure.level_db_a or FIRST_DB_A, self.limit_db_a
             keys = KEYS | ({} if probe is None else {PROBE_KEY: "play the probe"})
             keys |= {HEARD_KEY: "still heard at the limit"} if level_db_a >= limit_db_a else {}
             key = self._console.level(level_db_a=level_db_a, limit_db_a=limit_db_a, criterion=criterion, keys=keys)
@@ -101,13 +109,14 @@ class Masking:
             if level_db_a is not None and not soon:
                 self._rises_ns = now_ns + RISE_NS if louder else self._rises_ns
                 level_db_a = self._go(self._masker.set_level, level_db_a + (STEP_DB if louder else -STEP_DB))
-            if level_db_a is None:
-                said = "The masker is silent."
-            elif soon:
-                said = f"Masker still at {level_db_a:.0f} dB(A): it rises once in {RISE_NS / 1e9:g} s, and no faster."
-            else:
-                at_limit = " (the limit)" if level_db_a >= self.limit_db_a else ""
-                said = f"Masker at {level_db_a:.0f} dB(A){at_limit}."
+        self.record()
+        if level_db_a is None:
+            said = "The masker is silent."
+        elif soon:
+            said = f"Masker still at {level_db_a:.0f} dB(A): it rises once in {RISE_NS / 1e9:g} s, and no faster."
+        else:
+            at_limit = " (the limit)" if level_db_a >= self.limit_db_a else ""
+            said = f"Masker at {level_db_a:.0f} dB(A){at_limit}."
         self._console.show(said)
         return True
 
@@ -120,25 +129,32 @@ class Masking:
     def spent(self) -> str:
         """Return that the dose is used up, or will be before anybody looks again; nothing while it is not."""
         told = self.exposure
-        if not self._used_up and told.dose < 1 and (told.left_s is None or told.left_s > RESERVE_S):
+        self._used_up |= told.dose >= 1 or (told.left_s is not None and told.left_s <= RESERVE_S)
+        if not self._used_up:
             return ""
         return f"the masker's dose for 24 hours is used up ({told.dose:.2f} of 1); continue a day later"
 
     def silence(self) -> None:
-        """Fall silent for good."""
+        """Fall silent for good; it returns at once, whatever the disk does."""
         self._silenced = True
         self.end()
 
-    def end(self, *, note: bool = True) -> None:
-        """Fade out until the level is chosen anew, if it plays; `note` journals the dose."""
+    def end(self) -> None:
+        """Fade out until the level is chosen anew; it returns at once, whatever the disk does."""
         with self._lock:
-            if self._masker.level_db_a is not None:
-                self._masker.stop()
-                if note:
-                    self._note()
+            self._masker.stop()
+            if self._noted_db_a is not None:
+                self._note()
+
+    def record(self) -> None:
+        """Put every change of the level on disk, in order; this waits for the disk. Raises `JournalError`."""
+        with self._writing:
+            while self._unwritten:
+                self._write(self._unwritten[0])
+                self._unwritten.popleft()
 
     def _go(self, play: Callable[[float], float], level_db_a: float) -> float | None:
-        """Return the level in force once it is on disk; None where the dose is used up."""
+        """Return the level in force; None where the dose is used up."""
         try:
             return play(level_db_a)
         except DoseUsedUp:
@@ -148,8 +164,12 @@ class Masking:
             self._note()
 
     def _note(self) -> None:
+        """Have the level in force recorded."""
         told = self._masker.exposure()
-        self._write(MaskerSet(level_db_a=told.level_db_a, dose=told.dose, daily_level_db_a=told.daily_level_db_a))
+        self._noted_db_a = told.level_db_a
+        self._unwritten.append(
+            MaskerSet(level_db_a=told.level_db_a, dose=told.dose, daily_level_db_a=told.daily_level_db_a)
+        )
 
 
 @dataclass(frozen=True)

@@ -230,6 +230,8 @@ class _Session:
             clock=devices.clock,
             log=log,
         )
+        if devices.stream is not None:
+            devices.stream.end(self._exposed.ends_ns)
         self._takes_file = takes_file
         self._ear = _ear(devices, log, voices)
         self._attempts = Attempts(
@@ -351,6 +353,7 @@ class _Session:
         if not self._log.done.remaining:
             if self._masking is not None:
                 self._masking.end()
+                self._masking.record()
             if self._last:
                 self._attempts.remarks.ask_report()
             self._attempts.debrief()
@@ -411,8 +414,10 @@ class _Session:
             # After an interrupt in the middle of a write only a new reading of the journal may add to it.
             accepts = self._log.accepts
             if self._masking is not None:
-                self._masking.end(note=accepts)
+                self._masking.end()
             if accepts:
+                if self._masking is not None:
+                    self._masking.record()
                 self._attempts.remarks.note_ignored()
                 self._log.write(footer)
         return footer

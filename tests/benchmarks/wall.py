@@ -109,7 +109,7 @@ class Bare(MonotonicClock):
 
 def palpate(opened: ExitStack, *, anew: bool) -> Ask:
     """Start through the session's stream; see the module."""
-    from palpate.experiment.apparatus.audio.actuator import SOMETIME
+    from palpate.experiment.apparatus.audio.mixer import SOMETIME
     from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
 
     stream = AudioStream(StreamSettings(HOST_API, DEVICE, RATE_HZ, BLOCK, 1, (1.0,)), Bare())

@@ -22,6 +22,7 @@ from unittest import mock
 import numpy as np
 
 from palpate.experiment.apparatus.audio.masker import AudioMasker, MaskerNoise
+from palpate.experiment.apparatus.audio.mixer import SOMETIME
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
@@ -129,10 +130,12 @@ class MachineClock:
 class Heard:
     """Stands for stream and loop of the headphones, and knows from when to when which level was played."""
 
-    def __init__(self, machine: Machine, played: list[tuple[int, int, float]]) -> None:
+    def __init__(self, machine: Machine, clock: MachineClock, played: list[tuple[int, int, float]]) -> None:
         self._machine = machine
+        self._ahead_ns = clock.now_ns() - machine.now_ns
         self._played = played
         self._gain, self._since_ns = 0.0, machine.now_ns
+        self.ends_ns = SOMETIME
 
     def play_loop(self, samples: object, channels: object) -> Heard:
         return self
@@ -147,10 +150,11 @@ class Heard:
         self._gain = gain
 
     def ends(self) -> None:
-        """Note what was played until now."""
+        """Note what was played until now, or until it ended by itself."""
         if self._gain > 0:
             level_db_a = FULL_SCALE_DB_A + 20 * float(np.log10(self._gain))
-            self._played.append((self._since_ns, self._machine.now_ns, level_db_a))
+            until_ns = min(self._machine.now_ns, self.ends_ns - self._ahead_ns)
+            self._played.append((self._since_ns, max(until_ns, self._since_ns), level_db_a))
         self._since_ns = self._machine.now_ns
 
 
@@ -413,7 +417,7 @@ class History:
         begun_ns = machine.now_ns
         machine.dies_ns = begun_ns + round(dice.uniform(1500, 9000) * SECOND_NS) if dice.random() < 0.5 else None
         ends_ns = begun_ns + self._session_min * 60 * SECOND_NS - self._spent_ns[task]
-        heard, panel = Heard(machine, self._played), Panel(clock)
+        heard, panel = Heard(machine, clock, self._played), Panel(clock)
         noise = MaskerNoise(np.ones(8, np.float32), FULL_SCALE_DB_A, LIMIT_DB_A)
         virtual = task == "virtual"
         silent = {m.id: given([0.0], material=m.id).basis for m in self._protocol.materials}

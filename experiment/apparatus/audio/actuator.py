@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.apparatus.audio.mixer import AT_ONCE, Cue
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE, SOMETIME, Cue
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
 from palpate.experiment.apparatus.rig import AudioRig, DeliveredRig
@@ -99,9 +99,6 @@ def objection(
     return ""
 
 
-SOMETIME = 2**62
-"""A frame that never comes: a stimulus that is ready and not aimed yet."""
-
 REACH_S = 0.05
 """How far from where it is expected a stimulus is looked for, s."""
 
@@ -182,10 +179,12 @@ class AudioActuator:
         self._stream.wait(max(cue.frame, 0))
         while not cue.done:
             self._stream.wait(self._stream.next_frame + 1)
+        if cue.cut:
+            over = self._stream.ends_ns <= self._stream.ns_of(self._stream.next_frame) + self._output_ns
+            why = "the session's sound had ended" if over else "the servo or the device had fallen silent"
+            return self._said(requested_ns, f"it was cut off, for {why}")
         if cue.started is None:
             return self._said(requested_ns, "the stream came too late for it")
-        if cue.cut:
-            return self._said(requested_ns, "it was cut off, for the servo had fallen silent")
         self._stream.wait(cue.started + cue.samples)
         changed = self._stream.limited(self._channel) - self._limited
         fault = f"the stream's limiter changed its output ({changed} samples while it sounded)" if changed else ""

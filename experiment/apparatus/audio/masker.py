@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.apparatus.audio.mixer import Block
+from palpate.experiment.apparatus.audio.mixer import SOMETIME, Block
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.ports import MaskerExposure
 from palpate.experiment.clock import Clock
@@ -72,7 +72,7 @@ def daily_level_db_a(*, dose: float) -> float:
 
 
 RESERVE_S = 2.0
-"""A masker that may go on for no longer is over, s: whoever watches it looks more often than that."""
+"""A masker that may go on for no longer is over, s: the dose itself is never reached."""
 
 
 def left_s(*, dose: float, level_db_a: float) -> float:
@@ -131,7 +131,11 @@ def masker_noise(
 
 
 class AudioMasker:
-    """Noise on some channels of a stream, at a level in dB(A)."""
+    """Noise on some channels of a stream, at a level in dB(A).
+
+    With each level the stream is given the time at which the dose allows no more of it. Its callback fades there, as at
+    the end of the whole sound, though nobody may ask anything of the masker then.
+    """
 
     def __init__(
         self,
@@ -148,11 +152,18 @@ class AudioMasker:
         """
         self._noise = made
         self._clock = clock
+        self._stream = stream
         self._loop = stream.play_loop(made.samples, tuple(channel - 1 for channel in channels))
-        self.level_db_a: float | None = None
-        """The level in force, dB(A); None in silence."""
+        self._level_db_a: float | None = None
+        self._used_up = False
         self._dose = dose_before
         self._since_ns = clock.now_ns()
+
+    @property
+    def level_db_a(self) -> float | None:
+        """The level in force, dB(A); None in silence."""
+        self._account()
+        return self._level_db_a
 
     @property
     def limit_db_a(self) -> float:
@@ -170,7 +181,7 @@ class AudioMasker:
             AudioError: it is no level, or the masker is silent.
             DoseUsedUp: the masker falls silent.
         """
-        if self.level_db_a is None:
+        if self._level_db_a is None:
             raise AudioError("masker: got a level while it is silent; allowed: only while it plays; start it first")
         return self._go(level_db_a)
 
@@ -178,18 +189,19 @@ class AudioMasker:
         """Fade out."""
         self._account()
         self._loop.wanted = 0.0
-        self.level_db_a = None
+        self._loop.ends_ns = SOMETIME
+        self._level_db_a = None
 
     def exposure(self) -> MaskerExposure:
         """Return what it has done to the ears until now."""
         self._account()
-        level = self.level_db_a
+        level = self._level_db_a
         daily = daily_level_db_a(dose=self._dose)
         return MaskerExposure(
             level_db_a=level,
             dose=self._dose,
             daily_level_db_a=daily if np.isfinite(daily) else None,
-            left_s=None if level is None else left_s(dose=self._dose, level_db_a=level),
+            left_s=0.0 if self._used_up else None if level is None else left_s(dose=self._dose, level_db_a=level),
         )
 
     def _go(self, level_db_a: float) -> float:
@@ -197,19 +209,27 @@ class AudioMasker:
             raise AudioError(f"masker: got a level of {level_db_a} dB(A); allowed: a number; set it again")
         self._account()
         bounded = min(max(level_db_a, SOFTEST_DB_A), self.limit_db_a)
-        if left_s(dose=self._dose, level_db_a=bounded) <= RESERVE_S:
+        lasts_ns = int((left_s(dose=self._dose, level_db_a=bounded) - RESERVE_S) * 1e9)
+        if lasts_ns <= 0 or self._used_up:
             self.stop()
             raise DoseUsedUp(
                 f"masker: got a dose of {self._dose:.2f} in 24 hours; allowed: 1, which is {ACTION_DB_A:g} "
                 "dB(A) for eight hours; continue a day later"
             )
+        # Between these lines the earlier of both ends holds.
+        ends_ns = self._since_ns + lasts_ns
+        self._loop.ends_ns = min(self._loop.ends_ns, ends_ns)
         self._loop.wanted = self._noise.gain(bounded)
-        self.level_db_a = bounded
+        self._loop.ends_ns = ends_ns
+        self._level_db_a = bounded
         return bounded
 
     def _account(self) -> None:
         now_ns = self._clock.now_ns()
-        if self.level_db_a is not None:
-            lasted_s = (now_ns - self._since_ns) / 1e9
-            self._dose += dose(level_db_a=self.level_db_a, duration_s=lasted_s)
+        if self._level_db_a is not None:
+            ends_ns = min(self._loop.ends_ns, self._stream.ends_ns)
+            lasted_s = max(min(now_ns, ends_ns) - self._since_ns, 0) / 1e9
+            self._dose += dose(level_db_a=self._level_db_a, duration_s=lasted_s)
+            if now_ns >= ends_ns:
+                self._level_db_a, self._used_up = None, now_ns >= self._loop.ends_ns
         self._since_ns = now_ns

@@ -8,6 +8,8 @@ whoever pops it owns it: the callback to start it, the session's thread to move 
 starts at the frame that was asked for last, or the session knows that it can no longer be moved. Whether it sounds at
 all is settled once, in the same way: whoever pops the one entry of `Cue.unsettled`, the callback to start it or the
 session's thread to withdraw it, has its way, wherever the stimulus lies meanwhile.
+
+Everything ends at a frame, and so does a loop: the callback itself fades there, whatever the session's threads do.
 """
 
 from collections import deque
@@ -22,6 +24,9 @@ from palpate.experiment.errors import AudioError
 
 AT_ONCE = -1
 """In place of a frame: with the next block."""
+
+SOMETIME = 2**62
+"""A frame, or a session time in ns, that never comes: a stimulus that is not aimed yet, a sound without an end."""
 
 SLOTS = 8
 """Stimuli that may wait or sound at a time."""
@@ -38,9 +43,10 @@ class Cue:
     """A stimulus of so many `samples`, handed to the mixer for an output channel, from 0.
 
     The callback alone writes `started`, the frame at which its first sample left, and `late`: its frame had passed, so
-    it was not played; and `cut`: it was not allowed to sound any longer. The session's thread alone writes `frame`, at
-    which that sample is to leave, or `AT_ONCE`, and `withdrawn`: nothing of it sounds. `done`, after which the mixer
-    holds it no longer, is written by whoever took it out: the callback, or the thread that withdrew it as it waited.
+    it was not played; and `cut`: it was not allowed to sound, or not any longer. The session's thread alone writes
+    `frame`, at which that sample is to leave, or `AT_ONCE`, and `withdrawn`: nothing of it sounds. `done`, after which
+    the mixer holds it no longer, is written by whoever took it out: the callback, or the thread that withdrew it as it
+    waited.
     """
 
     slot: int
@@ -76,18 +82,29 @@ class Slot:
 
 
 @dataclass(slots=True, eq=False)
-class Loop:
-    """Samples without end on some output channels, from 0: frame f of the stream plays sample f modulo n.
+class Gain:
+    """What samples are multiplied by: it goes to `wanted` by at most `step` a frame, and to 0 from the frame `ends` on.
 
-    The gain of the last frame played, which the callback alone writes, goes to the gain `wanted` by at most `step` a
-    frame. `samples` are one round, float32, shape (n,).
+    The callback alone writes `gain`, that of the last frame played. `ends_ns` is the session time that `ends` is the
+    frame of; whoever calls `fill` translates it before each block, for a device that stood still has lost frames.
+    """
+
+    step: float
+    wanted: float = 0.0
+    gain: float = 0.0
+    ends: int = SOMETIME
+    ends_ns: int = SOMETIME
+
+
+@dataclass(slots=True, eq=False, kw_only=True)
+class Loop(Gain):
+    """Samples on some output channels, from 0: frame f of the stream plays sample f modulo n.
+
+    `samples` are one round, float32, shape (n,).
     """
 
     samples: Block
     channels: tuple[int, ...]
-    step: float
-    wanted: float = 0.0
-    gain: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -95,7 +112,8 @@ class Layout:
     """What a mixer is made for: channels, the frames of the largest block, the longest stimulus and the input kept.
 
     `ceilings` are the largest magnitudes of a sample of each output channel, 1.0 being full scale. What leaves
-    on the output channel `sent`, from 0, is kept as well; None for none.
+    on the output channel `sent`, from 0, is kept as well; None for none. At its end the whole sound falls silent by
+    `step` of its gain a frame.
     """
 
     outputs: int
@@ -105,6 +123,7 @@ class Layout:
     kept_frames: int
     ceilings: tuple[float, ...]
     sent: int | None = None
+    step: float = 1.0
 
 
 class Mixer:
@@ -122,6 +141,10 @@ class Mixer:
         self.limited = [0] * layout.outputs
         """Samples that the limiter changed, of each output: stimuli come limited, and a sum of two may not be."""
         self.loop: Loop | None = None
+        self.whole = Gain(layout.step, wanted=1.0, gain=1.0)
+        """Of everything that leaves."""
+        self.stood_still = False
+        """Set before a block that comes long after the one before: what waits for its frame, or sounds, is past."""
         self.allowed: Callable[[], bool] = lambda: True
         """Asked before each block: a stimulus that sounds where it is not allowed ends there."""
         pieces = -(-layout.block // max(UNSHARED // max(layout.outputs, layout.inputs, 1), 1))
@@ -189,7 +212,8 @@ class Mixer:
     def fill(self, outputs: Block, inputs: Block) -> None:
         """Fill the next block, and keep what was heard meanwhile, both of shape (frames, channels)."""
         first, frames = self.frame, len(outputs)
-        self._cuts = not self.allowed()
+        whole = self.whole
+        self._cuts = not self.allowed() or self.stood_still or (whole.gain == 0 and whole.ends <= first)
         # The limiter sees to what a sum of infinities leaves; nothing is to be said of it here.
         with np.errstate(invalid="ignore", over="ignore"):
             for begin in range(0, frames, self._piece):
@@ -231,6 +255,8 @@ class Mixer:
                 self._start(slot, first, first + len(outputs))
             if slot.playing is not None:
                 self._play(slot, slot.playing, outputs, first)
+        if first + len(outputs) > self.whole.ends or self.whole.gain != self.whole.wanted:
+            np.multiply(outputs, self._ramp(self.whole, len(outputs), first)[:, None], out=outputs)
         self._limit(outputs)
         if self.layout.sent is not None:
             _keep(self._sent, outputs[:, self.layout.sent], first)
@@ -238,15 +264,18 @@ class Mixer:
     def _start(self, slot: Slot, first: int, end: int) -> None:
         try:
             head = slot.waiting[0]
-            if head.frame >= end and head.unsettled:
+            if self._is_to_come(head, end):
                 return
             cue = slot.waiting.pop()
         except IndexError:  # The session's thread is moving it, or has withdrawn it.
             return
-        if cue.frame >= end and cue.unsettled:  # Moved since it was looked at.
+        if self._is_to_come(cue, end):  # Moved since it was looked at.
             slot.waiting.append(cue)
-        elif AT_ONCE < cue.frame < first:
+        elif AT_ONCE < cue.frame < first or self.stood_still:
             cue.late = True
+            cue.done = True
+        elif max(cue.frame, first) >= self.whole.ends:
+            cue.cut = True
             cue.done = True
         elif not cue.settle():  # Withdrawn since it was looked at.
             cue.done = True
@@ -255,11 +284,16 @@ class Mixer:
             slot.position = 0
             slot.playing = cue
 
+    def _is_to_come(self, cue: Cue, end: int) -> bool:
+        """Return whether a stimulus waits on, in a block that ends before the frame `end`."""
+        return bool(cue.unsettled) and cue.frame >= (SOMETIME if self.stood_still else end)
+
     def _play(self, slot: Slot, cue: Cue, outputs: Block, first: int) -> None:
         begin = max((cue.started or 0) - first, 0)
         frames = min(cue.samples - slot.position, len(outputs) - begin)
         if self._cuts:
             cue.cut, frames, slot.position = True, 0, cue.samples
+        cue.cut |= first + begin + frames > self.whole.ends
         outputs[begin : begin + frames, cue.channel] += slot.buffer[slot.position : slot.position + frames]
         slot.position += frames
         if slot.position == cue.samples:
@@ -268,25 +302,33 @@ class Mixer:
 
     def _play_loop(self, loop: Loop, outputs: Block, first: int) -> None:
         frames = len(outputs)
-        wave, gains = self._looped[:frames], self._gains[:frames]
+        wave = self._looped[:frames]
         done = 0
         while done < frames:
             at = (first + done) % len(loop.samples)
             piece = min(frames - done, len(loop.samples) - at)
             wave[done : done + piece] = loop.samples[at : at + piece]
             done += piece
-        wanted = loop.wanted
-        if wanted == loop.gain:
-            np.multiply(wave, wanted, out=wave)
+        if loop.gain == loop.wanted and first + frames <= loop.ends:
+            np.multiply(wave, loop.gain, out=wave)
         else:
-            np.multiply(self._counting[:frames], loop.step if wanted > loop.gain else -loop.step, out=gains)
-            gains += loop.gain
-            (np.minimum if wanted > loop.gain else np.maximum)(gains, wanted, out=gains)
-            np.multiply(wave, gains, out=wave)
-            reached = float(gains[-1])
-            loop.gain = wanted if reached == np.float32(wanted) else reached
+            np.multiply(wave, self._ramp(loop, frames, first), out=wave)
         for channel in loop.channels:
             outputs[:, channel] += wave
+
+    def _ramp(self, gain: Gain, frames: int, first: int) -> Block:
+        """Return a gain at each frame of a piece, shape (frames,), and bring it there."""
+        gains = self._gains[:frames]
+        before = min(max(gain.ends - first, 0), frames)
+        for piece, wanted in ((gains[:before], gain.wanted), (gains[before:], 0.0)):
+            if not len(piece):
+                continue
+            np.multiply(self._counting[: len(piece)], gain.step if wanted > gain.gain else -gain.step, out=piece)
+            np.add(piece, gain.gain, out=piece)
+            (np.minimum if wanted > gain.gain else np.maximum)(piece, wanted, out=piece)
+            reached = float(piece[-1])
+            gain.gain = wanted if reached == np.float32(wanted) else reached
+        return gains
 
     def _limit(self, outputs: Block) -> None:
         """Last before the device: no sample above its channel's ceiling, NaN to 0."""

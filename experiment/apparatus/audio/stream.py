@@ -276,8 +276,11 @@ NOTHING = np.zeros((2**20, 0), np.float32)
 SILENT_S = 2.0
 """A stream whose device asks for nothing for this long has stopped, s."""
 
-FADE_S = 0.05
-"""How long a loop takes from silence to full scale and back, s: a step would click."""
+FADE_S = 0.02
+"""How long a sound takes from silence to full scale and back, s: a step would click."""
+
+STILL_NS = 100_000_000
+"""After so long without a block, ns, the device stood still: a stimulus that waited for its frame comes too late."""
 
 SWITCH_S = 0.0002
 """How long another thread of the process may hold the callback up while a stream is open, s; CPython's own is 5 ms."""
@@ -289,7 +292,8 @@ class StreamSettings:
 
     A ceiling is the largest magnitude of a sample, 1.0 being full scale. `block` is in frames; with JACK it is the
     server's period, or a buffer more stands between. Of the output `sent`, from 0, what leaves is kept; None for none.
-    Without `stimuli` no place for any is held; without inputs the device is opened to play alone.
+    Without `stimuli` no place for any is held; without inputs the device is opened to play alone. A frame leaves the
+    output `output_ms` after the stream takes it.
     """
 
     host_api: str
@@ -300,6 +304,7 @@ class StreamSettings:
     ceilings: tuple[float, ...]
     sent: int | None = None
     stimuli: bool = True
+    output_ms: float = 0.0
 
     def layout(self) -> Layout:
         """Return what is held of sound while such a stream is open."""
@@ -311,6 +316,7 @@ class StreamSettings:
             kept_frames=round(KEPT_S * self.rate_hz),
             ceilings=self.ceilings,
             sent=self.sent,
+            step=1 / (FADE_S * self.rate_hz),
         )
 
 
@@ -345,6 +351,7 @@ class AudioStream:
         self.xruns = 0
         """Callbacks that the device marked, as in `health`, which takes longer."""
         self._broken: Exception | None = None
+        self._called_ns = clock.now_ns()
         self._settling: tuple[Callable[[], object], ...] = (host.joining(), host.leaving())
         """What the callback's thread does first."""
         self._switch_s = sys.getswitchinterval()
@@ -365,6 +372,7 @@ class AudioStream:
             with host.elsewhere(), self._explained():
                 self._stream.start()
             sys.setswitchinterval(min(SWITCH_S, self._switch_s))
+            self._called_ns = clock.now_ns()
             self.wait(2 * settings.block)
         except BaseException:
             # What went wrong first is what is told.
@@ -417,7 +425,7 @@ class AudioStream:
 
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
         """Have a waveform play as `Mixer.schedule` says; `AudioError` if it cannot, or the stream has stopped."""
-        self._check()
+        self.check()
         return self._mixer.schedule(waveform, channel=channel, frame=frame)
 
     def move(self, cue: Cue, frame: int) -> bool:
@@ -432,9 +440,25 @@ class AudioStream:
         """Have stimuli sound only in blocks before which this says so; the callback asks, so it waits for nothing."""
         self._mixer.allowed = stimuli
 
+    @property
+    def ends_ns(self) -> int:
+        """The session time from which on nothing sounds, ns."""
+        return self._mixer.whole.ends_ns
+
+    def end(self, at_ns: int) -> None:
+        """Have everything, stimuli included, silent from a session time on; an end that comes before it stays.
+
+        The callback fades within `FADE_S`, even if no thread of the session runs any more.
+        """
+        self._mixer.whole.ends_ns = min(self._mixer.whole.ends_ns, at_ns)
+
+    def silence(self) -> None:
+        """Have everything, stimuli included, silent from now on and for good; it returns at once."""
+        self.end(self._clock.now_ns())
+
     def play_loop(self, samples: Block, channels: tuple[int, ...]) -> Loop:
         """Play samples without end on some channels, in silence until the loop's `wanted` gain is raised."""
-        loop = Loop(np.ascontiguousarray(samples, np.float32), channels, 1 / (FADE_S * self.rate_hz))
+        loop = Loop(1 / (FADE_S * self.rate_hz), samples=np.ascontiguousarray(samples, np.float32), channels=channels)
         self._mixer.loop = loop
         return loop
 
@@ -448,20 +472,26 @@ class AudioStream:
         self.wait(frame + frames)
         return self._mixer.sent(frame, frames)
 
+    def check(self) -> None:
+        """Raise `AudioError` if the stream has stopped, or its device has asked for no sample within `SILENT_S`."""
+        if self._broken is not None:
+            raise AudioError(f"audio: the stream broke ({self._broken}); start again") from self._broken
+        if not self._stream.active:
+            raise AudioError(
+                f"audio device '{self._settings.device}': it stopped; see that it is plugged in and its server runs, "
+                "then start again"
+            )
+        if self._clock.now_ns() - self._called_ns > SILENT_S * 1e9:
+            raise AudioError(
+                f"audio device '{self._settings.device}': asked for no sample within {SILENT_S:g} s; "
+                "see that the device is plugged in and its server runs, then start again"
+            )
+
     def wait(self, frame: int) -> None:
         """Wait until every frame before `frame` has been made; `AudioError` if the stream has stopped."""
-        seen, seen_ns = self._mixer.frame, self._clock.now_ns()
         while self._mixer.frame < frame:
             self._clock.sleep_ns(int(0.5e9 * self._settings.block / self.rate_hz))
-            self._check()
-            now_ns = self._clock.now_ns()
-            if self._mixer.frame != seen:
-                seen, seen_ns = self._mixer.frame, now_ns
-            elif now_ns - seen_ns > SILENT_S * 1e9:
-                raise AudioError(
-                    f"audio device '{self._settings.device}': asked for no sample within {SILENT_S:g} s; "
-                    "see that the device is plugged in and its server runs, then start again"
-                )
+            self.check()
 
     def close(self) -> None:
         """Fade what loops, stop and close the device."""
@@ -483,23 +513,23 @@ class AudioStream:
             for settle in self._settling:
                 settle()
             self._settling = ()
-            self._timeline.note(self._mixer.frame, self._clock.now_ns())
+            now_ns, mixer = self._clock.now_ns(), self._mixer
+            self._timeline.note(mixer.frame, now_ns)
+            mixer.stood_still, self._called_ns = now_ns - self._called_ns > STILL_NS, now_ns
+            for gain in (mixer.whole, mixer.loop):
+                if gain is not None:
+                    gain.ends = mixer.frame + round(self._frames_until(gain.ends_ns, now_ns))
             if status:
                 self.xruns += 1
-            self._mixer.fill(outputs, inputs)
+            mixer.fill(outputs, inputs)
         except Exception as error:
             outputs.fill(0)
             self._broken = error
             raise self._abort from error
 
+    def _frames_until(self, t_ns: int, now_ns: int) -> float:
+        """Return how many frames after this block's first one has to leave to leave at a session time."""
+        return (t_ns - now_ns - self._settings.output_ms * 1e6) * self.rate_hz / 1e9
+
     def _explained(self) -> AbstractContextManager[None]:
         return explained(self._settings.device, rate_hz=self._settings.rate_hz)
-
-    def _check(self) -> None:
-        if self._broken is not None:
-            raise AudioError(f"audio: the stream broke ({self._broken}); start again") from self._broken
-        if not self._stream.active:
-            raise AudioError(
-                f"audio device '{self._settings.device}': it stopped; see that it is plugged in and its server runs, "
-                "then start again"
-            )

@@ -196,7 +196,8 @@ def test_the_dose_is_that_of_every_session_whatever_ends_it_and_whatever_the_clo
         if killed:
             kills += 1
         else:
-            masking.end(note=True)
+            masking.end()
+            masking.record()
         clock.sleep_ns(waits_ns)
         if set_ns is None:
             clock.restart()

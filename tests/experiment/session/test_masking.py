@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections import deque
 from dataclasses import replace
 from pathlib import Path
@@ -253,6 +254,37 @@ def test_other_keys_are_not_the_maskers() -> None:
     assert not one.change("c")
     assert one.change("-")
     assert [entry.level_db_a for entry in written if isinstance(entry, MaskerSet)] == [48.0]
+
+
+def test_a_disk_that_stands_still_holds_up_neither_silence_nor_the_dose() -> None:
+    """The first write hangs until it is let go; what came meanwhile goes on record afterwards, in its order."""
+    clock = ManualClock(START_NS)
+    masker, written = ScriptedMasker(clock), list[MaskerSet | Note]()
+    hangs, goes_on = threading.Event(), threading.Event()
+
+    def write(entry: MaskerSet | Note) -> None:
+        hangs.set()
+        assert goes_on.wait(60)
+        written.append(entry)
+
+    one = Masking(masker, ScriptedConsole(clock, ""), write, clock)
+    masker.start(50.0)
+    writer = threading.Thread(target=one.change, args=("-",))
+    writer.start()
+    try:
+        assert hangs.wait(60)
+        # Each of these would not return.
+        assert (one.exposure.level_db_a, one.spent()) == (48.0, "")
+        one.end()
+        assert masker.level_db_a is None
+        masker.start(50.0)
+        one.silence()
+        assert (masker.level_db_a, written) == (None, [])
+    finally:
+        goes_on.set()
+        writer.join(60)
+    one.record()
+    assert [entry.level_db_a for entry in written if isinstance(entry, MaskerSet)] == [48.0, None]
 
 
 @given(st.lists(st.tuples(st.sampled_from("+++-"), st.floats(0, 0.3)), max_size=60))

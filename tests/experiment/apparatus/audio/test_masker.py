@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import cast
 
 import numpy as np
@@ -11,11 +12,18 @@ from hypothesis import strategies as st
 from scipy import signal, stats
 
 from palpate.experiment.apparatus.audio import masker as sound_level
-from palpate.experiment.apparatus.audio.masker import ROUND_S, SOFTEST_DB_A, AudioMasker, MaskerNoise, masker_noise
-from palpate.experiment.apparatus.audio.mixer import Block, Layout, Loop, Mixer
+from palpate.experiment.apparatus.audio.masker import (
+    RESERVE_S,
+    ROUND_S,
+    SOFTEST_DB_A,
+    AudioMasker,
+    MaskerNoise,
+    masker_noise,
+)
+from palpate.experiment.apparatus.audio.mixer import SOMETIME, Block, Layout, Loop, Mixer
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.errors import AudioError
+from palpate.experiment.errors import AudioError, DoseUsedUp
 from palpate.experiment.session import scene
 from palpate.experiment.synthesis.noise import Colour
 
@@ -30,9 +38,10 @@ class LoopOnly:
 
     def __init__(self) -> None:
         self.mixer = Mixer(Layout(2, 1, 256, 100, 1000, (1.0, 1.0)))
+        self.ends_ns = SOMETIME
 
     def play_loop(self, samples: Block, channels: tuple[int, ...]) -> Loop:
-        self.mixer.loop = Loop(samples, channels, 1 / 2400)
+        self.mixer.loop = Loop(1 / 2400, samples=samples, channels=channels)
         return self.mixer.loop
 
     def heard(self, frames: int) -> np.ndarray:
@@ -171,7 +180,51 @@ def test_when_the_dose_is_used_up_it_falls_silent_and_says_so(pink: MaskerNoise)
     with pytest.raises(AudioError, match=r"got a dose of 1\.00 in 24 hours; allowed: 1, which is 80 dB\(A\)"):
         masker.set_level(70.0)
     assert masker.level_db_a is None
-    assert masker.exposure().daily_level_db_a == pytest.approx(80.0)
+    assert masker.exposure().daily_level_db_a == pytest.approx(80.0, abs=1e-3)
+    with pytest.raises(DoseUsedUp):
+        masker.start(SOFTEST_DB_A)
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    before=st.floats(0, 0.9999),
+    changes=st.lists(st.tuples(st.floats(50, 80), st.integers(1, 8 * 3600 * 10**9)), min_size=1, max_size=6),
+)
+def test_the_stream_ends_the_noise_where_the_dose_would_be_used_up(
+    before: float, changes: list[tuple[float, int]]
+) -> None:
+    """What the stream plays, by the ends and gains that it is given, is what the masker accounts."""
+    noise = MaskerNoise(np.ones(10, np.float32), FULL_SCALE_DB_A, 80.0)
+    masker, stream, clock = started(noise, dose_before=before)
+    loop, truth = stream.mixer.loop, before
+    assert loop is not None
+    for level, nanoseconds in changes:
+        with suppress(DoseUsedUp):
+            masker.start(level)
+        begun_ns, plays = clock.now_ns(), masker.level_db_a is not None
+        clock.sleep_ns(nanoseconds)
+        lasted_ns = max(min(clock.now_ns(), loop.ends_ns) - begun_ns, 0) if loop.wanted > 0 else 0
+        truth += lasted_ns / 28.8e12 * 10 ** ((level - 80) / 10)
+        assert (lasted_ns > 0) == plays
+        exposure = masker.exposure()
+        assert exposure.dose == pytest.approx(truth, rel=1e-9)
+        assert exposure.dose < 1
+        if lasted_ns < nanoseconds:
+            assert (exposure.level_db_a, exposure.left_s) == (None, 0.0)
+            if plays:
+                left_s = sound_level.left_s(dose=exposure.dose, level_db_a=level)
+                assert left_s == pytest.approx(RESERVE_S, abs=1e-3)
+
+
+def test_what_is_silent_with_the_whole_sound_counts_no_longer(pink: MaskerNoise) -> None:
+    masker, stream, clock = started(pink)
+    masker.start(80.0)
+    clock.sleep_ns(3600 * 10**9)
+    stream.ends_ns = clock.now_ns()
+    clock.sleep_ns(3600 * 10**9)
+    exposure = masker.exposure()
+    assert (exposure.level_db_a, exposure.left_s) == (None, None)
+    assert exposure.dose == pytest.approx(1 / 8)
 
 
 @pytest.mark.parametrize("level", [float("nan"), float("inf"), -float("inf")])

@@ -29,7 +29,7 @@ class Ran:
     def __init__(self, blocks: int, kept_frames: int = 48_000) -> None:
         layout = Layout(2, 2, BLOCK, 10, kept_frames, (1.0, 1.0), sent=0)
         self.mixer = Mixer(layout)
-        self.mixer.loop = Loop((np.arange(1000) / 1000).astype(np.float32), (0, 1), 1.0)
+        self.mixer.loop = Loop(1.0, samples=(np.arange(1000) / 1000).astype(np.float32), channels=(0, 1))
         self.mixer.loop.wanted = self.mixer.loop.gain = 0.5
         for block in range(blocks):
             heard = np.zeros((BLOCK, 2), np.float32)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from palpate.experiment.apparatus.audio import mixer as mixing
-from palpate.experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, Cue, Layout, Loop, Mixer
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, SOMETIME, Cue, Layout, Loop, Mixer
 from palpate.experiment.errors import AudioError
 from tests.experiment.apparatus.audio import interleaved
 
@@ -98,7 +98,7 @@ def test_a_loop_goes_on_and_its_gain_never_jumps(
     blocks: list[int], length: int, gains: list[float], step: float
 ) -> None:
     mixed = mixer()
-    loop = mixed.loop = Loop(np.ones(length, np.float32), (0,), step)
+    loop = mixed.loop = Loop(step, samples=np.ones(length, np.float32), channels=(0,))
     made = []
     for gain in gains:
         loop.wanted = gain
@@ -115,7 +115,7 @@ def test_a_loop_goes_on_and_its_gain_never_jumps(
 def test_a_loop_plays_the_frame_modulo_its_length() -> None:
     mixed = mixer()
     samples = np.linspace(-1, 1, 97, dtype=np.float32)
-    loop = mixed.loop = Loop(samples, (1,), 1.0)
+    loop = mixed.loop = Loop(1.0, samples=samples, channels=(1,))
     loop.wanted = loop.gain = 0.5
     made = run(mixed, [64, 1, 63, 50, 64, 64])
     assert np.array_equal(made[:, 1], 0.5 * samples[np.arange(len(made)) % 97])
@@ -156,6 +156,96 @@ def test_what_sounds_where_nothing_is_allowed_to_ends_with_the_block_before() ->
     assert left.tolist() == [0.5] * 200 + [0.0] * 100 + [0.25] * 100
     assert (cut.cut, cut.done, cut.started) == (True, True, 0)
     assert (later.cut, later.started) == (False, 300)
+
+
+FADE = 96
+"""Frames of the fade of `ending`."""
+
+
+def ending() -> tuple[Mixer, Loop]:
+    """A mixer whose loop plays 0.25 on the second output, and stays there for a while."""
+    mixed = Mixer(Layout(2, 1, 400, 1000, 4096, (1.0, 1.0), step=1 / FADE))
+    loop = mixed.loop = Loop(1 / FADE, samples=np.ones(7, np.float32), channels=(1,))
+    loop.wanted = loop.gain = 0.25
+    return mixed, loop
+
+
+@settings(max_examples=200)
+@given(
+    ends=st.integers(0, 1000),
+    frame=st.just(AT_ONCE) | st.integers(0, 1200),
+    length=st.integers(1, 1000),
+    blocks=st.lists(st.integers(1, 400), min_size=1, max_size=20),
+)
+def test_at_the_end_whatever_sounds_fades_and_nothing_begins(
+    ends: int, frame: int, length: int, blocks: list[int]
+) -> None:
+    mixed, _ = ending()
+    mixed.whole.ends = ends
+    cue = mixed.schedule(np.ones(length), channel=0, frame=frame)
+    made = run(mixed, [*blocks, 400, 400, 400, 400])
+    begins = max(frame, 0)
+    plays = begins < ends
+    expected = np.zeros((len(made), 2))
+    expected[:, 1] = 0.25
+    if plays:
+        expected[begins : begins + length, 0] = 1.0
+    expected *= np.clip(1 - (np.arange(len(made)) - ends + 1) / FADE, 0, 1)[:, None]
+    assert np.allclose(made, expected, rtol=0, atol=1e-5)
+    assert not made[ends + FADE :].any()
+    assert (cue.started, cue.cut) == ((begins, begins + length > ends) if plays else (None, True))
+    assert cue.done
+    assert mixed.withdraw(cue) == (not plays)
+
+
+@pytest.mark.parametrize("block", [1, 50, 64, 400])
+def test_an_end_in_the_past_fades_from_the_next_block_without_a_step(block: int) -> None:
+    mixed, _ = ending()
+    sounding = mixed.schedule(np.ones(1000), channel=0, frame=0)
+    waiting = mixed.schedule(np.ones(10), channel=0, frame=SOMETIME)
+    before = run(mixed, [400])
+    mixed.whole.ends = 17
+    after = run(mixed, [block] * (400 // block))
+    assert before[-1].tolist() == [1.0, 0.25]
+    steps = np.diff(np.concatenate([before, after]), axis=0)
+    assert np.max(np.abs(steps[399:])) <= 1.01 / FADE
+    assert not after[FADE:].any()
+    assert not run(mixed, [1]).any()
+    assert (sounding.cut, sounding.done, waiting.done) == (True, True, False)
+    assert mixed.move(waiting, AT_ONCE)
+    assert not run(mixed, [64]).any()
+    assert (waiting.cut, waiting.done, waiting.started) == (True, True, None)
+
+
+def test_the_end_of_a_loop_leaves_stimuli_and_may_be_put_off() -> None:
+    mixed, loop = ending()
+    loop.ends = 100
+    mixed.schedule(np.full(1000, 0.5), channel=0, frame=0)
+    made = run(mixed, [64] * 8)
+    assert np.all(made[:, 0] == 0.5)
+    fading = np.clip(0.25 - (np.arange(512) - 99) / FADE, 0, 0.25)
+    assert np.allclose(made[:, 1], fading, rtol=0, atol=1e-5)
+    assert not made[100 + FADE // 4 :, 1].any()
+    loop.ends = SOMETIME
+    again = run(mixed, [400])
+    assert np.allclose(again[:, 1], np.clip(np.arange(1, 401) / FADE, 0, 0.25), rtol=0, atol=1e-5)
+
+
+def test_a_device_that_stood_still_plays_nothing_that_waited_for_its_frame() -> None:
+    mixed, _ = ending()
+    sounding = mixed.schedule(np.ones(1000), channel=0, frame=0)
+    waiting = [mixed.schedule(np.ones(9), channel=0, frame=frame) for frame in (AT_ONCE, 120, 5000)]
+    to_be_aimed = mixed.schedule(np.ones(9), channel=0, frame=SOMETIME)
+    assert mixed.withdraw(waiting.pop(0))
+    run(mixed, [100])
+    waiting.append(mixed.schedule(np.ones(9), channel=0, frame=AT_ONCE))
+    mixed.stood_still = True
+    assert not run(mixed, [64])[:, 0].any()
+    mixed.stood_still = False
+    assert (sounding.cut, sounding.done) == (True, True)
+    assert [(one.late, one.done, one.started) for one in waiting] == [(True, True, None)] * 3
+    assert mixed.move(to_be_aimed, AT_ONCE)
+    assert np.count_nonzero(run(mixed, [64])[:, 0]) == 9
 
 
 def test_a_withdrawn_stimulus_leaves_its_place_to_another() -> None:

@@ -15,7 +15,8 @@ import numpy as np
 import pytest
 
 from palpate.experiment.apparatus.audio import stream as streams
-from palpate.experiment.apparatus.audio.stream import SWITCH_S, AudioStream, StreamSettings
+from palpate.experiment.apparatus.audio.mixer import AT_ONCE
+from palpate.experiment.apparatus.audio.stream import FADE_S, SILENT_S, SWITCH_S, AudioStream, StreamSettings
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import AudioError
 
@@ -145,6 +146,96 @@ def test_a_device_that_has_stopped_and_fails_to_close_is_told_of(library: Librar
     with pytest.raises(AudioError, match="cannot close"):
         stream.close()
     assert let_go(library)
+
+
+class Ticking:
+    """A session's clock that stands still between the blocks of a device: implements `Clock`."""
+
+    simulated = False
+
+    def __init__(self, library: Library) -> None:
+        self._library = library
+        self.t_ns = 10**18
+        self.made: list[np.ndarray] = []
+
+    def now_ns(self) -> int:
+        return self.t_ns
+
+    def sleep_ns(self, duration_ns: int) -> None:
+        self.play(1)
+
+    def uptime(self) -> None:
+        return None
+
+    def play(self, blocks: int) -> np.ndarray:
+        """Return what leaves the output in so many blocks, each of which comes in time."""
+        for _ in range(blocks):
+            self.t_ns += BLOCK * 10**9 // 48_000
+            block = np.zeros((BLOCK, 1), np.float32)
+            self._library.callback(np.zeros((BLOCK, 1), np.float32), block, BLOCK, None, 0)
+            self.made.append(block)
+        return np.concatenate(self.made[-blocks:])[:, 0]
+
+
+def ticking(library: Library, **settings: float) -> tuple[AudioStream, Ticking]:
+    """A stream whose loop plays full scale."""
+    clock = Ticking(library)
+    stream = AudioStream(replace(SETTINGS, **settings), clock)  # type: ignore[arg-type]
+    stream.play_loop(np.ones(100, np.float32), (0,)).wanted = 1.0
+    assert np.all(clock.play(100)[-BLOCK:] == 1.0)
+    return stream, clock
+
+
+def last_after_s(begun_ns: int, played: np.ndarray) -> float:
+    """How long after a session time at which a block is taken the last sample of what followed is taken, s."""
+    return (int(np.flatnonzero(played)[-1]) + BLOCK) / 48_000 if played.any() else 0.0
+
+
+@pytest.mark.parametrize("ends_after_ms", [-1000.0, 0.0, 0.1, 17.3, 100.0])
+@pytest.mark.parametrize("output_ms", [0.0, 12.5])
+def test_at_the_sessions_end_the_callback_fades_by_itself(
+    library: Library, ends_after_ms: float, output_ms: float
+) -> None:
+    stream, clock = ticking(library, output_ms=output_ms)
+    begun_ns = clock.t_ns
+    stream.end(begun_ns + round(ends_after_ms * 1e6))
+    stream.end(begun_ns + 10**12)
+    played = clock.play(400)
+    lasted_ms = last_after_s(begun_ns, played) * 1e3 + output_ms - max(ends_after_ms, output_ms)
+    assert -BLOCK / 48 <= lasted_ms <= 20 + BLOCK / 48
+    assert np.max(np.abs(np.diff(played))) <= 1.01 / (FADE_S * 48_000)
+    stream.close()
+
+
+def test_silence_is_for_good_and_takes_no_thread(library: Library) -> None:
+    stream, clock = ticking(library)
+    cue = stream.schedule(np.ones(20_000), channel=0, frame=stream.next_frame)
+    clock.play(2)
+    stream.silence()
+    assert stream.ends_ns == clock.t_ns
+    assert last_after_s(clock.t_ns, clock.play(200)) <= 0.02 + BLOCK / 48_000
+    assert (cue.cut, cue.done) == (True, True)
+    late = stream.schedule(np.ones(64), channel=0, frame=AT_ONCE)
+    assert not clock.play(10).any()
+    assert (late.cut, late.done, late.started) == (True, True, None)
+    stream.close()
+
+
+def test_a_device_that_stands_still_is_noticed_and_plays_nothing_afterwards_that_is_past(library: Library) -> None:
+    stream, clock = ticking(library)
+    stream.end(clock.t_ns + 5 * 10**9)
+    cue = stream.schedule(np.ones(64), channel=0, frame=stream.next_frame + 10 * BLOCK)
+    clock.t_ns += round((SILENT_S - 0.01) * 1e9)
+    stream.check()
+    clock.t_ns += 10**8
+    with pytest.raises(AudioError):
+        stream.check()
+    assert np.all(clock.play(20) == 1.0)
+    assert (cue.late, cue.done, cue.started) == (True, True, None)
+    stream.check()
+    clock.t_ns += 6 * 10**9
+    assert last_after_s(clock.t_ns, clock.play(200)) <= 0.02 + BLOCK / 48_000
+    stream.close()
 
 
 def test_a_stream_without_inputs_and_stimuli_plays_and_holds_nothing(library: Library) -> None:
