@@ -183,7 +183,7 @@ def compute(
         tasks=tasks,
         identifications=identifications,
         dissimilarities=dissimilarities,
-        pairs=tuple(test for task in tasks for test in _pairs(task, pairs.get(task.task.id))),
+        pairs=tuple(test for task in tasks for test in _pairs(task, pairs.get(task.task.id), study)),
         two_way=tuple(two_way(data, kind) for kind in TYPES) if data else (),
         two_way_statement=statement,
         components=_components(data, tasks) if data else None,
@@ -250,19 +250,21 @@ def _adjusted(p: Sequence[Sequence[float | None]], families: Sequence[str | None
     return found
 
 
-def _pairs(task: TaskResult, published: tuple[str, str] | None) -> list[PairTest]:
+def _pairs(task: TaskResult, published: tuple[str, str] | None, study: Study) -> list[PairTest]:
     matrix = task.confusion
-    confused = matrix.most_confused()
-    wanted = {confused: "most confused"} if confused else {}
-    if published and set(published) <= set(task.task.presented):
-        same = confused is not None and set(published) == set(confused)
-        wanted = {published: "published; most confused"} if same else {published: "published", **wanted}
+    planned = [tuple(plan.materials) for plan in study.plans() if plan.materials and task.task.id in plan.tasks]
+    reasons = [("published", published), *(("planned", pair) for pair in planned)]
+    wanted: dict[frozenset[str], tuple[tuple[str, ...], list[str]]] = {}
+    for reason, pair in (*reasons, ("most confused", matrix.most_confused())):
+        if pair and set(pair) <= set(task.task.presented):
+            wanted.setdefault(frozenset(pair), (pair, []))[1].append(reason)
     tests = []
-    for pair, chosen in wanted.items():
-        first, second = (matrix.materials.index(material) for material in pair)
+    for (one, other), chosen in wanted.values():
+        first, second = matrix.materials.index(one), matrix.materials.index(other)
         places = ((first, first), (second, second), (first, second), (second, first))
         groups = [list(matrix.ratios(i, j).values()) for i, j in places]
-        tests.append(PairTest(task.task.id, pair, chosen, *defined(partial(one_way, groups, "ratio"))))
+        why = "; ".join(dict.fromkeys(chosen))
+        tests.append(PairTest(task.task.id, (one, other), why, *defined(partial(one_way, groups, "ratio"))))
     return tests
 
 

@@ -181,7 +181,7 @@ def _one_way(
     for task in test.tasks:
         places = planned.places(task)
         answers = every[task][np.ix_(places, places)]
-        if pair := planned.pairs.get(task):
+        if pair := test.materials or planned.pairs.get(task):
             first, second = (places.index(planned.materials.index(material)) for material in pair)
             groups = answers[[first, second, first, second], [first, second, second, first]]
             subject = f"{pair[0]} and {pair[1]}"

@@ -44,12 +44,12 @@ ACTION = {"repeat-trial": "repeats the trial", "exclude-trial": "trial", "exclud
 class Standing:
     """Which tests, each with a task, the protocols plan and the paper prints.
 
-    `asked` are the questions of the planned one-way ANOVAs by task, which name their materials.
+    `asked` are the two materials of each planned one-way ANOVA, with its task.
     """
 
     planned: frozenset[tuple[str, str]]
     printed: frozenset[tuple[str, str]]
-    asked: Mapping[str, str]
+    asked: frozenset[tuple[str, frozenset[str]]]
 
     @property
     def results(self) -> str:
@@ -64,7 +64,7 @@ class Standing:
     def of_pair(self, pair: PairTest) -> str:
         """Return the mark of a one-way ANOVA, exploratory where neither plan nor paper name its two materials."""
         printed = (ONE_WAY, pair.task) in self.printed and "published" in pair.chosen
-        return ", ".join(_marks(names(self.asked.get(pair.task, ""), pair), printed)) or EXPLORATORY
+        return ", ".join(_marks((pair.task, frozenset(pair.pair)) in self.asked, printed)) or EXPLORATORY
 
     def ours(self, test: str, *tasks: str) -> str:
         """Return the mark of a test of ours that asks what this test of these tasks asks."""
@@ -79,7 +79,7 @@ def standing(study: Study, printed: Published | None) -> Standing:
     """Return what is planned, and what the paper prints, of this study; of its reconstruction alone: others are new."""
     tasks = [task.id for task in study.tasks]
     planned = {(plan.test, task) for plan in study.plans() for task in plan.tasks}
-    asked = {task: plan.question for plan in study.plans() if plan.test == ONE_WAY for task in plan.tasks}
+    asked = {(task, frozenset(plan.materials)) for plan in study.plans() if plan.materials for task in plan.tasks}
     found: set[tuple[str, str]] = set()
     if printed is not None and study.origin == "RECONSTRUCTION":
         found |= {(T, table.task) for table in printed.table if table.task}
@@ -88,7 +88,7 @@ def standing(study: Study, printed: Published | None) -> Standing:
         found |= {(TWO_WAY, task) for task in tasks if printed.two_way}
         found |= {(ICC, task) for task in tasks if printed.icc}
         found |= {(PAIRS, one.task) for one in printed.choices}
-    return Standing(frozenset(planned), frozenset(found), asked)
+    return Standing(frozenset(planned), frozenset(found), frozenset(asked))
 
 
 PAIRS = "right choices"
@@ -239,7 +239,7 @@ def _one_way(task: str, plan: PlannedTest, results: Results) -> str:
     found = [pair for pair in results.pairs if pair.task == task]
     if not found:
         return f"{task} not run: {NEVER}"
-    asked = next((pair for pair in found if names(plan.question, pair)), None)
+    asked = next((pair for pair in found if set(pair.pair) == set(plan.materials or ())), None)
     if asked is not None:
         return f"{task} run: {_outcome(asked.anova)}"
     tested, outcome = " and ".join(found[0].pair), _outcome(found[0].anova)
@@ -248,11 +248,6 @@ def _one_way(task: str, plan: PlannedTest, results: Results) -> str:
 
 NEVER = "no two materials that it presents were taken for one another"
 """Why a task has no one-way ANOVA."""
-
-
-def names(question: str, pair: PairTest) -> bool:
-    """Return whether a question names both materials of a pair."""
-    return all(material.casefold() in question.casefold() for material in pair.pair)
 
 
 def _outcome(anova: Anova | None, of: str = "") -> str:

@@ -428,6 +428,8 @@ class PlannedTest(Confined):
         alpha: the level of significance.
         correction: the family of tests over which Holm's method adjusts the P that stars follow: the materials of a
             task, or those of all `tasks`; without it stars follow the P that is not adjusted.
+        materials: the two whose answers a one-way ANOVA compares; without them it is of the pair most confused, and
+            exploratory. A file of format 2 has none.
     """
 
     RULES: ClassVar[Rules] = rules.planned_test
@@ -449,6 +451,9 @@ class PlannedTest(Confined):
     margin: Annotated[float, Field(gt=0, lt=1)] | None = None
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
     correction: Literal["materials", "materials and tasks"] | None = None
+    materials: Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)] | None = Field(
+        None, json_schema_extra={"since": 3}
+    )
 
     def exact_chance(self, materials: int) -> Fraction:
         """Return `chance`, or else that of a guess among so many materials; of a guess also where not all of its digits
@@ -484,7 +489,7 @@ class Protocol(Confined):
 
     RULES: ClassVar[Rules] = rules.protocol
 
-    format: Literal[2]
+    format: Literal[2, 3]
     study: Study
     ethics: Ethics
     eligibility: Eligibility

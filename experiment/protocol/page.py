@@ -607,7 +607,8 @@ def _planned(planned: PlannedTest) -> str:
     tasks = f"task{'s' if len(planned.tasks) > 1 else ''} {' and '.join(planned.tasks)}"
     family = "" if planned.correction is None else f"; P adjusted by Holm's method over the {planned.correction}"
     within = "" if planned.margin is None else f" within {number(planned.margin)}"
-    return f"{planned.test}{chance}{within}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
+    of = f" of {' and '.join(map(named, planned.materials))}" if planned.materials else ""
+    return f"{planned.test}{of}{chance}{within}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
 
 
 def _left_empty(protocol: Protocol) -> Iterator[Block]:

@@ -113,7 +113,7 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
 def planned_test(table: Table) -> Iterator[Broken]:
     """`t against chance` needs `chance`, `ICC` needs `form`, `equivalence` needs `margin`, and no other test has them.
 
-    `correction` is of `t against chance` alone.
+    `correction` is of `t against chance` alone, and `materials`, two unlike ones, of a `one-way ANOVA` alone.
 
     `tasks` names each task once, and at least two for a `two-way ANOVA`.
     """
@@ -130,6 +130,10 @@ def planned_test(table: Table) -> Iterator[Broken]:
             yield Broken((key,), f"no value: only '{owner}' has this key")
     if test != "t against chance" and table.get("correction") is not None:
         yield Broken(("correction",), "no value: only 't against chance' has this key")
+    if test != "one-way ANOVA" and table.get("materials") is not None:
+        yield Broken(("materials",), "no value: only 'one-way ANOVA' has this key")
+    if len(materials := _list(table, "materials")) == 2 and materials[0] == materials[1]:
+        yield Broken(("materials", 1), "another material")
     yield from (Broken(("tasks", i), "each task once") for i, task in enumerate(tasks) if task in tasks[:i])
     if test == "two-way ANOVA" and len(tasks) == 1:
         yield Broken(("tasks",), "at least 2 tasks: 'two-way ANOVA' compares them")
@@ -149,8 +153,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
 
     `materials` of a task are some of the protocol's, each once, in their order. A task with one of them has no order
-    `max-run`. Each task of a planned `one-way ANOVA` presents two materials or more, those of a `two-way ANOVA` or
-    `ICC` have two in common, and those of an `equivalence` one, or two where it is of one task.
+    `max-run`. Each task of a planned `one-way ANOVA` presents two materials or more, its `materials` among them, those
+    of a `two-way ANOVA` or `ICC` have two in common, and those of an `equivalence` one, or two where it is of one task.
 
     With `[footstep]` every material has `key` and `spoken`. With `[comparison]` none has; a task whose `stimulus` is
     `virtual` needs `[comparison.virtual]`, `exposure.force_peak_n`, and `attack_hz` and `amplitude` of every material;
@@ -322,6 +326,13 @@ def _presented(table: Table) -> Iterator[Broken]:
         least = 1 if kind == "equivalence" and len(sets) > 1 else 2
         if kind == "one-way ANOVA" and any(len(one) < least for one in sets):
             yield Broken(("analysis", i, "tasks"), "tasks that present at least 2 materials")
+        common = set(every).intersection(*sets)
+        for j, name in enumerate(_list(test, "materials") if sets else ()):
+            if isinstance(name, str) and name not in common:
+                allowed = (
+                    f"a material that its tasks present, one of: {', '.join(one for one in every if one in common)}"
+                )
+                yield Broken(("analysis", i, "materials", j), allowed)
         if kind in ("two-way ANOVA", "ICC", "equivalence") and sets and len(set.intersection(*sets)) < least:
             yield Broken(("analysis", i, "tasks"), f"tasks that present at least {least} of the same materials")
 

@@ -330,8 +330,8 @@ def _in_words(root: Schema, schema: Schema) -> str:
         case {"type": "boolean"}:
             return "true or false"
         case {"type": "array", "items": items}:
-            least = schema.get("minItems", 0)
-            count = f" of at least {least}" if least else ""
+            least, most = schema.get("minItems", 0), schema.get("maxItems")
+            count = f" of {'' if least == most else 'at least '}{least}" if least else ""
             return f"an array{count}, each {_in_words(root, _resolve(root, items))}"
         case {"properties": properties}:
             required = schema.get("required", ())

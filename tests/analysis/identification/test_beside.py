@@ -89,7 +89,10 @@ def test_the_logit_counts_everybody_and_names_its_terms(tmp_path: Path) -> None:
 
 def test_everything_of_ours_says_so(tmp_path: Path) -> None:
     results = compute(_study(tmp_path), {})
-    nothing, planned = Standing(frozenset(), frozenset(), {}), Standing(frozenset({(TWO_WAY, "real")}), frozenset(), {})
+    nothing, planned = (
+        Standing(frozenset(), frozenset(), frozenset()),
+        Standing(frozenset({(TWO_WAY, "real")}), frozenset(), frozenset()),
+    )
     shown = [beside_section(results.beside, stands) for stands in (planned, nothing)]
     assert [table.standing for section in shown for table in section.tables] == ["ours"] * 3 + ["ours, exploratory"] * 3
     records = shown[0].records

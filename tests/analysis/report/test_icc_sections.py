@@ -74,7 +74,7 @@ def test_dashes_where_every_answer_is_right_have_their_reason(tmp_path: Path) ->
     assert "The ICC is not defined, because no component is above zero." in components.notes
     assert [
         line
-        for line in anova_section(results, (), Standing(frozenset(), frozenset(), {})).paragraphs
+        for line in anova_section(results, (), Standing(frozenset(), frozenset(), frozenset())).paragraphs
         if line.startswith("There is no one-way")
     ] == [
         f"There is no one-way ANOVA of {task}: no two materials that it presents were taken for one another."

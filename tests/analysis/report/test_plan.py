@@ -53,14 +53,41 @@ def test_what_was_run_stands_beside_what_was_planned(root: Path) -> None:
     assert all(len(row) == 5 for row in section.brief[1].rows)
 
 
-def test_a_pair_that_the_plan_does_not_name_is_said_to_be_another(root: Path) -> None:
-    """With this data polypropylene and typing paper, say, are confused most; the plan names two other materials."""
+def test_the_pair_that_the_plan_names_is_tested_beside_the_one_that_is_confused_most(root: Path) -> None:
+    study = read(root)
+    found = {frozenset(pair.pair): pair for pair in compute(study, {}).pairs if pair.task == "virtual"}
+    foil = found.pop(frozenset({"aluminum foil", "typing paper"}))
+    (other,) = found.values()
+    stands = standing(study, None)
+    assert [(pair.chosen, stands.of_pair(pair)) for pair in (foil, other)] == [
+        ("planned", "planned"),
+        ("most confused", "exploratory"),
+    ]
+    assert stands.of_pair(replace(foil, pair=("typing paper", "aluminum foil"))) == "planned"
+    assert stands.of_pair(replace(foil, task="real")) == "exploratory"
+
+
+def test_a_name_inside_of_another_name_plans_nothing(root: Path) -> None:
+    """A question about copy paper and typing paper is none about a material called paper."""
+    plan = root / "sourcedata" / "protocol.toml"
+    text = plan.read_text("utf-8").replace('id = "polypropylene"', 'id = "paper"')
+    plan.write_text(text, "utf-8")
+    study = read(root)
+    (foil, *_) = [pair for pair in compute(study, {}).pairs if pair.task == "virtual"]
+    stands = standing(study, None)
+    assert stands.of_pair(replace(foil, pair=("paper", "aluminum foil"))) == "exploratory"
+    assert stands.of_pair(replace(foil, pair=("foil", "typing"))) == "exploratory"
+
+
+def test_without_materials_in_the_plan_no_one_way_anova_is_planned(root: Path) -> None:
+    plan = root / "sourcedata" / "protocol.toml"
+    plan.write_text(plan.read_text("utf-8").replace('materials = ["aluminum foil", "typing paper"]\n', ""), "utf-8")
     study = read(root)
     (pair,) = [pair for pair in compute(study, {}).pairs if pair.task == "virtual"]
-    assert set(pair.pair) != {"aluminum foil", "typing paper"}
-    assert "which the plan does not name" in _rows(study)["one-way ANOVA"][4]
-    assert standing(study, None).of_pair(pair) == "exploratory"
-    assert standing(study, None).of_pair(replace(pair, pair=("typing paper", "aluminum foil"))) == "planned"
+    assert pair.chosen == "most confused"
+    assert "the plan does not" in _rows(study)["one-way ANOVA"][4]
+    named = replace(pair, pair=("aluminum foil", "typing paper"))
+    assert standing(study, None).of_pair(named) == "exploratory"
 
 
 def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Path) -> None:

@@ -15,7 +15,7 @@ from palpate.analysis.report.plan import Standing
 from palpate.experiment.records.events import NO_ANSWER
 from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 
-NONE = Standing(frozenset(), frozenset(), {})
+NONE = Standing(frozenset(), frozenset(), frozenset())
 
 
 def test_limits_of_effect_sizes(repository_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,6 +38,7 @@ def with_tasks(count: int) -> dict[str, Any]:
 
 
 T = {"test": "t against chance", "tasks": ("one",), "chance": 0.5, "question": "?"}
+PAIRED = {"test": "one-way ANOVA", "tasks": ("one",), "question": "?"}
 SAME = {"test": "equivalence", "margin": 0.1, "question": "?"}
 
 
@@ -69,6 +70,18 @@ BROKEN = [
         presenting("cork", analysis={"test": "one-way ANOVA", "tasks": ("one",), "question": "?"}),
         "analysis[0].tasks",
         "tasks that present at least 2 materials",
+    ),
+    *(
+        (presenting("felt", "cork", analysis={**PAIRED, "materials": pair}), "analysis[0].materials[1]", allowed)
+        for pair, allowed in (
+            (("felt", "tin"), "a material that its tasks present, one of: felt, cork"),
+            (("felt", "felt"), "another material"),
+        )
+    ),
+    (
+        changed(document(), ("analysis", 0, "materials"), ("felt", "cork")),
+        "analysis[0].materials",
+        "no value: only 'one-way ANOVA' has this key",
     ),
     (
         presenting("cork", analysis={"test": "two-way ANOVA", "tasks": ("one", "two"), "question": "?"}),
@@ -192,6 +205,11 @@ def test_what_is_just_within_the_rules_is_accepted(study: dict[str, Any]) -> Non
 def test_a_part_made_alone_keeps_its_own_rules(build: Any, match: str) -> None:
     with pytest.raises(ValidationError, match=match):
         build()
+
+
+def test_an_array_with_one_length_says_so() -> None:
+    (problem,) = load.find(Protocol, presenting("felt", "cork", analysis={**PAIRED, "materials": ("felt",)}), {})
+    assert (problem.path, problem.allowed.partition(",")[0]) == ("analysis[0].materials", "an array of 2")
 
 
 def test_a_file_in_json_holds_the_same_protocol() -> None:
