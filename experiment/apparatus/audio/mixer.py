@@ -213,6 +213,9 @@ class Mixer:
         """Fill the next block, and keep what was heard meanwhile, both of shape (frames, channels)."""
         first, frames = self.frame, len(outputs)
         whole = self.whole
+        if self.stood_still:
+            # It was silent meanwhile: what is over stays so, and the rest fades in.
+            whole.gain = 0.0
         self._cuts = not self.allowed() or self.stood_still or (whole.gain == 0 and whole.ends <= first)
         # The limiter sees to what a sum of infinities leaves; nothing is to be said of it here.
         with np.errstate(invalid="ignore", over="ignore"):

@@ -515,7 +515,8 @@ class AudioStream:
             self._settling = ()
             now_ns, mixer = self._clock.now_ns(), self._mixer
             self._timeline.note(mixer.frame, now_ns)
-            mixer.stood_still, self._called_ns = now_ns - self._called_ns > STILL_NS, now_ns
+            mixer.stood_still = mixer.frame > 0 and now_ns - self._called_ns > STILL_NS
+            self._called_ns = now_ns
             for gain in (mixer.whole, mixer.loop):
                 if gain is not None:
                     gain.ends = mixer.frame + round(self._frames_until(gain.ends_ns, now_ns))

@@ -240,12 +240,22 @@ def test_a_device_that_stood_still_plays_nothing_that_waited_for_its_frame() -> 
     run(mixed, [100])
     waiting.append(mixed.schedule(np.ones(9), channel=0, frame=AT_ONCE))
     mixed.stood_still = True
-    assert not run(mixed, [64])[:, 0].any()
+    again = run(mixed, [64])
     mixed.stood_still = False
+    assert not again[:, 0].any()
+    assert np.allclose(again[:, 1], 0.25 * np.arange(1, 65) / FADE, rtol=0, atol=1e-5)
     assert (sounding.cut, sounding.done) == (True, True)
     assert [(one.late, one.done, one.started) for one in waiting] == [(True, True, None)] * 3
     assert mixed.move(to_be_aimed, AT_ONCE)
     assert np.count_nonzero(run(mixed, [64])[:, 0]) == 9
+
+
+def test_what_was_over_while_the_device_stood_still_is_not_heard_again() -> None:
+    mixed, _ = ending()
+    mixed.whole.ends = 500
+    assert run(mixed, [400])[-1, 1] == 0.25
+    mixed.whole.ends, mixed.stood_still = 350, True
+    assert not run(mixed, [400]).any()
 
 
 def test_a_withdrawn_stimulus_leaves_its_place_to_another() -> None:

@@ -230,11 +230,11 @@ def test_a_device_that_stands_still_is_noticed_and_plays_nothing_afterwards_that
     clock.t_ns += 10**8
     with pytest.raises(AudioError):
         stream.check()
-    assert np.all(clock.play(20) == 1.0)
+    assert np.all(clock.play(40)[20 * BLOCK :] == 1.0)
     assert (cue.late, cue.done, cue.started) == (True, True, None)
     stream.check()
     clock.t_ns += 6 * 10**9
-    assert last_after_s(clock.t_ns, clock.play(200)) <= 0.02 + BLOCK / 48_000
+    assert not clock.play(200).any()
     stream.close()
 
 
