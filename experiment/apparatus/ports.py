@@ -125,8 +125,15 @@ class Servo(Protocol):
         """Return whether the hand is followed and the block rendered, now; this waits for nothing."""
         ...
 
-    def render(self, block: Block | None) -> None:
-        """Have the hand meet a block from now on, once it is outside of it; None for none."""
+    def render(self, block: Block | None, ends_ns: int = 0) -> None:
+        """Have the hand meet a block from now on, once it is outside of it, until a session time, ns; None for none.
+
+        It is there only while the session's heartbeat comes. Any thread may call this, and waits for nothing.
+        """
+        ...
+
+    def beat(self) -> None:
+        """Give a sign of life of the session: without one for 0.5 s the block is taken away, until it is asked for."""
         ...
 
     def read(self) -> Felt | None:

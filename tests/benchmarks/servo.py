@@ -33,6 +33,7 @@ from palpate.experiment.rehearsal.tapping import hand
 from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.synthesis.contact.block import Block
+from tests.rig.pressing import rendered
 from tests.rig.pushes import pushed
 
 SECONDS = 30.0
@@ -64,14 +65,14 @@ def measured(seconds: float) -> None:
                 along_mm=tuple(point.mm for point in tracker.along_calibration or ()),
             )
             servo = ServoProcess(orders, MonotonicClock())
-            servo.render(BLOCK)
-            ends, touches, next_tap = time.monotonic() + seconds, 0, 0.0
-            while time.monotonic() < ends:
-                if time.monotonic() > next_tap:
-                    foot.step(hand.tap(rng), 0)
-                    next_tap = time.monotonic() + 0.5
-                felt = servo.read()
-                touches += len(felt.touches) if felt is not None else 0
+            with rendered(servo, BLOCK):
+                ends, touches, next_tap = time.monotonic() + seconds, 0, 0.0
+                while time.monotonic() < ends:
+                    if time.monotonic() > next_tap:
+                        foot.step(hand.tap(rng), 0)
+                        next_tap = time.monotonic() + 0.5
+                    felt = servo.read()
+                    touches += len(felt.touches) if felt is not None else 0
             servo.close()
             foot.close()
         kept = [push for push in pushed(record) if push.why == PUSHED]

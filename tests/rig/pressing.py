@@ -1,9 +1,12 @@
-"""A session that only has a servo push the hand, in a process of its own: it says when the hand presses, and sleeps."""
+"""A session that only has a servo push the hand, in a process of its own: it says when the hand presses, or why not."""
 
 from __future__ import annotations
 
 import json
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from math import inf
 from typing import Any
 
@@ -11,24 +14,50 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo.link import ServoProcess
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import ServoError
 from palpate.experiment.synthesis.contact.block import Block
 
 PRESSED_FRAMES = 25
 """So many frames after the touch the hand surely presses."""
+
+BEAT_S, LASTS_NS = 0.1, 600 * 10**9
+
+
+@contextmanager
+def rendered(servo: ServoProcess, block: Block) -> Iterator[None]:
+    """Have a block there for a session of ten minutes that is alive."""
+    ended = threading.Event()
+
+    def beat() -> None:
+        while not ended.wait(BEAT_S):
+            servo.beat()
+
+    servo.render(block, MonotonicClock().now_ns() + LASTS_NS)
+    servo.beat()
+    beats = threading.Thread(target=beat)
+    beats.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        beats.join()
 
 
 def main() -> None:
     """Open the servo of the orders in the argument, say its process number, and when the hand presses."""
     given: dict[str, Any] = json.loads(sys.argv[1])
     told: dict[str, Any] = {key: tuple(value) if isinstance(value, list) else value for key, value in given.items()}
-    with host.raised():
-        servo = ServoProcess(Orders(**told), MonotonicClock())
-        servo.render(Block((800.0, 800.0), (5.0, 5.0), (inf, inf), into=(-1.0, 0.0)))
+    servo = ServoProcess(Orders(**told), MonotonicClock())
+    with host.raised(), rendered(servo, Block((800.0, 800.0), (5.0, 5.0), (inf, inf), into=(-1.0, 0.0))):
         sys.stdout.write(f"{servo._process.pid}\n")
         sys.stdout.flush()
         since = None
         while True:
-            felt = servo.read()
+            try:
+                felt = servo.read()
+            except ServoError as error:
+                sys.stdout.write(f"{error}\n")
+                break
             if felt is None:
                 continue
             if felt.touches:

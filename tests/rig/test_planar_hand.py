@@ -21,8 +21,10 @@ from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
 from palpate.experiment.rehearsal.wires.force_device import PUSHED, ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.synthesis.contact.block import Block
+from tests.rig.falling import HAND
+from tests.rig.pressing import rendered
 from tests.rig.pushes import Push, pushed
-from tests.rig.test_servo import HAND, ordered
+from tests.rig.test_servo import ordered
 
 pytestmark = pytest.mark.alone
 
@@ -55,16 +57,16 @@ def pushed_by(limit_n: float, wanted: tuple[float, float], record: Path) -> list
     with host.raised(), ForceDeviceProcess(record) as device, SerialLine() as line:
         foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
         servo = ServoProcess(replace(ordered(line, device), limit_n=limit_n), MonotonicClock())
-        servo.render(Block(K_N_M, C_N_S_M, (inf, inf), into=(-1.0, 0.0)))
-        foot.step(pressing_and_sliding(), 0)
-        looked_s, found = time.monotonic(), False
-        ends_s = looked_s + PRESSES * LASTS_S
-        while looked_s < ends_s and not found:
-            servo.read()
-            if time.monotonic() > looked_s + LOOKS_S:
-                looked_s = time.monotonic()
-                # 20 ms, in cycles.
-                found = sum(rests(push, *wanted) for push in pushed(record)) >= 50
+        with rendered(servo, Block(K_N_M, C_N_S_M, (inf, inf), into=(-1.0, 0.0))):
+            foot.step(pressing_and_sliding(), 0)
+            looked_s, found = time.monotonic(), False
+            ends_s = looked_s + PRESSES * LASTS_S
+            while looked_s < ends_s and not found:
+                servo.read()
+                if time.monotonic() > looked_s + LOOKS_S:
+                    looked_s = time.monotonic()
+                    # 20 ms, in cycles.
+                    found = sum(rests(push, *wanted) for push in pushed(record)) >= 50
         servo.close()
         foot.close()
     assert found, "the hand was never pushed in peace"

@@ -1,4 +1,5 @@
-"""The force falls to zero within 2 ms of whatever fails, as the simulated device saw it by its own clock.
+"""The force falls to zero within 2 ms of whatever fails, as the simulated device saw it by its own clock, and within
+0.6 s of the last heartbeat of a session that stands still.
 
 A machine that others use stalls any process now and then, the device too: then the force is at zero before anything
 fails, or late to fall. Such tries, which the device's own record tells, do not count, and each failure is tried until
@@ -9,58 +10,48 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from dataclasses import asdict
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import IO, Any
 
 import numpy as np
 import pytest
 
 from palpate.experiment.apparatus import host
-from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.servo.link import ServoProcess
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.clock import MonotonicClock
-from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
 from palpate.experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
-from tests.rig import pressing
+from tests.rig import falling, pressing
+from tests.rig.falling import HAND, press
 from tests.rig.pushes import Push, pushed
 
 pytestmark = pytest.mark.alone
 
 TRIES, MOST_TRIES = 3, 12
 WITHIN_MS = 2.0
+STOPS_MS = 10.0
+"""Until a process that is stopped writes no more, and 2 ms and a frame after that."""
+
 STALLED_NS, RECENT_NS = 2_000_000, 20_000_000
 """A device that heard nothing for so long, in so short a time before the failure, was on a machine that stalled."""
-
-HAND = rigs.load(shipped("rigs/tapping.toml")).tracker
 
 Fails = Callable[[int, int, SerialLine, Foot], None]
 """What fails, by the process numbers of session and servo, and the hand's line and tracker."""
 
 
-PRESSES = 50
-
-
-def press() -> Trajectory:
-    """A hand that comes down at 100 mm/s, and presses 1.5 mm into the block for 0.5 s; again and again.
-
-    A machine that stalls may have a press felt by nobody.
-    """
-    time_s = np.concatenate([n * 0.7 + np.array([0.0, 0.05, 0.065, 0.565, 0.6]) for n in range(PRESSES)])
-    height_mm = np.tile([5.0, 0.0, -1.5, -1.5, 5.0], PRESSES)
-    return Trajectory(time_s * 1e6, height_mm, 0.0, 0.0, 5e4, float(time_s[-1]) * 1e6, 100.0, "none", 1)
-
-
-def ordered(line: SerialLine, device: ForceDeviceProcess) -> Orders:
+def ordered(line: SerialLine | str, device: ForceDeviceProcess) -> Orders:
     return Orders(
-        port=line.url,
+        port=line if isinstance(line, str) else line.url,
         baud=HAND.baud,
         tracker_hz=HAND.rate_hz,
         stall_ms=2000,
@@ -76,7 +67,7 @@ def ordered(line: SerialLine, device: ForceDeviceProcess) -> Orders:
     )
 
 
-def pressed_until(fails: Fails, record: Path) -> tuple[int, list[Push]]:
+def pressed_until(fails: Fails, record: Path, path: Trajectory) -> tuple[int, list[Push]]:
     """Have a hand press, and something fail; return when that was, ns, and what the device pushed."""
     with host.raised(), ForceDeviceProcess(record) as device, SerialLine() as line:
         foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
@@ -84,7 +75,7 @@ def pressed_until(fails: Fails, record: Path) -> tuple[int, list[Push]]:
         with subprocess.Popen(told, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as session:
             assert session.stdout is not None
             servo = int(session.stdout.readline())
-            foot.step(press(), 0)
+            foot.step(path, 0)
             assert session.stdout.readline() == "pressing\n", "the servo gave up before the hand pressed"
             at_ns = time.monotonic_ns()
             fails(session.pid, servo, line, foot)
@@ -92,6 +83,13 @@ def pressed_until(fails: Fails, record: Path) -> tuple[int, list[Push]]:
             session.kill()
         foot.close()
     return at_ns, pushed(record)
+
+
+def last_push(pushes: list[Push]) -> int:
+    """Return the number of the last push with a force."""
+    last = max(i for i, push in enumerate(pushes) if push.out_n > 0)
+    assert last < len(pushes) - 1, "the hand was still pushed at the end"
+    return last
 
 
 def kill_session(session: int, servo: int, line: SerialLine, foot: Foot) -> None:
@@ -104,6 +102,13 @@ def kill_servo(session: int, servo: int, line: SerialLine, foot: Foot) -> None:
 
 def unplug_tracker(session: int, servo: int, line: SerialLine, foot: Foot) -> None:
     line.unplug()
+
+
+def stop_session(session: int, servo: int, line: SerialLine, foot: Foot) -> None:
+    os.kill(session, signal.SIGSTOP)
+    time.sleep(1.0)
+    # The device serves the servo, which lives as long as the session.
+    os.kill(session, signal.SIGKILL)
 
 
 def test_a_servo_that_is_closed_ends_by_itself_and_tells_how_its_cycles_went() -> None:
@@ -130,10 +135,11 @@ def test_a_servo_that_is_closed_ends_by_itself_and_tells_how_its_cycles_went() -
 def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path) -> None:
     late_ms = []
     for n in range(MOST_TRIES):
-        at_ns, pushes = pressed_until(fails, tmp_path / f"{n}.bin")
+        at_ns, pushes = pressed_until(fails, tmp_path / f"{n}.bin", press())
         assert max(push.out_n for push in pushes) <= 3.0
-        last = max(i for i, push in enumerate(pushes) if push.out_n > 0)
-        assert last < len(pushes) - 1, "the hand was still pushed at the end"
+        if not any(push.out_n > 0 for push in pushes):
+            continue
+        last = last_push(pushes)
         recent = [push.at_ns for push in pushes if 0 <= at_ns - push.at_ns < RECENT_NS]
         stalled = not recent or max(np.diff(recent), default=STALLED_NS) >= STALLED_NS
         if stalled or pushes[last].at_ns < at_ns - STALLED_NS:
@@ -145,3 +151,92 @@ def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path
             break
     # A machine that stalls for milliseconds all the time shows that force falls, and not how soon.
     assert min(late_ms, default=0.0) <= WITHIN_MS, late_ms
+
+
+def test_force_is_zero_within_600_ms_of_a_session_that_stands_still(tmp_path: Path) -> None:
+    """Its last heartbeat was some milliseconds before, and 0.1 s at most where the machine does not stall.
+
+    The hand taps on meanwhile, so that a stall of the machine ends the force of one tap alone.
+    """
+    late_ms = []
+    for n in range(MOST_TRIES):
+        at_ns, pushes = pressed_until(stop_session, tmp_path / f"{n}.bin", press(0.05, 2.0))
+        late_ms.append((pushes[last_push(pushes) + 1].at_ns - at_ns) / 1e6)
+        assert late_ms[-1] <= 600, late_ms
+        if late_ms[-1] > 400:
+            return
+    pytest.fail(f"the force had gone before the servo can have missed a heartbeat: {late_ms}")
+
+
+@dataclass(frozen=True)
+class Pressed:
+    """The processes while a hand is pressed."""
+
+    device: int
+    hand: int
+    heard: IO[str]
+
+    @property
+    def says(self) -> str:
+        """Why nothing is pushed any more."""
+        return next(line for line in self.heard if line != "pressing\n")
+
+
+@contextmanager
+def pressed(record: Path, **orders: Any) -> Iterator[Pressed]:
+    """Have a hand in a process of its own press, by changed orders, and yield while it does."""
+    with ExitStack() as opened:
+
+        def begun(*arguments: str) -> tuple[int, IO[str], IO[str]]:
+            command = [sys.executable, "-m", *arguments]
+            ended = opened.enter_context(
+                subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+            )
+            opened.callback(ended.kill)
+            assert ended.stdin is not None
+            assert ended.stdout is not None
+            return ended.pid, ended.stdin, ended.stdout
+
+        device = opened.enter_context(ForceDeviceProcess(record))
+        opened.callback(os.kill, device._process.pid, signal.SIGCONT)
+        hand, asks, says = begun(falling.__name__, "3.0")
+        told = replace(ordered(says.readline().strip(), device), **orders)
+        _, _, heard = begun(pressing.__name__, json.dumps(asdict(told)))
+        heard.readline()
+        asks.write("\n")
+        asks.flush()
+        assert heard.readline() == "pressing\n", "the servo gave up before the hand pressed"
+        yield Pressed(device._process.pid, hand, heard)
+
+
+def test_a_tracker_that_stands_still_ends_the_force_at_once_and_the_servo_in_its_time(tmp_path: Path) -> None:
+    record, late_ms = tmp_path / "pushed.bin", []
+    for _ in range(MOST_TRIES):
+        with pressed(record, stall_ms=200.0) as one:
+            at_ns = time.monotonic_ns()
+            os.kill(one.hand, signal.SIGSTOP)
+            assert re.search(r"no frame for 20\d ms", one.says)
+            ended_ms = (time.monotonic_ns() - at_ns) / 1e6
+        pushes = pushed(record)
+        late_ms.append((pushes[last_push(pushes) + 1].at_ns - at_ns) / 1e6)
+        assert late_ms[-1] < 200
+        assert ended_ms < 1000
+        if 0 < late_ms[-1] <= STOPS_MS:
+            return
+    pytest.fail(f"no force fell within {STOPS_MS:g} ms, but after {late_ms}")
+
+
+def test_a_force_device_that_stands_still_ends_the_servo_and_pushes_nothing_when_it_goes_on(tmp_path: Path) -> None:
+    record = tmp_path / "pushed.bin"
+    with pressed(record, answer_ms=100.0) as one:
+        at_ns = time.monotonic_ns()
+        os.kill(one.device, signal.SIGSTOP)
+        assert re.search(r"no answer for 1\d\d\.\d ms", one.says)
+        ended_ms = (time.monotonic_ns() - at_ns) / 1e6
+        assert ended_ms < 1000
+        on_ns = time.monotonic_ns()
+        os.kill(one.device, signal.SIGCONT)
+    pushes = pushed(record)
+    last = last_push(pushes)
+    # What was under way to it is let go of as soon as it is read.
+    assert (pushes[last + 1].at_ns - on_ns) / 1e6 < 50

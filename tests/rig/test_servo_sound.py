@@ -26,7 +26,9 @@ from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from palpate.experiment.synthesis.contact.block import Block
 from tests.rig import ringing, sound
-from tests.rig.test_servo import HAND, ordered, press
+from tests.rig.falling import HAND, press
+from tests.rig.pressing import rendered
+from tests.rig.test_servo import ordered
 
 pytestmark = pytest.mark.alone
 
@@ -37,19 +39,23 @@ WITHIN_MS = 2.0 + BLOCK / sound.RATE_HZ * 1e3
 RINGS = np.full(2 * sound.RATE_HZ, 0.5)
 """Far longer than any tap, so that its end is the cut."""
 
-Fails = Callable[[int, SerialLine], None]
+Fails = Callable[[ServoProcess, SerialLine], None]
 
 
-def stall(servo: int, line: SerialLine) -> None:
-    os.kill(servo, signal.SIGSTOP)
+def stall(servo: ServoProcess, line: SerialLine) -> None:
+    os.kill(servo._process.pid, signal.SIGSTOP)
 
 
-def kill(servo: int, line: SerialLine) -> None:
-    os.kill(servo, signal.SIGKILL)
+def kill(servo: ServoProcess, line: SerialLine) -> None:
+    os.kill(servo._process.pid, signal.SIGKILL)
 
 
-def unplug(servo: int, line: SerialLine) -> None:
+def unplug(servo: ServoProcess, line: SerialLine) -> None:
     line.unplug()
+
+
+def quiet(servo: ServoProcess, line: SerialLine) -> None:
+    servo.render(None)
 
 
 def silent_after_ms(fails: Fails, stream: AudioStream, clock: MonotonicClock) -> float:
@@ -60,19 +66,19 @@ def silent_after_ms(fails: Fails, stream: AudioStream, clock: MonotonicClock) ->
     with ForceDeviceProcess() as device, SerialLine() as line:
         foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
         servo = ServoProcess(ordered(line, device), clock)
-        servo.render(Block((800.0, 800.0), (5.0, 5.0), (inf, inf), into=(-1.0, 0.0)))
-        stream.allow(servo.is_live)
-        foot.step(press(), 0)
-        felt = None
-        while felt is None or not felt.touches:
-            felt = servo.read()
-        first = stream.next_frame
-        cue = stream.schedule(RINGS, channel=0, frame=first + 4 * BLOCK)
-        stream.wait(first + 20 * BLOCK)
-        failed_ns = clock.now_ns()
-        fails(servo._process.pid, line)
-        stream.wait(stream.next_frame + round(0.1 * sound.RATE_HZ))
-        left = stream.sent(first, stream.next_frame - first)
+        with rendered(servo, Block((800.0, 800.0), (5.0, 5.0), (inf, inf), into=(-1.0, 0.0))):
+            stream.allow(servo.is_live)
+            foot.step(press(), 0)
+            felt = None
+            while felt is None or not felt.touches:
+                felt = servo.read()
+            first = stream.next_frame
+            cue = stream.schedule(RINGS, channel=0, frame=first + 4 * BLOCK)
+            stream.wait(first + 20 * BLOCK)
+            failed_ns = clock.now_ns()
+            fails(servo, line)
+            stream.wait(stream.next_frame + round(0.1 * sound.RATE_HZ))
+            left = stream.sent(first, stream.next_frame - first)
         os.kill(servo._process.pid, signal.SIGCONT)
         servo.close()
         foot.close()
@@ -82,7 +88,7 @@ def silent_after_ms(fails: Fails, stream: AudioStream, clock: MonotonicClock) ->
     return (stream.ns_of(first + int(np.flatnonzero(left)[-1]) + 1) - failed_ns) / 1e6
 
 
-@pytest.mark.parametrize("fails", [stall, kill, unplug])
+@pytest.mark.parametrize("fails", [stall, kill, unplug, quiet])
 def test_the_vibration_is_cut_within_2_ms_and_a_block_of(fails: Fails) -> None:
     clock = MonotonicClock()
     with host.raised(), sound.sound_card(block=BLOCK):

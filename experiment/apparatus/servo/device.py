@@ -77,10 +77,8 @@ class ForceDevice:
         try:
             self._line = socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S)
         except OSError as error:
-            raise ServoError(
-                f"force device at {address}: nothing answers there ({error.strerror or error}); start its server, or "
-                "correct servo.address in the rig file"
-            ) from error
+            why = f"nothing answers there ({error.strerror or error})"
+            raise self._trouble(f"{why}; start its server, or correct servo.address in the rig file") from error
         self._line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._line.setblocking(False)
         self._sequence = 0
@@ -101,7 +99,7 @@ class ForceDevice:
         except OSError as error:
             raise self._gone(error) from error
         if sent != len(message) or len(self._unanswered) >= MOST_OPEN:
-            raise ServoError(f"force device at {self._address}: it reads nothing more; see that it runs, then go on")
+            raise self._trouble("it reads nothing more; see that it runs, then go on")
         self._unanswered.append((self._sequence % _SEQUENCES, now_ns))
         self._sequence += 1
 
@@ -117,10 +115,8 @@ class ForceDevice:
         whole = len(self._heard) // ANSWER.size * ANSWER.size
         for sequence, dropped in ANSWER.iter_unpack(self._heard[:whole]):
             if not self._unanswered or self._unanswered.popleft()[0] != sequence:
-                raise ServoError(
-                    f"force device at {self._address}: got an answer to message {sequence}, which was not the next; "
-                    "allowed: one answer to each message, in order; see to the device"
-                )
+                got = f"got an answer to message {sequence}, which was not the next"
+                raise self._trouble(f"{got}; allowed: one answer to each message, in order; see to the device")
             self.dropped += dropped == DROPPED
         self._heard = self._heard[whole:]
         if not heard:
@@ -135,9 +131,7 @@ class ForceDevice:
         """
         while len(self._unanswered) > behind:
             if not select.select([self._line], [], [], CATCHES_UP_S)[0]:
-                raise ServoError(
-                    f"force device at {self._address}: no answer for {CATCHES_UP_S:g} s; see that it runs, then go on"
-                )
+                raise self._trouble(f"no answer for {CATCHES_UP_S:g} s; see that it runs, then go on")
             self.late_ns(0)
 
     def close(self) -> None:
@@ -148,7 +142,7 @@ class ForceDevice:
         self._line.close()
 
     def _gone(self, error: OSError) -> ServoError:
-        return ServoError(
-            f"force device at {self._address}: the connection broke ({error.strerror or error}); see that it runs, "
-            "then go on"
-        )
+        return self._trouble(f"the connection broke ({error.strerror or error}); see that it runs, then go on")
+
+    def _trouble(self, what: str) -> ServoError:
+        return ServoError(f"force device at {self._address}: {what}")

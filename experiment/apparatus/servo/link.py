@@ -9,7 +9,6 @@ import os
 import socket
 import subprocess
 import tempfile
-import threading
 from contextlib import suppress
 from dataclasses import asdict
 
@@ -24,7 +23,7 @@ from palpate.experiment.apparatus.servo.process import Line, Orders
 from palpate.experiment.apparatus.servo.rendering import Felt, Rendered, Touch
 from palpate.experiment.apparatus.tracker import clock_map as clock_maps
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap, ClockState
-from palpate.experiment.clock import Clock, MonotonicClock, monotonic_ns
+from palpate.experiment.clock import Clock, monotonic_ns
 from palpate.experiment.errors import ServoError, TrackerStopped
 from palpate.experiment.synthesis.contact.block import Block, Pair
 
@@ -40,20 +39,17 @@ STARTS_S = 10.0
 ENDS_S = 2.0
 """How long it may take to end, s."""
 
-_MACHINE = MonotonicClock()
-"""Paces this machine's work, whatever the session's clock."""
-
 BEHIND = 1000
 """In simulated time the device may be so many messages behind."""
 
 
 class ServoProcess:
-    """Implements `Servo`: the servo in a process of its own."""
+    """Implements `Servo` in a process of its own."""
 
     def __init__(self, orders: Orders, clock: Clock) -> None:
         """Start it, and wait until the hand is there. Raises `ServoError` if a part cannot be opened."""
         self._orders, self._clock = orders, clock
-        self._block: Block | None = None
+        self._asked: tuple[Block | None, int] = (None, 0)
         self._begin()
 
     def _begin(self) -> None:
@@ -77,30 +73,36 @@ class ServoProcess:
                 break
         else:
             self.close()
-            raise ServoError(
-                f"servo: no frame of the tracker at {self._orders.port} for {STARTS_S:g} s; see that the device is "
-                f"powered, connected and sampling, {self._decoder.kind}"
-            )
-        self.render(self._block)
+            got = f"servo: no frame of the tracker at {self._orders.port} for {STARTS_S:g} s"
+            raise ServoError(f"{got}; see that it is powered, connected and sampling, {self._decoder.kind}")
+        self._ask()
 
     def is_live(self) -> bool:
         """Return whether a cycle has rendered within `SILENT_NS`; the device lets go of the hand as soon."""
-        return monotonic_ns() - self._pulse[0] < process.SILENT_NS
+        return self._asked[0] is not None and monotonic_ns() - self._pulse[0] < process.SILENT_NS
 
-    def render(self, block: Block | None) -> None:
-        """Have the hand meet a block from now on, once it is outside of it; None for none."""
-        self._block = block
-        self._line.tell(process.RENDER, json.dumps(block and asdict(block)).encode(), monotonic_ns())
+    def render(self, block: Block | None, ends_ns: int = 0) -> None:
+        self._asked = block, ends_ns
+        self._ask()
+
+    def _ask(self) -> None:
+        """Order what was asked for last, also where another thread asks meanwhile."""
+        asked = None
+        while asked is not self._asked:
+            block, ends_ns = asked = self._asked
+            now_ns = monotonic_ns()
+            order = json.dumps([block and asdict(block), ends_ns - self._clock.now_ns() + now_ns])
+            self._line.tell(process.RENDER, order.encode(), now_ns)
+
+    def beat(self) -> None:
+        self._line.tell(process.BEAT, b"", monotonic_ns())
 
     def read(self) -> Felt | None:
-        """Return what the hand did since the read before; None if nothing has come within `SLICE_S`.
-
-        Raises `ServoError` once the process has ended, as it says why.
-        """
+        """Return what the hand did, or None after `SLICE_S`. Raises `ServoError` once the process is gone, with why."""
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             return waiting
-        _MACHINE.sleep_ns(PAUSE_NS)
+        self._clock.sleep_ns(PAUSE_NS)
         try:
             heard = self._line.hear(SLICE_S)
         except EOFError:
@@ -121,6 +123,10 @@ class ServoProcess:
                 touches.append(Touch(*process.TOUCHED.unpack(content)))
             elif kind == process.COUNTS:
                 self.counts = json.loads(content)
+            elif kind == process.STOOD:
+                stood_s = (monotonic_ns() - process.TIME.unpack(content)[0]) / 1e9
+                lost = f"after {process.HEARTBEAT_NS / 1e9:g} s the servo took the block away"
+                ended = f"the session stood still for {stood_s:.1f} s; {lost}; see what held the machine up"
             elif kind == process.ENDED:
                 ended = content.decode()
         if ended:
@@ -132,7 +138,6 @@ class ServoProcess:
         return _felt(places, touches, self._state.map(), self._speed.speed_mm_s > self._orders.fastest_mm_s)
 
     def reconnect(self) -> None:
-        """Start the process anew, with the same block. Raises `ServoError` if a part cannot be opened."""
         self.close()
         self._begin()
 
@@ -162,8 +167,8 @@ class ServoHere:
         """Render what the tracker reads. Raises `ServoError` if the device cannot be opened."""
         self._orders, self._tracker = orders, tracker
         self._device = ForceDevice(orders.address, limit_n=orders.limit_n)
-        self._lock = threading.Lock()
-        self._block: Block | None = None
+        self._asked: tuple[Block | None, int] = (None, 0)
+        self._under: tuple[Block | None, int] = self._asked
         self._at = Rendered()
         self._pushed = (rendering.NO_FORCE, False)
 
@@ -171,10 +176,11 @@ class ServoHere:
         """Return True: in simulated time nothing is late."""
         return True
 
-    def render(self, block: Block | None) -> None:
-        """Have the hand meet a block from now on, as `ServoProcess.render`."""
-        with self._lock:
-            self._block, self._at = block, self._at.silent()
+    def render(self, block: Block | None, ends_ns: int = 0) -> None:
+        self._asked = block, ends_ns
+
+    def beat(self) -> None:
+        """Do nothing: simulated time passes only where the session lets it."""
 
     def read(self) -> Felt | None:
         """Return what the hand did, as `ServoProcess.read`; a hand that rests sends nothing in simulated time."""
@@ -189,18 +195,21 @@ class ServoHere:
         mm = zip(samples.height_mm.tolist(), along.tolist(), strict=True)
         places = list(zip(samples.device_us.tolist(), mm, strict=True))
         touches: list[Touch] = []
-        with self._lock:
-            for us, place_mm in places:
-                self._at, touched = rendering.step(self._block, self._at, us, place_mm)
-                touches += touched
-                # The device is handed what it does not push already.
-                wanted = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
-                if wanted != self._pushed:
-                    self._pushed = wanted
-                    self._device.push(wanted[0], fast=wanted[1], now_ns=monotonic_ns())
-                    self._device.catch_up(BEHIND)
-            fast = self._at.speed_mm_s > self._orders.fastest_mm_s
-        return _felt(places, touches, clock, fast)
+        for us, place_mm in places:
+            if self._asked is not self._under:
+                self._under, self._at = self._asked, self._at.silent()
+            block, ends_ns = self._under
+            part = rendering.share(clock.session_ns(us), ends_ns)
+            self._at, touched = rendering.step(block if part else None, self._at, us, place_mm)
+            touches += touched
+            # The device is handed what it does not push already.
+            out_n, along_n = self._at.force_n
+            wanted = (part * out_n, part * along_n), self._at.speed_mm_s > self._orders.fastest_mm_s
+            if wanted != self._pushed:
+                self._pushed = wanted
+                self._device.push(wanted[0], fast=wanted[1], now_ns=monotonic_ns())
+                self._device.catch_up(BEHIND)
+        return _felt(places, touches, clock, self._at.speed_mm_s > self._orders.fastest_mm_s)
 
     def reconnect(self) -> None:
         """Do nothing: no device falls silent in simulated time."""

@@ -11,6 +11,9 @@ does not believe. So is the vibration: the session's audio stream asks before ea
 has rendered within `SILENT_NS` (`pulse`), and the device plays no more than what it holds by then. Nothing more is
 pushed after a device that answers late, a tracker that has gone, or one that was silent for the rig's `stall_ms`: then
 the process says why, and ends.
+
+At the session's end, which comes with a block, and `HEARTBEAT_NS` after its last heartbeat, the force falls to zero over
+`FALLS_NS`, and the vibration ends at once. They stay away: the session hears of it, and has to ask anew.
 """
 
 from __future__ import annotations
@@ -23,8 +26,9 @@ import signal
 import socket
 import struct
 import sys
+import threading
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -36,7 +40,7 @@ import numpy as np
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.device import ForceDevice
-from palpate.experiment.apparatus.servo.rendering import Rendered
+from palpate.experiment.apparatus.servo.rendering import Rendered, share
 from palpate.experiment.apparatus.tracker.frames import Decoder, Frames
 from palpate.experiment.apparatus.tracker.serial_port import VANISHED, SerialPort, reason
 from palpate.experiment.errors import PalpateError, ServoError
@@ -45,14 +49,19 @@ from palpate.experiment.synthesis.contact.block import Block, Pair
 SILENT_NS = 2_000_000
 """After so long without what a force rests on there is none, ns."""
 
+HEARTBEAT_NS = 500_000_000
+"""So long after the session's last heartbeat its block is taken away, ns: five beats."""
+
 MOST_KEPT_BYTES = 1 << 20
 """What the session is late to read, bytes: half a minute of frames."""
 
-SAMPLES, TOUCH, COUNTS, ENDED, RENDER = range(5)
-"""Kinds of messages: the tracker's bytes, a touch, how the cycles went, why the process ended; and to it, a block."""
+SAMPLES, TOUCH, COUNTS, ENDED, STOOD, RENDER, BEAT = range(7)
+"""Kinds of messages: the tracker's bytes, a touch, how the cycles went, why the process ended, and that the session
+stood still; and to it, a block with its end, and a heartbeat."""
 
 HEAD = struct.Struct("<BIq")
 TOUCHED = struct.Struct("<dd")
+TIME = struct.Struct("<q")
 
 PR_SET_TIMERSLACK = 29
 PF_EXITING = 0x4
@@ -96,23 +105,34 @@ class Orders:
 
 
 class Line:
-    """One end of the stream of messages between session and servo; it never waits, unless it is asked to."""
+    """One end of the stream of messages between session and servo; it never waits, unless it is asked to.
+
+    Any thread may speak, and a handler of signals that interrupts one; one thread hears.
+    """
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
         end.setblocking(False)
         self._heard = bytearray()
         self._unsent = bytearray()
+        self._waiting: deque[bytes] = deque()
+        self._turn = threading.Lock()
 
     def tell(self, kind: int, content: bytes, now_ns: int) -> None:
         """Send a message now, or as soon as there is room. What nobody reads for too long is thrown away, whole."""
         if len(self._unsent) < MOST_KEPT_BYTES:
-            self._unsent += HEAD.pack(kind, len(content), now_ns) + content
-        try:
-            del self._unsent[: self._end.send(self._unsent)]
-        except OSError:
-            # There is no room, or nobody: then `hear` says so.
-            return
+            self._waiting.append(HEAD.pack(kind, len(content), now_ns) + content)
+        # Whoever has the turn sends what others leave waiting meanwhile, so that nobody waits for it.
+        while self._waiting and self._turn.acquire(blocking=False):
+            try:
+                while self._waiting:
+                    self._unsent += self._waiting.popleft()
+                del self._unsent[: self._end.send(self._unsent)]
+            except OSError:
+                # There is no room, or nobody: then `hear` says so.
+                return
+            finally:
+                self._turn.release()
 
     def hear(self, timeout_s: float = 0.0) -> list[tuple[int, bytes, int]]:
         """Return the messages that have come: kind, content, and when each was sent. Raises `EOFError` at the end."""
@@ -120,11 +140,12 @@ class Line:
             return []
         ended = False
         try:
-            heard = self._end.recv(1 << 16)
-            self._heard += heard
-            ended = not heard
+            # All of it: why nothing is pushed any more may come behind much that is old.
+            while heard := self._end.recv(1 << 16):
+                self._heard += heard
+            ended = True
         except BlockingIOError:
-            return []
+            pass
         except ConnectionError:
             ended = True
         found = []
@@ -140,9 +161,6 @@ class Line:
 
     def end(self) -> None:
         """Say that no message follows; what the other end says can still be heard."""
-        self._end.setblocking(True)
-        self._end.sendall(self._unsent)
-        self._end.setblocking(False)
         self._end.shutdown(socket.SHUT_WR)
 
     def close(self) -> None:
@@ -193,6 +211,7 @@ class Servo:
         self._port.discard()
         self._decoder = orders.decoder()
         self._block: Block | None = None
+        self._until_ns = self._beat_ns = 0
         self._at = Rendered()
         self._arrived_ns = 0
         self.counts: Counter[str] = Counter()
@@ -216,31 +235,43 @@ class Servo:
 
     def cycle(self, now_ns: int) -> None:
         """Read, step and push once. Raises `PalpateError` if a part failed, and `EOFError` if the session is gone."""
-        for kind, content, _ in self._line.hear():
-            if kind == RENDER:
-                told = json.loads(content)
+        for kind, content, sent_ns in self._line.hear():
+            if kind == BEAT:
+                self._beat_ns = sent_ns
+            elif kind == RENDER:
+                told, self._until_ns = json.loads(content)
                 self._block = None if told is None else Block(**_tuples(told))
                 self._at = self._at.silent()
-        self._read(now_ns)
+        part = self._share(now_ns)
+        self._read(now_ns, self._block if part else None)
         if time.monotonic_ns() - now_ns >= SILENT_NS:
             self._fall_silent("late")
-        force_n, fast = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
-        self._device.push(force_n, fast=fast, now_ns=now_ns)
-        self._pulse[0] = now_ns if self._at.state is not None else 0
+        (out_n, along_n), fast = self._at.force_n, self._at.speed_mm_s > self._orders.fastest_mm_s
+        self._device.push((part * out_n, part * along_n), fast=fast, now_ns=now_ns)
+        self._pulse[0] = now_ns if self._at.state is not None and part == 1 else 0
         waited_ns = self._device.late_ns(now_ns)
         if waited_ns > self._orders.answer_ms * 1e6:
-            raise ServoError(
-                f"force device at {self._orders.address}: no answer for {waited_ns / 1e6:.1f} ms; allowed: "
-                f"{self._orders.answer_ms:g} ms (servo.answer_ms in the rig file); see to the device and its line"
-            )
+            got = f"force device at {self._orders.address}: no answer for {waited_ns / 1e6:.1f} ms"
+            allowed = f"{self._orders.answer_ms:g} ms (servo.answer_ms in the rig file)"
+            raise ServoError(f"{got}; allowed: {allowed}; see to the device and its line")
 
-    def _read(self, now_ns: int) -> None:
+    def _share(self, now_ns: int) -> float:
+        """Return which part of the force the session allows now; none before its first heartbeat."""
+        if not self._beat_ns:
+            return 0.0
+        allowed_ns = self._beat_ns + HEARTBEAT_NS
+        if self._block is not None and self._until_ns > allowed_ns and now_ns > allowed_ns:
+            # For good: a force that came back in the middle of a block would strike.
+            self._until_ns = allowed_ns
+            self._line.tell(STOOD, TIME.pack(self._beat_ns), now_ns)
+        return share(now_ns, self._until_ns)
+
+    def _read(self, now_ns: int, block: Block | None) -> None:
+        where = f"tracker at {self._orders.port}"
         try:
             data = self._port.take()
         except VANISHED as error:
-            raise ServoError(
-                f"tracker at {self._orders.port}: the port has gone ({reason(error)}); plug the device in again"
-            ) from error
+            raise ServoError(f"{where}: the port has gone ({reason(error)}); plug the device in again") from error
         if data:
             self._decoder, frames = self._decoder.feed(data)
             # After the read: a stamp from before a stall would put samples before they were taken, for good.
@@ -250,16 +281,14 @@ class Servo:
                 self._arrived_ns = arrived_ns
                 for us, place_mm in self._orders.places(frames):
                     pushed = self._at.state is not None
-                    self._at, touches = rendering.step(self._block, self._at, us, place_mm)
+                    self._at, touches = rendering.step(block, self._at, us, place_mm)
                     self.counts["unbelievable"] += pushed and self._at.state is None
                     for touch in touches:
                         self._line.tell(TOUCH, TOUCHED.pack(*touch), now_ns)
         silent_ns = now_ns - self._arrived_ns
         if self._arrived_ns and silent_ns > self._orders.stall_ms * 1e6:
-            raise ServoError(
-                f"tracker at {self._orders.port}: no frame for {silent_ns / 1e6:.0f} ms; see that the device is "
-                "powered, connected and sampling"
-            )
+            late = f"no frame for {silent_ns / 1e6:.0f} ms"
+            raise ServoError(f"{where}: {late}; see that the device is powered, connected and sampling")
         if silent_ns > SILENT_NS + 1e9 / self._orders.tracker_hz:
             self._fall_silent("without the hand")
 

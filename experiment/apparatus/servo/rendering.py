@@ -36,6 +36,9 @@ AWAY_MM = 5.0
 SPEED_US = 5000
 """The hand's speed is its mean over at least so long, microseconds: shorter, a sensor's noise would light the lamp."""
 
+FALLS_NS = 50_000_000
+"""A force that may be there no longer falls to zero over so long, ns: the hand leans on it. Ours."""
+
 NO_FORCE: Pair = (0.0, 0.0)
 
 
@@ -96,6 +99,14 @@ def bounded(force_n: Pair, limit_n: float) -> Pair:
     if size <= most:
         return x, y
     return x * (most / size), y * (most / size)
+
+
+def share(now_ns: int, until_ns: int) -> float:
+    """Return which part of a force is pushed: all of it until then, and nothing from `FALLS_NS` later on.
+
+    A block that softens takes energy from the hand, so that it stays passive.
+    """
+    return min(max(1.0 - (now_ns - until_ns) / FALLS_NS, 0.0), 1.0)
 
 
 def step(block: Block | None, at: Rendered, us: int, place_mm: Pair) -> tuple[Rendered, tuple[Touch, ...]]:

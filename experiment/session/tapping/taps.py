@@ -14,7 +14,7 @@ from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
-from palpate.experiment.errors import PalpateError
+from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.records.stimulus import Onset, Stimulus
 from palpate.experiment.records.tapping import Place, Tapped
@@ -43,6 +43,9 @@ come late, or beside it, ns. Ours: making takes 0.5 to 1 ms, and other work on t
 
 LIT_NS = 500_000_000
 """So long the lamp stays lit after a hand that was too fast, ns: a tap is too fast for some milliseconds. Ours."""
+
+LATE_NS = 200_000_000
+"""A touch that was so long ago, ns, sounds no more: the session stood still, and the hand is elsewhere. Ours."""
 
 ENDS_NS = 150_000_000
 """So long after its end a vibration has been heard by the loopback, ns: `audio.actuator` looks 50 ms around it."""
@@ -90,6 +93,7 @@ class Taps:
         self._state: Falling | None = None
         self._armed = True
         self._lying: Lying | None = None
+        self._there = True
         self._sounding: _Sounding | None = None
         self.felt: Felt | None = None
         """The newest read."""
@@ -102,6 +106,8 @@ class Taps:
         """Why nothing is rendered any more; None while all is well."""
         self._lock = threading.Lock()
         self._closing = False
+        # For practice, without a vibration: nothing lies there before the first trial.
+        self.servo.render(self.block, self.lent.limits.ends_ns)
         self._begin()
 
     def _begin(self) -> None:
@@ -124,7 +130,8 @@ class Taps:
             self._settle(wait=True)
             self._withdraw()
             if (lying is None) != (self._lying is None):
-                self.servo.render(None if lying is None else self.block)
+                self._there = lying is not None
+                self.servo.render(self.block if self._there else None, self.lent.limits.ends_ns)
             self._lying = lying
 
     def reconnect(self) -> None:
@@ -152,14 +159,16 @@ class Taps:
                             self._dark_ns = self.lent.clock.now_ns() + LIT_NS
                         self._follow(felt)
             except PalpateError as error:
+                self.servo.render(None)
                 self.actuator.withdraw()
                 self._sounding, self.failed = None, error
-                again = "This trial is done again, whatever its answer."
+                again = "This trial is done again, whatever its answer." if self._lying is not None else ""
                 self.lent.console.show(f"Nothing is rendered any more: {error}. {again}")
                 return
 
     def _follow(self, felt: Felt) -> None:
-        if self._lying is not None and (over := self.lent.limits.over()):
+        if self._there and (over := self.lent.limits.over()):
+            self._there = False
             self.servo.render(None)
             self._lying = None
             self._withdraw()
@@ -197,6 +206,11 @@ class Taps:
         lying, state = self._lying, self._state
         if lying is None:
             return
+        contact_ns = felt.clock.session_ns(touch.device_us)
+        late_ns = self.lent.clock.now_ns() - contact_ns
+        if late_ns > LATE_NS and not self.lent.clock.simulated:
+            got = f"got a touch {late_ns / 1e6:.0f} ms after it; allowed: {LATE_NS / 1e6:g} ms"
+            raise ServoError(f"{got}; nothing sounded; see what held the machine or its disk up")
         speed_mm_s = touch.speed_mm_s if state is None else _speed_mm_s(state, touch.device_us)
         speed_mm_s = max(speed_mm_s, 0.0)
         self.touched.add(lying.place)
@@ -205,8 +219,8 @@ class Taps:
         if sounding is None or sounding.aimed is None or sounding.lying is not lying:
             sounding = self._ready(lying, speed_mm_s)
         sounding.touch, sounding.touch_mm_s, sounding.fast = touch, speed_mm_s, felt.fast
-        sounding.contact_ns = felt.clock.session_ns(touch.device_us)
-        self.actuator.landed(sounding.contact_ns)
+        sounding.contact_ns = contact_ns
+        self.actuator.landed(contact_ns)
         self._settle(wait=self.lent.clock.simulated or not self.actuator.lead_ns)
 
     def _ready(self, lying: Lying, speed_mm_s: float) -> _Sounding:

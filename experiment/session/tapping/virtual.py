@@ -49,8 +49,6 @@ class SurfaceDevices:
     def begin(self, lent: Lent) -> VirtualSurfaces:
         taps = Taps(servo=self.servo, actuator=self.actuator, block=self.block, noise_mm=self.noise_mm, lent=lent)
         self.opened.callback(taps.close)
-        # For practice, without a vibration: nothing lies there before the first trial.
-        self.servo.render(self.block)
         return VirtualSurfaces(self.rings, taps, lent)
 
 
@@ -146,7 +144,7 @@ class VirtualSurfaces(Kind):
             raise RuntimeError("no pair is watched before it was made ready")
         self._pair = pair.model_copy(update={"laid_ns": self.lent.clock.now_ns()})
         self.taps.touched.clear()
-        self._lay(0)
+        self._lay(self._pair, 0)
         return Seen(self._pair, answerable_ns=self._pair.laid_ns)
 
     def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:  # noqa: ARG002
@@ -162,26 +160,30 @@ class VirtualSurfaces(Kind):
         """Change to the other surface, and put that on record."""
         if self._pair is None:
             raise RuntimeError("no surface is changed before one was rendered")
-        self._lay(1 - self._at)
+        self._lay(self._pair, 1 - self._at)
         place, material = PLACES[self._at], self._pair.presented[self._at]
         self.lent.log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
         self.lent.console.show(f"The {place} surface is there now.")
 
     def lacking(self) -> str:
-        """Return which surface of the pair was not tapped yet, or nothing; nothing where no surface can be."""
         left = [place for place in PLACES if self.taps.renders and place not in self.taps.touched]
         return f"The participant has not tapped the {' and the '.join(left)} surface yet." if left else ""
 
     def rest(self) -> str:
-        """Render nothing more; return why what was felt does not count, or nothing."""
         pair, self._pair = self._pair, None
         if pair is None:
             return ""
         self.taps.lay(None)
         return "" if self.taps.failed is None else str(self.taps.failed)
 
+    def quiet(self, why: str) -> None:  # noqa: ARG002
+        # Without the lock of the taps, which a write may hold; what vibrates ends with the block.
+        self.taps.servo.render(None)
+
+    def beat(self, ends_ns: int) -> None:  # noqa: ARG002
+        self.taps.servo.beat()
+
     def measured(self) -> Measured:
-        """Return the hand's height, mm, and whether it is too fast."""
         felt = self.taps.felt
         if felt is None:
             return Measured(too_fast=False, lamps=(Lamp(name="hand", good=False, words="no frame yet"),))
@@ -198,12 +200,8 @@ class VirtualSurfaces(Kind):
         )
 
     def reconnect(self, timeout_s: float) -> None:  # noqa: ARG002
-        """Open the servo anew."""
         self.taps.reconnect()
 
-    def _lay(self, place: int) -> None:
-        if self._pair is None:
-            return
-        self._at = place
-        material = self._pair.presented[place]
-        self.taps.lay(Lying(self._pair.trial, self._pair.attempt, PLACES[place], material, self.rings[material]))
+    def _lay(self, pair: PairLaidOut, place: int) -> None:
+        self._at, material = place, pair.presented[place]
+        self.taps.lay(Lying(pair.trial, pair.attempt, PLACES[place], material, self.rings[material]))

@@ -13,6 +13,7 @@ import pytest
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.servo.link import ServoHere
 from palpate.experiment.apparatus.servo.process import Orders
+from palpate.experiment.apparatus.servo.rendering import FALLS_NS
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.errors import TrackerStopped
@@ -60,13 +61,28 @@ def test_a_planar_hand_is_pushed_along_the_face_too(tmp_path: Path, planar: bool
     with ForceDeviceProcess(record) as device:
         orders = Orders("", 1, 2500, 2000, (0.0, 1.0), (0.0, 1.0), device.address, 100.0, 3.0, 2500, 175.0)
         servo = ServoHere(orders, cast("Tracker", SlidingHand(planar=planar)))
-        servo.render(Block((800.0, 500.0), (5.0, 3.0), (inf, inf), into=(-1.0, 0.0)))
+        servo.render(Block((800.0, 500.0), (5.0, 3.0), (inf, inf), into=(-1.0, 0.0)), 10**9)
         assert servo.read() is not None
         servo.close()
     last = [push for push in pushed(record) if push.why == PUSHED and push.out_n > 0][-1]
     # -K y - C dy/dt, with 2 mm at 50 mm/s; out of the block K r alone, for the hand goes no deeper.
     along_n = -500.0 * 2e-3 - 3.0 * 0.05 if planar else 0.0
     assert (last.out_n, last.along_n) == pytest.approx((0.8, along_n), rel=1e-5)
+
+
+def test_the_force_falls_at_the_end_of_a_simulated_session(tmp_path: Path) -> None:
+    """The hand is inside from 50 ms on, and the session ends at 50 ms of its time; 20 ms later the hand is read."""
+    record = tmp_path / "pushed.bin"
+    with ForceDeviceProcess(record) as device:
+        orders = Orders("", 1, 2500, 2000, (0.0, 1.0), (0.0, 1.0), device.address, 100.0, 3.0, 2500, 175.0)
+        servo = ServoHere(orders, cast("Tracker", SlidingHand(planar=False)))
+        servo.render(Block((800.0, 500.0), (0.0, 0.0), (inf, inf), into=(-1.0, 0.0)), 35_000_000)
+        assert servo.read() is not None
+        servo.close()
+    forces = [push.out_n for push in pushed(record) if push.why == PUSHED]
+    # 1 mm inside, 5 ms before the force is gone; it stood at 0.8 N.
+    assert forces[-1] == 0.0
+    assert forces[-3] == pytest.approx(0.8 * (1 - (69_600_000 - 35_000_000) / FALLS_NS), abs=1e-6)
 
 
 def test_a_servo_that_is_stopped_ends_the_read_that_waits_for_the_hand() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import json
 import socket
+import threading
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -14,8 +15,18 @@ from types import SimpleNamespace
 import pytest
 
 from palpate.experiment.apparatus.servo import process
-from palpate.experiment.apparatus.servo.process import RENDER, SILENT_NS, Line, Orders, Servo
-from palpate.experiment.apparatus.servo.rendering import NO_FORCE
+from palpate.experiment.apparatus.servo.process import (
+    BEAT,
+    HEARTBEAT_NS,
+    RENDER,
+    SILENT_NS,
+    STOOD,
+    TIME,
+    Line,
+    Orders,
+    Servo,
+)
+from palpate.experiment.apparatus.servo.rendering import FALLS_NS, NO_FORCE
 from palpate.experiment.apparatus.tracker.frames import encode
 from palpate.experiment.errors import ServoError
 from palpate.experiment.synthesis.contact.block import Block, Pair
@@ -26,6 +37,7 @@ NONE_COUNTS = 65_000
 """A reading that is no number, by the calibration."""
 
 BEGINS_NS = 10**12
+NEVER_NS, BEAT_NS = BEGINS_NS + 10**12, 100_000_000
 FAILS_NS = BEGINS_NS + 40_000_000
 """By then the hand, from 2 mm above the face at 100 mm/s, presses."""
 
@@ -45,6 +57,12 @@ class World:
     reads_long: bool = False
     dead: bool = False
     planar: bool = False
+    beats: Callable[[int], bool] = lambda _now_ns: True
+    """Whether the session gives a sign of life at a time."""
+    until_ns: int = NEVER_NS
+    last_beat_ns: int = 0
+    session: Line = field(init=False)
+    heard: list[tuple[int, bytes, int]] = field(default_factory=list)
     pushed: list[tuple[int, Pair]] = field(default_factory=list)
     dropped: int = 0
 
@@ -55,7 +73,11 @@ class World:
         self.now_ns += max(round(seconds * 1e9), 1)
 
     def take(self) -> bytes:
-        """What the hand's tracker sent since the cycle before."""
+        """What the hand's tracker sent since the cycle before; the session beats and hears meanwhile."""
+        if self.now_ns >= self.last_beat_ns + BEAT_NS and self.beats(self.now_ns):
+            self.last_beat_ns = self.now_ns
+            self.session.tell(BEAT, b"", self.now_ns)
+        self.heard += self.session.hear()
         if self.gone and self.now_ns >= FAILS_NS:
             raise OSError(errno.EIO, "unplugged")
         data = b""
@@ -97,8 +119,8 @@ def run(world: World, monkeypatch: pytest.MonkeyPatch, *, until_ns: int = FAILS_
     dies = property(lambda _: world.now_ns >= (FAILS_NS if world.dead else until_ns))
     monkeypatch.setattr(process.Session, "dies", dies)
     ours, theirs = socket.socketpair()
-    told = Line(ours)
-    told.tell(RENDER, json.dumps(asdict(BLOCK)).encode(), 0)
+    world.session = Line(ours)
+    world.session.tell(RENDER, json.dumps([asdict(BLOCK), world.until_ns]).encode(), 0)
     orders = Orders("", 1, 2500, 2000, (0.0, 60_000.0, 65_535.0), (-20.0, 40.0, nan), "", 100.0, 3.0, 2500, 175.0)
     if world.planar:
         orders = replace(orders, along_counts=(0.0, 60_000.0, 65_535.0), along_mm=(-30.0, 30.0, nan))
@@ -181,3 +203,74 @@ def test_a_tracker_that_has_gone_and_a_session_that_is_dead_end_both(
     _, pulse_ns = run(world, monkeypatch)
     assert lets_go_ns(world) <= PERIOD_NS
     assert pulse_ns == 0
+
+
+def falls(world: World, from_ns: int) -> None:
+    """Assert that the whole force is there until a time, falls evenly from then on, and is gone for good after it."""
+    whole = 800.0 * 2e-3
+    for at_ns, (out_n, _) in world.pushed:
+        left = 1.0 - (at_ns - from_ns) / FALLS_NS
+        if at_ns >= FAILS_NS + 4_000_000:
+            assert out_n == pytest.approx(whole * min(max(left, 0.0), 1.0), abs=1e-6)
+
+
+def test_the_force_falls_after_the_last_heartbeat_and_stays_away_when_it_comes_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """It comes back while the force still falls: one that rose again inside of the block would strike."""
+    back_ns = FAILS_NS + HEARTBEAT_NS + FALLS_NS // 2
+    world = World(beats=lambda now_ns: now_ns < FAILS_NS or now_ns >= back_ns)
+    _, pulse_ns = run(world, monkeypatch, until_ns=back_ns + 4 * FALLS_NS)
+    assert world.last_beat_ns > back_ns
+    stood = [TIME.unpack(content)[0] for kind, content, _ in world.heard if kind == STOOD]
+    assert len(stood) == 1
+    assert BEGINS_NS <= stood[0] < FAILS_NS
+    falls(world, stood[0] + HEARTBEAT_NS)
+    assert pulse_ns == 0
+
+
+def test_nothing_vibrates_from_the_moment_on_in_which_the_force_falls(monkeypatch: pytest.MonkeyPatch) -> None:
+    until_ns = FAILS_NS + 10_000_000
+    _, pulse_ns = run(World(until_ns=until_ns), monkeypatch, until_ns=until_ns + FALLS_NS // 2)
+    assert pulse_ns == 0
+
+
+def test_no_block_is_there_after_the_end_of_the_session(monkeypatch: pytest.MonkeyPatch) -> None:
+    until_ns = FAILS_NS + 10_000_000
+    world = World(until_ns=until_ns)
+    run(world, monkeypatch, until_ns=until_ns + 4 * FALLS_NS)
+    falls(world, until_ns)
+    assert not [kind for kind, *_ in world.heard if kind == STOOD]
+
+
+def test_no_block_is_there_before_the_first_heartbeat_and_it_waits_for_that(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first one comes while the hand is inside: nothing is pushed before it has been outside."""
+    world = World(beats=lambda now_ns: now_ns >= FAILS_NS)
+    run(world, monkeypatch)
+    assert {force_n for _, force_n in world.pushed} == {NO_FORCE}
+    first_ns = BEGINS_NS + 5_000_000
+    world = World(beats=lambda now_ns: now_ns >= first_ns)
+    run(world, monkeypatch)
+    assert world.pushed[-1][1][0] == pytest.approx(800.0 * 2e-3, rel=0.01)
+    assert not [kind for kind, *_ in world.heard if kind == STOOD]
+
+
+def test_threads_that_speak_at_once_are_all_heard_whole() -> None:
+    ours, theirs = socket.socketpair()
+    line, other = Line(ours), Line(theirs)
+    told = {n: [f"{n} {k}".encode() * 50 for k in range(300)] for n in range(4)}
+
+    def tell(n: int) -> None:
+        for content in told[n]:
+            line.tell(n, content, n)
+
+    threads = [threading.Thread(target=tell, args=(n,)) for n in told]
+    for thread in threads:
+        thread.start()
+    heard: dict[int, list[bytes]] = {n: [] for n in told}
+    while any(thread.is_alive() for thread in threads) or heard != told:
+        line.tell(4, b"", 0)
+        for kind, content, _ in other.hear(1.0):
+            heard.get(kind, []).append(content)
+    ours.close()
+    theirs.close()

@@ -7,6 +7,7 @@ from collections import deque
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,7 +24,7 @@ from palpate.experiment.records import transcript
 from palpate.experiment.records.entries import Answer, PlannedTrial, Redo
 from palpate.experiment.records.tapping import Changed, Place, Tapped
 from palpate.experiment.rehearsal.tapping import hand
-from palpate.experiment.session import attempt, runner
+from palpate.experiment.session import attempt, exposure, runner
 from palpate.experiment.session.kind import Lent
 from palpate.experiment.session.tapping import taps, virtual
 from palpate.experiment.session.tapping.taps import Taps
@@ -55,13 +56,18 @@ class ScriptedServo:
         self._told: deque[Felt | PalpateError] = deque()
         self._some = threading.Condition()
         self.rendered: list[Block | None] = []
-        self.reconnected = 0
+        self.ends_ns: set[int | None] = set()
+        self.reconnected = self.beats = 0
 
     def is_live(self) -> bool:
         return True
 
-    def render(self, block: Block | None) -> None:
+    def render(self, block: Block | None, ends_ns: int = 0) -> None:
         self.rendered.append(block)
+        self.ends_ns.add(ends_ns if block else None)
+
+    def beat(self) -> None:
+        self.beats += 1
 
     def tell(self, what: Felt | PalpateError) -> None:
         """Have the hand do something, and return once the session has dealt with it."""
@@ -304,6 +310,62 @@ def test_no_block_is_left_once_the_session_is_over(tmp_path: Path) -> None:
     assert not session.actuator.played
 
 
+def test_each_block_carries_the_end_of_the_session(tmp_path: Path) -> None:
+    session = Session([([], "1"), ([], "2")], tmp_path)
+    assert session.servo.ends_ns == {START_NS + round(PROTOCOL.exposure.session_min * 60e9), None}
+
+
+def test_quiet_takes_the_block_away_whatever_the_disk_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The tap's entry is being written, under the taps' lock, when the session has to be silent."""
+    writes, freed = threading.Event(), threading.Event()
+    write, rendered = runner.SessionLog.write, []
+
+    def hangs(log: runner.SessionLog, entry: Any) -> None:
+        if isinstance(entry, Tapped):
+            writes.set()
+            assert freed.wait(60.0), "nobody freed the write"
+        write(log, entry)
+
+    def silenced() -> None:
+        assert writes.wait(60.0)
+        begun[0].quiet("by the experimenter")
+        begun[0].beat(0)
+        rendered.append(begun[0].taps.servo.rendered[-1])  # type: ignore[attr-defined]
+        freed.set()
+
+    monkeypatch.setattr(runner.SessionLog, "write", hangs)
+    silencing = threading.Thread(target=silenced)
+    silencing.start()
+    session = Session([([touch(100.0)], "1"), ([], "2")], tmp_path)
+    silencing.join()
+    assert rendered == [None]
+    assert session.servo.beats == 1
+
+
+def test_a_failure_leaves_no_block(tmp_path: Path) -> None:
+    session = Session([([ServoError("the session stood still for 5.2 s")], "1"), ([], "2"), ([], "1")], tmp_path)
+    # For practice, laid and taken away as it failed and after the answer; and for two trials more.
+    there = [one is not None for one in session.servo.rendered]
+    assert there == [True, True, False, False, True, False, True, False]
+    (redo,) = session.entries(Redo)
+    assert (redo.trial, redo.reason, redo.put_off) == (1, "the session stood still for 5.2 s", True)
+
+
+def test_a_touch_that_is_read_late_sounds_nothing_and_its_trial_comes_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In real time alone: simulated time does not pass by itself."""
+    late = replace(touch(100.0), clock=ClockMap(0, START_NS - taps.LATE_NS - 10_000_000))
+    assert not Session([([late], "1"), ([], "2")], tmp_path / "simulated").entries(Redo)
+    monkeypatch.setattr(exposure.Exposed, "begin", lambda _self, _kind: None)
+    monkeypatch.setattr(ManualClock, "simulated", False)
+    monkeypatch.setattr(ScriptedConsole, "chosen_ago_ns", lambda _self: 0)
+    session = Session([([late], "1"), ([], "2"), ([], "1")], tmp_path / "real")
+    assert not session.actuator.played
+    (redo,) = session.entries(Redo)
+    assert (redo.trial, redo.put_off) == (1, True)
+
+
 def test_a_touch_while_no_question_is_open_sounds_nothing(tmp_path: Path) -> None:
     session = Session([([], "1"), ([touch(100.0)], "2")], tmp_path)
     assert len(session.actuator.played) == len(session.entries(Tapped)) == 1
@@ -340,12 +402,13 @@ def test_a_session_ends_while_the_hand_rests(tmp_path: Path, monkeypatch: pytest
 def test_the_lamp_stays_lit_for_half_a_second() -> None:
     clock, servo = ManualClock(START_NS), ScriptedServo()
     unused: Any = None
+    limits: Any = SimpleNamespace(ends_ns=START_NS, over=lambda: "")
     following = Taps(
         servo=servo,
         actuator=ScriptedActuator(),
         block=virtual.block(PROTOCOL.surfaces, tracker_hz=1000),
         noise_mm=0.01,
-        lent=Lent(protocol=PROTOCOL, header=ASKED, console=unused, clock=clock, log=unused, limits=unused),
+        lent=Lent(protocol=PROTOCOL, header=ASKED, console=unused, clock=clock, log=unused, limits=limits),
     )
     lit = [following.too_fast]
     for fast, passes_ns in ((False, 0), (True, 0), (False, 499_000_000), (False, 1_000_000)):
