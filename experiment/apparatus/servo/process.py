@@ -12,8 +12,8 @@ has rendered within `SILENT_NS` (`pulse`), and the device plays no more than wha
 pushed after a device that answers late, a tracker that has gone, or one that was silent for the rig's `stall_ms`: then
 the process says why, and ends.
 
-At the session's end, which comes with a block, and `HEARTBEAT_NS` after its last heartbeat, the force falls to zero over
-`FALLS_NS`, and the vibration ends at once. They stay away: the session hears of it, and has to ask anew.
+At the session's end, which comes with a block, and `HEARTBEAT_NS` after its last heartbeat, the force falls to zero
+over `FALLS_NS`, and the vibration ends at once. They stay away: the session hears of it, and has to ask anew.
 """
 
 from __future__ import annotations

@@ -323,7 +323,7 @@ def test_quiet_takes_the_block_away_whatever_the_disk_does(tmp_path: Path, monke
     def hangs(log: runner.SessionLog, entry: Any) -> None:
         if isinstance(entry, Tapped):
             writes.set()
-            assert freed.wait(60.0), "nobody freed the write"
+            assert freed.wait(60.0)
         write(log, entry)
 
     def silenced() -> None:
@@ -343,12 +343,13 @@ def test_quiet_takes_the_block_away_whatever_the_disk_does(tmp_path: Path, monke
 
 
 def test_a_failure_leaves_no_block(tmp_path: Path) -> None:
-    session = Session([([ServoError("the session stood still for 5.2 s")], "1"), ([], "2"), ([], "1")], tmp_path)
+    stood = ServoError("the session stood still for 5.2 s")
+    session = Session([([stood], "1"), ([], "2"), ([], "1")], tmp_path)
     # For practice, laid and taken away as it failed and after the answer; and for two trials more.
     there = [one is not None for one in session.servo.rendered]
     assert there == [True, True, False, False, True, False, True, False]
     (redo,) = session.entries(Redo)
-    assert (redo.trial, redo.reason, redo.put_off) == (1, "the session stood still for 5.2 s", True)
+    assert (redo.trial, redo.reason, redo.put_off) == (1, str(stood), True)
 
 
 def test_a_touch_that_is_read_late_sounds_nothing_and_its_trial_comes_again(
