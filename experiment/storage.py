@@ -367,6 +367,34 @@ def left_of(dataset: Path, participant: str) -> list[Path]:
     return [path for path in (*source, *tables) if path != withdrawal_path(dataset, participant)]
 
 
+_KNOWN = re.compile(
+    r"""(README|dataset_description\.json|participants\.(tsv|json)|(stimuli|derivatives)/.*
+    |sub-(?P<of>\w+)/beh/sub-(?P=of)_task-\w+_(events|recording-\w+_physio)\.(tsv|tsv\.gz|json)
+    |sourcedata/(protocol(\.seal)?\.toml|(seed|rehearsal)\.json|roster\.(jsonl|head)|anchors\.log|README|\w+\.csv
+        |\.roster\.jsonl\.lock|\.study\.lock
+        |sub-(?P<who>\w+)/(\.sub-(?P=who)\.lock|sub-(?P=who)_withdrawn\.json|voices/[\w.-]+|[\w-]+\.(csv|toml)
+            |sub-(?P=who)_task-\w+_(journal\.(jsonl|head)|foot\.cobs))))""",
+    re.VERBOSE | re.DOTALL,
+)
+"""Every file that palpate writes into a dataset, by its path inside."""
+
+
+def unknown_files(dataset: Path) -> list[str]:
+    """Return the files of a dataset that palpate did not write, by their paths inside, such as a sync program's copies.
+
+    Of folders without any other file the folder and the number of its files.
+    """
+    files = [path.relative_to(dataset) for path in dataset.rglob("*") if path.is_symlink() or not path.is_dir()]
+    unknown = [path for path in files if not _KNOWN.fullmatch(path.as_posix())]
+    used = {parent for path in set(files).difference(unknown) for parent in path.parents} | {Path()}
+    by_place: dict[str, int] = {}
+    for path in unknown:
+        alone = next((parent for parent in reversed(path.parents) if parent not in used), None)
+        place = path.as_posix() if alone is None else f"{alone.as_posix()}/"
+        by_place[place] = by_place.get(place, 0) + 1
+    return [f"{place} (files: {n})" if place.endswith("/") else place for place, n in sorted(by_place.items())]
+
+
 def rig_path(journal_file: Path) -> Path:
     """Return where the rig file of a session stands, beside its journal."""
     return journal_file.with_name(journal_file.name.replace("_journal.jsonl", "_rig.toml"))

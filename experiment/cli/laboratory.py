@@ -11,7 +11,8 @@ import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
-from palpate.experiment.errors import RosterError
+from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.settings.characters import plain
 
 commands = options.room()
 answers = typer.Typer(
@@ -124,46 +125,63 @@ def consent(
     typer.echo(f"Participant {participant} {done}: {path}")
 
 
-@commands.command(epilog="Example: palpate person study.toml -p 01 --name 'A. Name' --contact 'a phone number'")
+@commands.command(epilog="Example: palpate person study.toml -p 01")
 def person(
     protocol_file: ProtocolFile,
     participant: Participant,
-    name: Annotated[str | None, typer.Option("--name", help="Their name, as `palpate run` asks for them.")] = None,
-    contact: Annotated[str | None, typer.Option("--contact", help="How they are reached.")] = None,
+    show: Annotated[bool, typer.Option("--show", help="Show what is known of them.")] = False,
     forget: Annotated[bool, typer.Option("--forget", help="Delete what is known of them.")] = False,
     dataset: StudyFolder = None,
 ) -> None:
-    """Keep who a participant is, outside of every dataset.
+    """Ask for a participant's name, and store it outside of every dataset.
 
     A study needs no names. Where a lab wants them, they stand in one file of yours that only you may read, and no
-    dataset, journal or table holds any. `palpate run` asks by the name that stands there whether it is they, and
-    `palpate withdraw` deletes it. Without options it is printed.
+    dataset, journal or table holds any. The name is typed at the question, so that neither the list of processes nor
+    the shell's history shows it. `palpate run` asks by the name whether it is they, and `palpate withdraw` deletes it.
     """
     from palpate.experiment.protocol import files
     from palpate.experiment.study import enrolment, people
 
     protocol = files.load(protocol_file)
     root = dataset or enrolment.default_root(protocol)
-    before = people.known(protocol, root).get(participant)
-    if forget and (name is not None or contact is not None):
-        raise RosterError("got --forget with --name or --contact; allowed: one of them")
+    old = people.known(protocol, root).get(participant, people.Person())
+    if forget and show:
+        raise RosterError("got --forget with --show; allowed: one of them")
     if forget:
         known = people.forget(protocol, root, participant)
         typer.echo(f"Participant {participant}: {'what was known is deleted' if known else 'nothing was known'}.")
-    elif name is None and contact is None:
-        told = f"{before.name or 'no name'}, {before.contact or 'no contact'}" if before else "nothing is known"
-        typer.echo(f"Participant {participant}: {told} ({people.place(protocol, root)})")
+        _tell_other_names(protocol_file, root, known)
+    elif show:
+        known = old != people.Person()
+        told = f"{old.name or 'no name'}, {old.contact or 'no contact'}" if known else "nothing is known"
+        typer.echo(f"Participant {participant}: {told}")
+        _tell_other_names(protocol_file, root, known)
     else:
-        old = before or people.Person()
+        name = options.ask("Their name (leave it empty to change nothing): ") or old.name
+        contact = options.ask("How they are reached (leave it empty to change nothing): ") or old.contact
         try:
-            new = people.Person(
-                name=old.name if name is None else name, contact=old.contact if contact is None else contact
-            )
+            new = people.Person(name=name, contact=contact)
         except ValueError:
             raise RosterError(
                 "got a name or a contact that is no line of text; allowed: one line of visible text"
             ) from None
+        if new == people.Person():
+            raise RosterError("got neither a name nor a contact; allowed: one of them or both; nothing was stored")
         typer.echo(f"Participant {participant} is kept in {people.keep(protocol, root, participant, new)}")
+
+
+def _tell_other_names(protocol_file: Path, root: Path, known: bool) -> None:
+    """Tell where a participant's name may stand, unless it was `known` in the dataset's own file."""
+    from palpate.experiment.protocol import files
+    from palpate.experiment.study import people
+
+    if known:
+        return
+    typer.echo(f"{people.folder()} has no name of this participant for the dataset {root}.")
+    if others := people.others(files.load(protocol_file), root):
+        typer.echo("Look for it in the study's other files of names, and delete it there by hand:")
+    for path in others:
+        typer.echo(f"  {path}")
 
 
 @commands.command(epilog="Example: palpate schedule protocols/okamoto2012.toml --participant 03 --seed 1")
@@ -373,23 +391,42 @@ def withdraw(
         if not sessions:
             what = f"what is left of participant {participant}, who has no session here"
         options.confirm(f"This deletes {what}, for good.", participant, "nothing was erased")
-    path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
+    try:
+        path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
+    except DatasetError:
+        # The data are gone all the same where only the tables could not be made again.
+        if erase:
+            _tell_unknown_files(dataset or enrolment.default_root(files.load(protocol_file)), participant)
+        raise
     typer.echo(f"Participant {participant} has withdrawn{', and their data are erased' if erase else ''}: {path}")
-    if people.forget(files.load(protocol_file), path.parent.parent, participant):
+    root = path.parent.parent
+    if known := people.forget(files.load(protocol_file), root, participant):
         typer.echo("Who they were is deleted from the file of names.")
+    _tell_other_names(protocol_file, root, known)
     if erase:
         typer.echo(
             f"What stays in {path.parent}: their label, the day of consent, and the withdrawal with its reason.\n"
             "Backups, copies, and the tables of earlier analyses and exports, as under derivatives, still hold them: "
             "delete them there, or make them anew."
         )
+        _tell_unknown_files(root, participant)
     else:
         typer.echo("Their data stay and are not analysed. To delete them for good, add --erase to the same command.")
-    root = path.parent.parent
     typer.echo(
         f"For the lab book: {beliefs.keep_anchor(root)[0].line}\n"
         f"Enter it in the register too: palpate anchor {quote(str(root))} --to REGISTER."
     )
+
+
+def _tell_unknown_files(root: Path, participant: str) -> None:
+    """Tell which files beside those of palpate may hold data of a participant whose own files are gone."""
+    from palpate.experiment import storage
+
+    unknown = () if storage.left_of(root, participant) else storage.unknown_files(root)
+    if unknown:
+        typer.echo(f"palpate does not know these files in {root}. Delete each that has data of {participant}:")
+    for name in unknown:
+        typer.echo(f"  {plain(name)}")
 
 
 @commands.command(epilog="Example: palpate build participants/study")

@@ -111,12 +111,17 @@ def say(words: str, *, err: bool = False) -> None:
         typer.echo(textwrap.fill(line, columns(10_000), break_long_words=False, break_on_hyphens=False), err=err)
 
 
+def ask(asked: str) -> str:
+    """Return the line that is typed after what is `asked`; nothing where nobody can type."""
+    try:
+        return input(asked).strip()
+    except (EOFError, OSError, ValueError):
+        return ""
+
+
 def confirm(asked: str, wanted: str, nothing: str) -> None:
     """Return once `wanted` was typed after what is `asked`. Raises `PalpateError`, with `nothing` in words."""
-    try:
-        typed = input(f"{asked} Type {wanted} to go on: ").strip()
-    except (EOFError, OSError, ValueError):
-        typed = ""
+    typed = ask(f"{asked} Type {wanted} to go on: ")
     if typed != wanted:
         raise PalpateError(f"{nothing}: got {quoted(typed)}; allowed: {wanted}; type it, or give --yes")
 

@@ -33,6 +33,9 @@ HEALTH = re.compile(
 )
 """Words that tell of somebody's health."""
 
+ENDING = "-people.json"
+"""Ends the name of each file of names."""
+
 SHORTEST = 3
 """Letters of a part of a name that is looked for: a shorter one is a word of many sentences."""
 
@@ -54,26 +57,44 @@ class _File(BaseModel):
     people: dict[str, Person]
 
 
-def place(protocol: Protocol, dataset: Path) -> Path:
-    """Return where the people of a dataset stand: among the files of the person who uses this machine.
+def folder() -> Path:
+    """Return where files of names stand: among the files of the person who uses this machine.
 
     Raises `RosterError` where nobody knows which files these are.
     """
     try:
-        data = os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share"
+        return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "palpate"
     except RuntimeError as error:
         raise RosterError(
             "the file of names has no place, for nobody's home folder is known here; allowed: HOME or XDG_DATA_HOME "
             "names a folder; set one of them"
         ) from error
-    where = hashlib.sha256(str(dataset.resolve()).encode()).hexdigest()[:16]
-    return Path(data) / "palpate" / f"{protocol.study.id}-{where}-people.json"
+
+
+def place(protocol: Protocol, dataset: Path) -> Path | None:
+    """Return where the people of a dataset stand, wherever it was moved to; None before its first enrolment.
+
+    The file's name comes from the seed and its salt, which no table, export or register holds. Raises `RosterError` as
+    `folder`.
+    """
+    try:
+        settled = storage.json_of(storage.read_bytes(storage.seed_path(dataset)))
+        drawn = f"people of {settled['seed']} {settled.get('salt')}"
+    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        return None
+    return folder() / f"{protocol.study.id}-{hashlib.sha256(drawn.encode()).hexdigest()[:16]}{ENDING}"
+
+
+def others(protocol: Protocol, dataset: Path) -> tuple[Path, ...]:
+    """Return this user's other files of names of the study, as of its pilot. Raises `RosterError` as `folder`."""
+    here = place(protocol, dataset)
+    return tuple(one for one in sorted(folder().glob(f"{protocol.study.id}-*{ENDING}")) if one != here)
 
 
 def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
     """Return who is known, by label. Raises `RosterError` if the file cannot be read."""
     path = place(protocol, dataset)
-    if not path.exists():
+    if path is None or not path.exists():
         return {}
     try:
         return dict(_File.model_validate(storage.json_of(storage.read_bytes(path))).people)
@@ -85,7 +106,10 @@ def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
 
 
 def keep(protocol: Protocol, dataset: Path, participant: str, person: Person) -> Path:
-    """Write down who a participant is, in place of what was known, and return the file."""
+    """Write down who a participant is, in place of what was known, and return the file.
+
+    Raises `RosterError` if the file cannot be read, or nobody is enrolled in the dataset.
+    """
     with _held(protocol, dataset) as path:
         _write(path, protocol, dataset, {**known(protocol, dataset), participant: person})
     return path
@@ -106,8 +130,9 @@ def forget(protocol: Protocol, dataset: Path, participant: str) -> bool:
 def _held(protocol: Protocol, dataset: Path) -> Iterator[Path]:
     """Yield the file, in a folder that only its owner may open, while nobody else changes it. Raises `RosterError`."""
     path = place(protocol, dataset)
-    folder = path.parent.resolve()
-    inside = [one for one in (folder, *folder.parents) if storage.roster_path(one).exists()]
+    if path is None:
+        raise RosterError(f"{dataset}: nobody is enrolled here; enrol the participant first (palpate enrol)")
+    inside = [one for one in path.resolve().parents if storage.roster_path(one).exists()]
     if inside:
         raise RosterError(
             f"{path} lies in the dataset {inside[0]}; names stand in no dataset; have XDG_DATA_HOME name another folder"

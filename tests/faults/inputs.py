@@ -491,7 +491,7 @@ STARTED = (
     ("import-counts", "--task", "t=counts.csv", "--study", "s", "--source", "p", "--out", "out"),
     ("numerics", "takes"),
     ("new", "new.toml", "--id", "another", "--yes"),
-    ("person", "study.toml", "--participant", "01", "--dataset", "study"),
+    ("person", "study.toml", "--participant", "01", "--show", "--dataset", "study"),
     ("desk", "study"),
     ("answers", "review", "data", "--list"),
     ("tap", "fit", "take.wav"),

@@ -69,7 +69,7 @@ COMMANDS = (
     # Run sessions.
     Command("enrol okamoto2012.toml --participant 01 --consent-on 2026-05-04 --dataset enrolled"),
     Command("consent okamoto2012.toml -p 01 --consent-on 2026-05-05 --correct --reason slip --dataset enrolled"),
-    Command("person okamoto2012.toml -p 01 --name N --contact C --dataset enrolled"),
+    Command("person okamoto2012.toml -p 01 --show --dataset enrolled"),
     Command("schedule okamoto2012.toml --participant 01 --dataset enrolled"),
     Command("run okamoto2012.toml -p 01 --rig rig.toml --lines --dataset enrolled", REFUSED),
     Command("run study.toml --practice --lines", keys="\n"),

@@ -489,16 +489,27 @@ class TestALaboratorysStudy:
         root = protocol.with_name("dataset")
         self.seal(palpate, protocol)
         self.enrol(palpate, protocol)
-        assert palpate("person", protocol, "-p", "01", "--dataset", root, "--name", "Zoë Quux")[0] == 0
-        assert palpate("person", protocol, "-p", "01", "--dataset", root, "--contact", "room 7")[0] == 0
-        assert "Zoë Quux, room 7" in palpate("person", protocol, "-p", "01", "--dataset", root)[1]
+        person = ("person", protocol, "-p", "01", "--dataset")
+
+        def type_lines(*lines: str) -> None:
+            monkeypatch.setattr("sys.stdin", io.StringIO("".join(f"{line}\n" for line in lines)))
+
+        for name, contact in (("Zoë Quux", ""), ("", "room 7")):
+            type_lines(name, contact)
+            assert palpate(*person, root)[0] == 0
+        assert "Zoë Quux, room 7" in palpate(*person, root, "--show")[1]
+        type_lines("", "a\x1bb")
+        assert palpate(*person, root)[0] == 2
+        assert palpate(*person, root, "--forget", "--show")[0] == 2
+        assert palpate(*person, root, "--name", "Zoë Quux")[0] == 2
+        root = root.rename(root.with_name("moved"))
         code, out, _ = palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")
         assert (code, "Who they were is deleted" in out) == (0, True)
-        assert "nothing is known" in palpate("person", protocol, "-p", "01", "--dataset", root)[1]
+        assert "nothing is known" in palpate(*person, root, "--show")[1]
         holding = [path for path in tmp_path.rglob("*") if path.is_file() and b"Quux" in path.read_bytes()]
         assert holding == []
-        assert palpate("person", protocol, "-p", "01", "--dataset", root, "--name", "a\nb")[0] == 2
-        assert palpate("person", protocol, "-p", "01", "--dataset", root, "--forget", "--name", "a")[0] == 2
+        type_lines()
+        assert palpate(*person, root)[0] == 2
 
     @pytest.mark.parametrize("meanwhile", ["_wait_for_break", "open_laboratory"])
     def test_who_withdraws_before_the_session_begins_is_not_run(

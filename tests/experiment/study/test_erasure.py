@@ -17,8 +17,9 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import beliefs, build, register
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import enrolment, people
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -172,6 +173,44 @@ def test_the_command_says_what_it_cannot_reach(study: MadeStudy, palpate: Palpat
     assert (code, "their data are erased" in out, "Backups, copies" in out) == (0, True, True)
     assert "their label, the day of consent, and the withdrawal with its reason" in out
     assert erased(study)
+
+
+COPIES = (
+    "participants (conflicted copy 2026-01-02).tsv",
+    ".stversions/sourcedata/sub-02/sub-02_task-real_journal~20260102.jsonl",
+    "sourcedata/sub-02/.sub-02_task-real_journal.jsonl.swp",
+    "sourcedata/sub-01/sub-02_task-real_rig (1).toml",
+    "sub-02.zip",
+    "notes/sub-02.txt",
+    "notes/more/sub-02.txt",
+)
+
+
+def test_files_that_palpate_does_not_know_are_listed_after_an_erasure(study: MadeStudy, palpate: Palpate) -> None:
+    assert storage.unknown_files(study.root) == []
+    for name in COPIES:
+        (study.root / name).parent.mkdir(parents=True, exist_ok=True)
+        (study.root / name).write_text("foil", "utf-8")
+    code, out, _ = palpate(*asked(study, "--erase", "--yes"))
+    # The tables are not made beside what looks like a journal; the data are gone.
+    assert (code, storage.left_of(study.root, "02")) == (2, [])
+    listed = storage.unknown_files(study.root)
+    assert listed == sorted([*COPIES[:1], ".stversions/ (files: 1)", *COPIES[2:5], "notes/ (files: 2)"])
+    assert all(f"  {name}\n" in out for name in listed)
+    (study.root / COPIES[2]).unlink()
+    code, out, _ = palpate(*asked(study, "--erase", "--yes"))
+    assert (code, f"  {COPIES[4]}\n" in out) == (0, True)
+
+
+def test_a_dataset_without_its_seed_names_the_other_files_of_names(
+    study: MadeStudy, palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "mine"))
+    protocol = files.load(study.file)
+    path = people.keep(protocol, study.root, "02", people.Person(name="Zoë Quux"))
+    path = path.rename(path.with_name(f"{protocol.study.id}-0123456789abcdef-people.json"))
+    code, out, _ = palpate(*asked(study, "--erase", "--yes"))
+    assert (code, f"  {path}\n" in out) == (0, True)
 
 
 def asked(study: MadeStudy, *more: str) -> tuple[object, ...]:

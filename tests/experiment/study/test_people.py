@@ -15,13 +15,27 @@ from palpate.experiment.study.people import Person
 from tests.experiment.protocol.small import protocol
 
 STUDY = protocol()
-HERE = Path("participants/small")
+HERE = Path("small")
+PILOT = Path("small-pilot")
 ANN = Person(name="Ann Übermut", contact="room 7")
 
 
 @pytest.fixture(autouse=True)
 def _home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+    monkeypatch.chdir(tmp_path)
+    for number, dataset in enumerate((HERE, PILOT)):
+        begin(dataset, number)
+
+
+def begin(dataset: Path, seed: int) -> None:
+    storage.write_json(storage.seed_path(dataset), {"format": 1, "seed": seed, "purpose": "STUDY", "salt": "0" * 32})
+
+
+def stored(dataset: Path) -> Path:
+    found = people.place(STUDY, dataset)
+    assert found is not None
+    return found
 
 
 def test_people_are_kept_and_forgotten_one_by_one() -> None:
@@ -32,7 +46,7 @@ def test_people_are_kept_and_forgotten_one_by_one() -> None:
     assert people.forget(STUDY, HERE, "02")
     assert not people.forget(STUDY, HERE, "02")
     assert people.known(STUDY, HERE) == {"01": Person(contact="room 8")}
-    assert "Übermut" not in people.place(STUDY, HERE).read_text("utf-8")
+    assert "Übermut" not in stored(HERE).read_text("utf-8")
 
 
 def test_only_the_owner_may_read_the_file_and_its_folder() -> None:
@@ -42,12 +56,43 @@ def test_only_the_owner_may_read_the_file_and_its_folder() -> None:
 
 
 def test_a_pilot_and_its_study_keep_their_people_apart() -> None:
-    people.keep(STUDY, Path("participants/small-pilot"), "01", ANN)
+    people.keep(STUDY, PILOT, "01", ANN)
     assert people.known(STUDY, HERE) == {}
     assert not people.forget(STUDY, HERE, "01")
-    assert people.known(STUDY, Path("participants/small-pilot")) == {"01": ANN}
+    assert people.known(STUDY, PILOT) == {"01": ANN}
     # However the folder is named, it is the same one.
-    assert people.known(STUDY, Path("participants/small-pilot").resolve()) == {"01": ANN}
+    assert people.known(STUDY, PILOT.resolve()) == {"01": ANN}
+
+
+def test_names_follow_a_dataset_that_is_moved(tmp_path: Path) -> None:
+    path = people.keep(STUDY, HERE, "01", ANN)
+    (tmp_path / "archive").mkdir()
+    moved = HERE.rename(tmp_path / "archive" / "of 2026")
+    assert people.known(STUDY, moved) == {"01": ANN}
+    assert people.forget(STUDY, moved, "01")
+    assert "Übermut" not in path.read_text("utf-8")
+
+
+def test_where_a_dataset_lost_its_seed_the_studys_other_files_are_named(tmp_path: Path) -> None:
+    path = people.keep(STUDY, HERE, "01", ANN)
+    assert people.others(STUDY, HERE) == ()
+    assert people.others(STUDY, PILOT) == (path,)
+    storage.seed_path(HERE).unlink()
+    assert (people.place(STUDY, HERE), people.known(STUDY, HERE)) == (None, {})
+    assert not people.forget(STUDY, HERE, "01")
+    assert people.others(STUDY, HERE) == (path,)
+    with pytest.raises(RosterError, match="nobody is enrolled"):
+        people.keep(STUDY, HERE, "01", ANN)
+    storage.seed_path(HERE).write_text("[]", "utf-8")
+    assert people.place(STUDY, HERE) is None
+
+
+def test_the_names_file_shows_neither_seed_nor_salt() -> None:
+    begin(HERE, 1234567)
+    name = stored(HERE).name
+    assert "1234567" not in name
+    begin(HERE, 1234568)
+    assert stored(HERE).name != name
 
 
 def test_two_who_write_at_once_lose_nobody(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -55,17 +100,18 @@ def test_two_who_write_at_once_lose_nobody(monkeypatch: pytest.MonkeyPatch) -> N
 
     class Held:
         def __init__(self, path: Path) -> None:
-            assert path == people.place(STUDY, HERE).with_suffix(".lock")
+            assert path == stored(HERE).with_suffix(".lock")
 
         def __enter__(self) -> None:
             monkeypatch.undo()
             monkeypatch.setenv("XDG_DATA_HOME", data)
+            monkeypatch.chdir(here)
             people.keep(STUDY, HERE, "02", Person(name="Ben"))
 
         def __exit__(self, *_: object) -> None:
             pass
 
-    data = os.environ["XDG_DATA_HOME"]
+    data, here = os.environ["XDG_DATA_HOME"], Path.cwd()
     monkeypatch.setattr(people, "FileLock", Held)
     people.keep(STUDY, HERE, "01", ANN)
     assert people.known(STUDY, HERE) == {"01": ANN, "02": Person(name="Ben")}
@@ -88,12 +134,12 @@ def test_no_dataset_takes_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "dataset" / "sourcedata" / "mine"))
     with pytest.raises(RosterError, match="names stand in no dataset"):
         people.keep(STUDY, HERE, "01", ANN)
-    assert not people.place(STUDY, HERE).exists()
+    assert not stored(HERE).exists()
 
 
 @pytest.mark.parametrize("content", [b"", b"{", b"[]", b'{"study": "s", "people": {"01": {"age": 3}}}', b"\xff"])
 def test_a_file_that_cannot_be_read_is_told(content: bytes) -> None:
-    path = people.place(STUDY, HERE)
+    path = stored(HERE)
     path.parent.mkdir(parents=True)
     path.write_bytes(content)
     with pytest.raises(RosterError, match="cannot be read"):
