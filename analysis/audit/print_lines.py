@@ -19,23 +19,11 @@ from operator import attrgetter
 
 import numpy as np
 
-from palpate.analysis.audit import causes
+from palpate.analysis.audit import causes, mistakes
 from palpate.analysis.audit.causes import CONFLICTS
 from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
 from palpate.analysis.audit.granularity import MOST_COLUMNS, Row, Undecided, Work, examine
-from palpate.analysis.audit.mistakes import (
-    AGREES,
-    SWAPPED,
-    TENFOLD,
-    Citation,
-    Line,
-    Mistake,
-    Verdict,
-    judge,
-    of_any_f,
-    slips,
-)
 from palpate.analysis.audit.recomputed import p_of_f, quotient
 from palpate.analysis.documents.tables import plural
 from palpate.analysis.published.numbers import (
@@ -93,7 +81,7 @@ def _throughout(
     return other if other is not None and after < before else evidence
 
 
-def _conflicts(published: Published, evidence: FromPrint, cell: PrintedCell) -> list[Line]:
+def _conflicts(published: Published, evidence: FromPrint, cell: PrintedCell) -> list[mistakes.Line]:
     """Return the lines of the cell and its test that are in conflict."""
     return [line for line in Checks(published, evidence, diagnose=False).about(cell) if line.verdict in CONFLICTS]
 
@@ -103,11 +91,11 @@ def _in_f(published: Published, evidence: FromPrint, cells: Sequence[PrintedCell
     return sum(line.verdict in CONFLICTS for line in lines)
 
 
-def source_lines(table: PrintedSources) -> Iterator[Line]:
+def source_lines(table: PrintedSources) -> Iterator[mistakes.Line]:
     """Yield the lines of MS = SS / df, F = MS / MS of the residual, and P of F."""
     residual = table.lines[-1]
     for line in table.lines:
-        cited = Citation(table.where, "both", line.name, "cannot be decided", "the line does not print enough")
+        cited = mistakes.Citation(table.where, "both", line.name, "cannot be decided", "the line does not print enough")
         ms = _over(line.ss, line.df)
         if line.ms is not None:
             yield cited.number("MS", line.ms, [ms] if ms else [], _of_ms(line, table))
@@ -121,50 +109,52 @@ def source_lines(table: PrintedSources) -> Iterator[Line]:
             yield cited.number("P", line.p, ps, _of_p(line, f, ratio, table))
 
 
-def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[Mistake]:
+def _of_ms(line: PrintedSource, table: PrintedSources) -> Iterator[mistakes.Mistake]:
     if line.ss is None:
         return
     ss = line.ss.either
-    yield Mistake("it is the sum of squares, not divided by df", (ss,))
+    yield mistakes.Mistake("it is the sum of squares, not divided by df", (ss,))
     for df in _others(line, table):
-        yield Mistake(f"it was taken with {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
-    yield Mistake("it is the root of SS / df", (ss.times(Fraction(1, line.df)),), squares=True)
+        yield mistakes.Mistake(f"it was taken with {df} df, where df is {line.df}", (ss.times(Fraction(1, df)),))
+    yield mistakes.Mistake("it is the root of SS / df", (ss.times(Fraction(1, line.df)),), squares=True)
 
 
-def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Iterator[Mistake]:
+def _of_f(line: PrintedSource, f: Interval | None, table: PrintedSources) -> Iterator[mistakes.Mistake]:
     residual = table.lines[-1]
     if f is None:
         return
     above, below = (_over(one.ss, one.df) for one in (line, residual))
     if above and below and (_contradicts(line) or _contradicts(residual)):
-        yield Mistake("it follows SS / df, not the printed MS", (quotient(above, below),))
-    yield from of_any_f([f], (line.df, residual.df))
+        yield mistakes.Mistake("it follows SS / df, not the printed MS", (quotient(above, below),))
+    yield from mistakes.of_any_f([f], (line.df, residual.df))
     for df in _others(line, table):
-        yield Mistake(f"it was taken with {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
+        yield mistakes.Mistake(f"it was taken with {df} df, where df is {line.df}", (f.times(Fraction(line.df, df)),))
     for df in _others(residual, table):
         text = f"its residual was divided by {df} df, where df is {residual.df}"
-        yield Mistake(text, (f.times(Fraction(df, residual.df)),))
-    yield Mistake("it is the ratio of the sums of squares", (f.times(Fraction(line.df, residual.df)),))
+        yield mistakes.Mistake(text, (f.times(Fraction(df, residual.df)),))
+    yield mistakes.Mistake("it is the ratio of the sums of squares", (f.times(Fraction(line.df, residual.df)),))
     own = _mean_square(line)
     for other in table.lines[:-1]:
         if other is not line and own and (rest := _mean_square(other)):
-            yield Mistake(f"it was formed with the MS of {other.name}", (quotient(own, rest),))
+            yield mistakes.Mistake(f"it was formed with the MS of {other.name}", (quotient(own, rest),))
 
 
-def _of_p(line: PrintedSource, f: Interval | None, ratio: Interval | None, table: PrintedSources) -> Iterator[Mistake]:
+def _of_p(
+    line: PrintedSource, f: Interval | None, ratio: Interval | None, table: PrintedSources
+) -> Iterator[mistakes.Mistake]:
     residual = table.lines[-1]
     if ratio is None:
         return
     df = line.df, residual.df
     correct = p_of_f(ratio, df)
-    if f is not None and line.f is not None and judge(line.f, [f])[0] not in AGREES:
-        yield Mistake("it follows MS / MS, not the printed F", (p_of_f(f, df),))
-    yield Mistake("it is one-tailed", (correct.times(Fraction(1, 2)),))
-    yield Mistake("it is doubled", (correct.times(Fraction(2)),))
+    if f is not None and line.f is not None and mistakes.judge(line.f, [f])[0] not in mistakes.AGREES:
+        yield mistakes.Mistake("it follows MS / MS, not the printed F", (p_of_f(f, df),))
+    yield mistakes.Mistake("it is one-tailed", (correct.times(Fraction(1, 2)),))
+    yield mistakes.Mistake("it is doubled", (correct.times(Fraction(2)),))
     wrong = [(other, df[1]) for other in _others(line, table)] + [(df[0], other) for other in _others(residual, table)]
     for other in dict.fromkeys([*wrong, (df[1], df[0])]):
         if other != df:
-            yield Mistake(f"it was taken at {other[0]}, {other[1]} df", (p_of_f(ratio, other),))
+            yield mistakes.Mistake(f"it was taken at {other[0]}, {other[1]} df", (p_of_f(ratio, other),))
 
 
 def _others(line: PrintedSource, table: PrintedSources) -> list[int]:
@@ -238,11 +228,11 @@ def common(printed: Sequence[Printed], reading: Reading) -> Iterator[int]:
 LISTED = 5
 """The most numbers that a reason lists."""
 
-UNDECIDED: Verdict = "cannot be decided"
+UNDECIDED: mistakes.Verdict = "cannot be decided"
 NO_ROW = "the ratios cannot sum to 1"
 
 
-def print_lines(published: Published) -> tuple[Line, ...]:
+def print_lines(published: Published) -> tuple[mistakes.Line, ...]:
     """Return every line of a study whose printed numbers are compared with one another."""
     right, evidence, found = causes.find(published, read_print(published))
     return tuple(_unanswered(list(causes.accused(_lines(right, evidence), published, found))))
@@ -257,7 +247,7 @@ UNANSWERED = (
 )
 
 
-def _unanswered(lines: Sequence[Line]) -> Iterator[Line]:
+def _unanswered(lines: Sequence[mistakes.Line]) -> Iterator[mistakes.Line]:
     """Yield the lines with what explains several means of a table that fit no whole counts."""
     often = Counter((line.where, line.task) for line in lines if _fits_no_counts(line))
     for line in lines:
@@ -266,11 +256,11 @@ def _unanswered(lines: Sequence[Line]) -> Iterator[Line]:
         yield replace(line, reason=f"{line.reason}; {UNANSWERED.format(many)}") if told else line
 
 
-def _fits_no_counts(line: Line) -> bool:
+def _fits_no_counts(line: mistakes.Line) -> bool:
     return line.quantity == "mean" and line.verdict == "impossible"
 
 
-def _lines(published: Published, evidence: FromPrint) -> tuple[Line, ...]:
+def _lines(published: Published, evidence: FromPrint) -> tuple[mistakes.Line, ...]:
     checks = Checks(published, evidence, diagnose=True)
     lines = list(checks.lines())
     work = Work(MOST_COLUMNS)
@@ -281,7 +271,7 @@ def _lines(published: Published, evidence: FromPrint) -> tuple[Line, ...]:
     for sources in published.anova:
         lines += source_lines(sources)
     for icc in published.icc:
-        cited = Citation(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
+        cited = mistakes.Citation(icc.where, "both", "reliability of the two-way ANOVA", UNDECIDED)
         reason = "no formula is printed, and means and SDs do not tell how each participant answered in every cell"
         lines.append(cited.text("ICC", icc.value.text, "-", UNDECIDED, reason))
     for choices in published.choices:
@@ -289,8 +279,10 @@ def _lines(published: Published, evidence: FromPrint) -> tuple[Line, ...]:
     return tuple(lines)
 
 
-def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Sequence[PrintedCell], work: Work) -> Line:
-    cited = Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
+def _row(
+    published: Published, checks: Checks, evidence: FromPrint, cells: Sequence[PrintedCell], work: Work
+) -> mistakes.Line:
+    cited = mistakes.Citation(cells[0].where, cells[0].task, f"row of {cells[0].presented}", UNDECIDED)
     printed = causes.added(cells)
     task = published.task_named(cells[0].task)
     sums = sum_of(cell.mean.either for cell in cells)
@@ -310,8 +302,8 @@ def _row(published: Published, checks: Checks, evidence: FromPrint, cells: Seque
 
 
 def _judged(
-    published: Published, cited: Citation, printed: str, cells: Sequence[PrintedCell], row: Row, *, given: str
-) -> Line:
+    published: Published, cited: mistakes.Citation, printed: str, cells: Sequence[PrintedCell], row: Row, *, given: str
+) -> mistakes.Line:
     if row.stands:
         found = f"{row.trials} of {row.trials} trials"
         if not row.truncated:
@@ -342,27 +334,27 @@ def _slip_in(published: Published, cells: Sequence[PrintedCell], index: int) -> 
         return ""
     printed = cells[index].mean
     moved = [left.times(Fraction(10) ** power) for power in (-1, 1, 2)]
-    found = [TENFOLD] if printed.exact and any(one.meets(printed.rounded) for one in moved) else []
-    fitting = [(slip, text) for slip, text in slips(printed.text) if left.meets(Printed(text).rounded)]
+    found = [mistakes.TENFOLD] if printed.exact and any(one.meets(printed.rounded) for one in moved) else []
+    fitting = [(slip, text) for slip, text in mistakes.slips(printed.text) if left.meets(Printed(text).rounded)]
     for slip, text in fitting[:1]:
-        if not found or slip == SWAPPED:
+        if not found or slip == mistakes.SWAPPED:
             found.append(f"{slip}: {text} would stand")
     return f" ({'; or '.join(found)})" if found else ""
 
 
-def _choices(choices: PrintedChoices) -> Iterator[Line]:
+def _choices(choices: PrintedChoices) -> Iterator[mistakes.Line]:
     percentages = [cell.correct for cell in choices.cells]
     pairs = len(percentages)
     shares = [choices.trials * people // pairs for people in (choices.participants, 1)]
     for cell in choices.cells:
-        cited = Citation(choices.where, choices.task, " and ".join(cell.pair), UNDECIDED)
+        cited = mistakes.Citation(choices.where, choices.task, " and ".join(cell.pair), UNDECIDED)
         yield _choice(cited, cell.correct, shares)
-    cited = Citation(choices.where, choices.task, f"all {pairs} pairs", UNDECIDED)
+    cited = mistakes.Citation(choices.where, choices.task, f"all {pairs} pairs", UNDECIDED)
     yield _common(cited, choices, percentages, max(shares))
     yield _unequal(cited, choices, percentages)
 
 
-def _choice(cited: Citation, printed: Printed, shares: Sequence[int]) -> Line:
+def _choice(cited: mistakes.Citation, printed: Printed, shares: Sequence[int]) -> mistakes.Line:
     """Return the line of one percentage, with trials shared equally among pairs, a participant's or those of all.
 
     Nothing printed says that they were shared equally, so a percentage that does not fit is no mistake by itself.
@@ -380,7 +372,9 @@ def _choice(cited: Citation, printed: Printed, shares: Sequence[int]) -> Line:
     return cited.text("correct", printed.text, shown, UNDECIDED, reason)
 
 
-def _common(cited: Citation, choices: PrintedChoices, percentages: Sequence[Printed], most: int) -> Line:
+def _common(
+    cited: mistakes.Citation, choices: PrintedChoices, percentages: Sequence[Printed], most: int
+) -> mistakes.Line:
     """Return the line that says whether one number of trials for each pair gives every percentage."""
     pairs = len(percentages)
     fitting = {name: list(common(percentages, reading)) for name, reading in READINGS.items()}
@@ -404,7 +398,7 @@ def _common(cited: Citation, choices: PrintedChoices, percentages: Sequence[Prin
     return cited.text(quantity, printed, f"{none}, all rounded or all truncated", "fits no one rounding", reason)
 
 
-def _unequal(cited: Citation, choices: PrintedChoices, percentages: Sequence[Printed]) -> Line:
+def _unequal(cited: mistakes.Citation, choices: PrintedChoices, percentages: Sequence[Printed]) -> mistakes.Line:
     """Return the line of the fewest trials that the percentages need when pairs may differ in them."""
     all_of = choices.trials * choices.participants
     often = Counter(printed.text for printed in percentages)
@@ -430,5 +424,5 @@ def _listed(numbers: Sequence[int]) -> str:
     return ", ".join(texts[:LISTED]) + (", ..." if len(texts) > LISTED else "")
 
 
-FITS: tuple[Verdict, ...] = ("agrees", "agrees if truncated", "fits no one rounding")
+FITS: tuple[mistakes.Verdict, ...] = ("agrees", "agrees if truncated", "fits no one rounding")
 """The verdict on percentages that fit only from this reading on."""

@@ -14,19 +14,7 @@ from fractions import Fraction
 import numpy as np
 from scipy.special import betaincinv, ncfdtr, nctdtr, ndtr, ndtri, stdtr
 
-from palpate.analysis.statistics.exact import (
-    Floats,
-    Integers,
-    NotDefined,
-    Number,
-    Ratios,
-    Tested,
-    floats,
-    integers,
-    of_groups,
-    over,
-    undefined,
-)
+from palpate.analysis.statistics import exact
 
 CONFIDENCE = 0.95
 
@@ -69,13 +57,13 @@ def p_two_tailed(t: float, df: int) -> float:
     return float(2 * stdtr(df, -abs(t)))
 
 
-def t_against_chance(values: Sequence[Number], chance: Number) -> TTest:
+def t_against_chance(values: Sequence[exact.Number], chance: exact.Number) -> TTest:
     """Return the one-sample, two-tailed t-test of finite `values`, shape (participants,), against `chance`."""
     null = Fraction(chance)
     n = len(values)
     if n == 0:
         return TTest(0, None, None, float(null), 0, None, None, None, "nobody was presented this material")
-    cells = of_groups([values])
+    cells = exact.of_groups([values])
     mean = float(cells.means[0, 0])
     if n == 1:
         statement = "with one participant, SD, t and P are not defined"
@@ -88,21 +76,21 @@ def t_against_chance(values: Sequence[Number], chance: Number) -> TTest:
     return TTest(n, mean, float(sd[0, 0]), float(null), n - 1, t, p, float(d[0, 0]))
 
 
-def t_tests(cells: Ratios, chance: Fraction) -> Tested:
+def t_tests(cells: exact.Ratios, chance: Fraction) -> exact.Tested:
     """Return t and P of each cell of many studies against `chance`; they are undefined where nothing varies."""
-    return undefined(cells.sums.shape) if cells.participants < 2 else _sizes(cells, cells.participants, chance)[2]
+    return exact.undefined(cells.sums.shape) if cells.participants < 2 else _sizes(cells, cells.participants, chance)[2]
 
 
-def _sizes(cells: Ratios, n: int, chance: Fraction) -> tuple[Floats, Floats, Tested]:
+def _sizes(cells: exact.Ratios, n: int, chance: Fraction) -> tuple[exact.Floats, exact.Floats, exact.Tested]:
     """Return SD, d and t of each cell of `n` participants."""
-    variance = floats(over(cells.scatter, n * (n - 1) * cells.denominator**2))
+    variance = exact.floats(exact.over(cells.scatter, n * (n - 1) * cells.denominator**2))
     sd = np.sqrt(np.where(variance > 0, variance, np.nan))
-    d = floats(cells.means - (chance if cells.exact else float(chance))) / sd
+    d = exact.floats(cells.means - (chance if cells.exact else float(chance))) / sd
     t = d * math.sqrt(n)
-    return sd, d, Tested(t, 2 * stdtr(n - 1, -np.abs(t)))
+    return sd, d, exact.Tested(t, 2 * stdtr(n - 1, -np.abs(t)))
 
 
-def holm(p: Floats) -> Floats:
+def holm(p: exact.Floats) -> exact.Floats:
     """Return P adjusted for the tests of a family (Holm 1979), which lie along the first axis.
 
     NaN, a test that is not defined, counts as 1 in its family, because it was planned; it stays NaN.
@@ -165,7 +153,7 @@ def _bisected(below: Callable[[float], float], probability: float, least: float)
 
     def gap(noncentrality: float) -> float:
         if math.isnan(value := below(noncentrality)):
-            raise NotDefined("the distribution cannot be computed")
+            raise exact.NotDefined("the distribution cannot be computed")
         return value - probability
 
     low, high = max(least, -1.0), 1.0
@@ -180,7 +168,7 @@ def _bisected(below: Callable[[float], float], probability: float, least: float)
             return None
         while low < (middle := (low + high) / 2) < high:
             low, high = (middle, high) if gap(middle) >= 0 else (low, middle)
-    except NotDefined:
+    except exact.NotDefined:
         return None
     return middle
 
@@ -251,25 +239,27 @@ WHOLE = 2**53
 """Whole numbers below this are exact in float64."""
 
 
-def resamples(participants: int, count: int, rng: np.random.Generator) -> Integers:
+def resamples(participants: int, count: int, rng: np.random.Generator) -> exact.Integers:
     """Return how often each participant is in each resample, shape (count, participants); NotDefined for too few."""
     if participants < LEAST:
-        raise NotDefined(f"a bootstrap needs {LEAST} participants, got {participants}")
+        raise exact.NotDefined(f"a bootstrap needs {LEAST} participants, got {participants}")
     return np.asarray(
         rng.multinomial(participants, np.full(participants, 1 / participants), size=count), dtype=np.int64
     )
 
 
-def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CONFIDENCE) -> ConfidenceInterval:
+def bca(
+    observed: float, drawn: exact.Floats, left_out: exact.Floats, confidence: float = CONFIDENCE
+) -> ConfidenceInterval:
     """Return the BCa interval from values in the resamples, shape (B,), and with each participant left out, shape (P,).
 
     Raises `NotDefined`: the resamples do not vary, or all lie on one side of the observed value.
     """
     if np.ptp(drawn) <= 1e-12 * np.abs(drawn).max():
-        raise NotDefined("no variance among participants: the bootstrap has no interval")
+        raise exact.NotDefined("no variance among participants: the bootstrap has no interval")
     below = (np.count_nonzero(drawn < observed) + np.count_nonzero(drawn <= observed)) / (2 * drawn.size)
     if not 0 < below < 1:
-        raise NotDefined("every resample lies on one side of the value: the bootstrap has no BCa interval")
+        raise exact.NotDefined("every resample lies on one side of the value: the bootstrap has no BCa interval")
     differences = left_out.mean() - left_out
     scale = float((differences**2).sum()) ** 1.5
     acceleration = float((differences**3).sum()) / (6 * scale) if scale else 0.0
@@ -280,15 +270,15 @@ def bca(observed: float, drawn: Floats, left_out: Floats, confidence: float = CO
     return ConfidenceInterval(float(low), float(high), confidence)
 
 
-def mean_interval(values: Sequence[Number], weights: Integers) -> ConfidenceInterval:
+def mean_interval(values: Sequence[exact.Number], weights: exact.Integers) -> ConfidenceInterval:
     """Return the BCa interval of the mean of values, shape (P,), from resamples of shape (B, P); errors as `bca`.
 
     Sums are whole numbers over one denominator, and a quotient is rounded once, so that resamples with the observed
     mean are counted as equal to it.
     """
-    whole, common = integers(values)
+    whole, common = exact.integers(values)
     people, total = len(whole), sum(whole)
     small = people * max(max(map(abs, whole)), common) < WHOLE
     counts, drawn = (weights, np.array(whole)) if small else (weights.astype(object), np.array(whole, dtype=object))
     left_out = [(total - value) / ((people - 1) * common) for value in whole]
-    return bca(total / (people * common), floats(counts @ drawn / (people * common)), np.array(left_out))
+    return bca(total / (people * common), exact.floats(counts @ drawn / (people * common)), np.array(left_out))

@@ -16,15 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from palpate.experiment import storage
-from palpate.experiment.dataset.bids import (
-    LABELS,
-    DatasetText,
-    TaskText,
-    description,
-    events,
-    new_dataset,
-    participants,
-)
+from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.bids import write_files as write
 from palpate.experiment.dataset.reconstruction import STUDIES, check_study_id, check_texts
 from palpate.experiment.dataset.trial_files import Layout, Row, Trials, read_trials
@@ -69,14 +61,14 @@ def import_trials(
     labels, kept = _labels(paths, layout, trials.rows)
     sessions = _sessions(trials.rows, layout)
     said = _sentences(trials, labels, layout, kept=kept)
-    with new_dataset(out) as root:
+    with bids.new_dataset(out) as root:
         text = _description(study, source, tuple(tasks.values()), said)
-        files = description(root, text)
+        files = bids.description(root, text)
         people = sorted(set(labels.values()), key=int)
-        files |= participants(root, ({"participant_id": f"sub-{label}"} for label in people), origin="IMPORTED")
+        files |= bids.participants(root, ({"participant_id": f"sub-{label}"} for label in people), origin="IMPORTED")
         for (participant, task), rows in sessions.items():
             one = _task_text(tasks[task], task or "Identification", source, trials.materials, layout)
-            files |= events(root, labels[participant], one, map(_event, range(1, len(rows) + 1), rows))
+            files |= bids.events(root, labels[participant], one, map(_event, range(1, len(rows) + 1), rows))
         held = root / "sourcedata"
         files[held / f"{study}_trials.csv"] = _kept(sessions, labels, tasks)
         files[held / "README"] = _sources(hashes, source).encode()
@@ -188,8 +180,8 @@ def _sentences(trials: Trials, labels: dict[str, str], layout: Layout, *, kept: 
     return tuple(said)
 
 
-def _task_text(task: str, title: str, source: str, materials: Sequence[str], layout: Layout) -> TaskText:
-    return TaskText(
+def _task_text(task: str, title: str, source: str, materials: Sequence[str], layout: Layout) -> bids.TaskText:
+    return bids.TaskText(
         id=task,
         title=title,
         description=f"Measured elsewhere: {source}. {_order(layout)}",
@@ -200,7 +192,7 @@ def _task_text(task: str, title: str, source: str, materials: Sequence[str], lay
     )
 
 
-def _description(study: str, source: str, tasks: tuple[str, ...], said: Sequence[str]) -> DatasetText:
+def _description(study: str, source: str, tasks: tuple[str, ...], said: Sequence[str]) -> bids.DatasetText:
     paragraphs = (
         f"These answers were given by participants of a laboratory that measured them elsewhere: {source}. palpate "
         "read them from tables. It saw neither the sessions nor a record of them, and vouches for no answer.",
@@ -210,7 +202,7 @@ def _description(study: str, source: str, tasks: tuple[str, ...], said: Sequence
         f"A trial without an answer stands with the answer {NO_ANSWER}. BIDS asks for a column `onset` in seconds; n/a "
         "there says that it is not known.",
     )
-    return DatasetText(
+    return bids.DatasetText(
         study=study,
         name=f"Answers of {study}",
         origin="IMPORTED",
@@ -242,4 +234,4 @@ def _sources(hashes: Sequence[str], source: str) -> str:
         f"number in the file. The files are those of: {source}."
     )
     files = "\n".join(f"file {number}: SHA-256 {sha256}" for number, sha256 in enumerate(hashes, start=1))
-    return f"{LABELS['IMPORTED']}\n\n{textwrap.fill(text, 100)}\n\n{files}\n"
+    return f"{bids.LABELS['IMPORTED']}\n\n{textwrap.fill(text, 100)}\n\n{files}\n"

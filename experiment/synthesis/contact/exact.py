@@ -7,15 +7,8 @@ the signature of `advance` (`stepping.steppers`).
 from math import inf, sqrt
 
 from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact import oscillator
 from palpate.experiment.synthesis.contact.block import ENTERING, FREE, RETURNING, Block, Motion, Switch, new, pull_m_s2
-from palpate.experiment.synthesis.contact.oscillator import (
-    Oscillator,
-    carry,
-    falls_through_zero,
-    first_zero,
-    moved,
-    parabola_rises,
-)
 
 MOST_SWITCHES = 100_000
 """Touches and releases in one step beyond which the step is refused."""
@@ -33,7 +26,7 @@ def advance(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Switch
             x1, u1, y1, v1 = x + dt_s * u, u, y + dt_s * v, v
         else:
             if dt_s != nominal_s:
-                normal, along = carry(block.normal, dt_s), carry(block.along, dt_s)
+                normal, along = oscillator.carry(block.normal, dt_s), oscillator.carry(block.along, dt_s)
             # `moved`, written out: a call costs as much as the arithmetic.
             kept, of_y, of_speed, s, w, pull = normal
             x1 = kept * x + (of_y * x + s * u + w * push)
@@ -75,10 +68,10 @@ def _eventful(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Swit
             taken = min(after, rest)
             if phase == ENTERING and (turned := deepest_after(of, x, u)) <= taken:
                 phase = RETURNING
-                deepest = moved(of, carry(of, turned), x, u)
+                deepest = oscillator.moved(of, oscillator.carry(of, turned), x, u)
                 switches.append(Switch("deepest", done + turned, _added(since, owed, turned)[0], *deepest))
-            x, u = moved(of, carry(of, taken), x, u)
-            y, v = moved(beside, carry(beside, taken), y, v)
+            x, u = oscillator.moved(of, oscillator.carry(of, taken), x, u)
+            y, v = oscillator.moved(beside, oscillator.carry(beside, taken), y, v)
         since, owed = _added(since, owed, taken)
         if after > rest:
             return Motion(phase, x, u, y, v, since, owed), tuple(switches)
@@ -98,12 +91,12 @@ def _eventful(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Swit
             )
 
 
-def deepest_after(of: Oscillator, x: float, u: float) -> float:
+def deepest_after(of: oscillator.Oscillator, x: float, u: float) -> float:
     """Return when a hand that touches goes deeper no longer, s: 0 where it does not now, infinity if never."""
     held = of.push_m_s2 - of.stiffness_per_s2 * x
     if u < 0 or (u == 0 and held <= 0):
         return 0.0
-    return first_zero(of, value=u, drift=held - of.decay_per_s * u, slow_part=held - of.slow_per_s * u)
+    return oscillator.first_zero(of, value=u, drift=held - of.decay_per_s * u, slow_part=held - of.slow_per_s * u)
 
 
 def release_after(block: Block, x: float, u: float, *, within_s: float = inf) -> float:
@@ -122,18 +115,20 @@ def release_after(block: Block, x: float, u: float, *, within_s: float = inf) ->
     pull = held - 2 * a * u
     if push == 0:
         if block.clamps:
-            return first_zero(of, value=pull, drift=-b * u - a * pull, slow_part=-slow * (held - slow * u))
-        return first_zero(of, value=x, drift=u + a * x, slow_part=u + of.fast_per_s * x)
+            return oscillator.first_zero(of, value=pull, drift=-b * u - a * pull, slow_part=-slow * (held - slow * u))
+        return oscillator.first_zero(of, value=x, drift=u + a * x, slow_part=u + of.fast_per_s * x)
     if block.clamps:
         jerk = -b * u - 2 * a * pull
         slope = -jerk or b * pull
-        turns = first_zero(of, value=jerk, drift=-b * pull - a * jerk, slow_part=slow * slow * (held - slow * u))
+        turns = oscillator.first_zero(
+            of, value=jerk, drift=-b * pull - a * jerk, slow_part=slow * slow * (held - slow * u)
+        )
     else:
         slope = u or pull
-        turns = first_zero(of, value=u, drift=held - a * u, slow_part=held - slow * u)
+        turns = oscillator.first_zero(of, value=u, drift=held - a * u, slow_part=held - slow * u)
 
     def falling(t_s: float) -> tuple[float, float]:
-        x1, u1 = moved(of, carry(of, t_s), x, u)
+        x1, u1 = oscillator.moved(of, oscillator.carry(of, t_s), x, u)
         if not block.clamps:
             return x1, u1
         return pull_m_s2(block, x1, u1), b * u1 + 2 * a * (push - b * x1 - 2 * a * u1)
@@ -150,7 +145,7 @@ def release_after(block: Block, x: float, u: float, *, within_s: float = inf) ->
     high = min(high, within_s)
     if falling(high)[0] >= 0:
         return inf
-    return falls_through_zero(falling, low, high)
+    return oscillator.falls_through_zero(falling, low, high)
 
 
 def released(block: Block, x: float, u: float) -> tuple[float, float]:
@@ -172,7 +167,7 @@ def touch(block: Block, x: float, u: float) -> tuple[float, float, float]:
         if push < 0:
             return never
         # Released while the spring was compressed, and pressed back: perhaps before it has left the face.
-        again = parabola_rises(
+        again = oscillator.parabola_rises(
             min(pull_m_s2(block, x, u), 0.0),
             block.normal.stiffness_per_s2 * u + 2 * block.normal.decay_per_s * push,
             block.normal.stiffness_per_s2 * push / 2,
