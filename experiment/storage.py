@@ -380,19 +380,9 @@ _KNOWN = re.compile(
 
 
 def unknown_files(dataset: Path) -> list[str]:
-    """Return the files of a dataset that palpate did not write, by their paths inside, such as a sync program's copies.
-
-    Of folders without any other file the folder and the number of its files.
-    """
-    files = [path.relative_to(dataset) for path in dataset.rglob("*") if path.is_symlink() or not path.is_dir()]
-    unknown = [path for path in files if not _KNOWN.fullmatch(path.as_posix())]
-    used = {parent for path in set(files).difference(unknown) for parent in path.parents} | {Path()}
-    by_place: dict[str, int] = {}
-    for path in unknown:
-        alone = next((parent for parent in reversed(path.parents) if parent not in used), None)
-        place = path.as_posix() if alone is None else f"{alone.as_posix()}/"
-        by_place[place] = by_place.get(place, 0) + 1
-    return [f"{place} (files: {n})" if place.endswith("/") else place for place, n in sorted(by_place.items())]
+    """Return the files of a dataset that palpate did not write, by their paths inside: a sync copy, say."""
+    files = (path.relative_to(dataset).as_posix() for path in dataset.rglob("*") if path.is_symlink() or path.is_file())
+    return sorted(path for path in files if not _KNOWN.fullmatch(path))
 
 
 def rig_path(journal_file: Path) -> Path:

@@ -36,6 +36,7 @@ def desk(
 
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise LinkError("the desk needs a terminal; palpate status prints the same as lines of text")
+    options.check_terminal("print the same as lines of text (palpate status)")
     place = dataset or study
     refuses = (
         "To begin sessions here, open the desk with the study's protocol file and --rig."

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.experiment.errors import PalpateError
+from palpate.experiment.errors import LinkError, PalpateError
 from palpate.experiment.settings.characters import hidden, quoted
 
 if TYPE_CHECKING:
@@ -109,6 +109,23 @@ def say(words: str, *, err: bool = False) -> None:
 
     for line in words.split("\n"):
         typer.echo(textwrap.fill(line, columns(10_000), break_long_words=False, break_on_hyphens=False), err=err)
+
+
+def check_terminal(instead: str) -> None:
+    """Raise `LinkError` where the screen could not be seen, for it is drawn on the standard error; name what to do."""
+    if sys.stderr is None or not sys.stderr.isatty():
+        raise LinkError(
+            "got a standard error that is no terminal (as with 2> FILE), where the screen would be drawn; allowed: a "
+            f"terminal; leave the redirection out, or {instead}"
+        )
+
+
+def at_terminal(*, draws: bool) -> bool:
+    """Return whether a session's command stands at a terminal. Raises `LinkError` where a console `draws` unseen."""
+    found = sys.stdin.isatty() and sys.stdout.isatty()
+    if found and draws:
+        check_terminal("run the session on lines of text (--lines)")
+    return found
 
 
 def ask(asked: str) -> str:

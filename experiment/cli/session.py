@@ -85,7 +85,7 @@ def run(
     With --practice a simulated participant steps and says an answer, and the keys are yours. Nothing is sealed or
     enrolled for that, and no file of a PRACTICE counts in a study.
     """
-    at_console = not lines and session_at is None and sys.stdin.isatty() and sys.stdout.isatty()
+    at_console = not lines and session_at is None and options.at_terminal(draws=not served and serve is None)
     if session_at is None and not served and serve is None:
         options.at_once(f"Opening the session{' of PRACTICE, with a simulated laboratory' if practice else ''} ...")
     from palpate.experiment.protocol import files

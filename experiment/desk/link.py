@@ -33,17 +33,45 @@ MOST_UNREAD = 1 << 20
 def place(dataset: Path, participant: str) -> Path:
     """Return where the socket of a participant's session stands, in a folder that only its owner may open.
 
-    Raises `LinkError` where others may open that folder, or where this system has no such sockets.
+    Raises `LinkError` where no such folder can be made, or where this system has no such sockets.
     """
     if not hasattr(socket, "AF_UNIX"):
         raise LinkError("this system has no sockets that are files; run the session on lines of text (--lines)")
-    folder = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"palpate-{os.getuid()}"
-    folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.lstat()
-    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o077:
-        raise LinkError(f"{folder}: others may open it; allowed: a folder of your own with mode 700; delete it")
     name = hashlib.sha256(f"{dataset.resolve()}\n{participant}".encode()).hexdigest()[:16]
-    return folder / f"{name}.sock"
+    return _own_folder(Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())) / f"{name}.sock"
+
+
+def _own_folder(parent: Path) -> Path:
+    """Return the folder of this user's sockets, made if there is none. Raises `LinkError` if it cannot be made.
+
+    Another user may have taken its usual name, where all share a folder of temporary files; then it has another one,
+    which both ends find because it is this user's own.
+    """
+    usual = parent / f"palpate-{os.getuid()}"
+    try:
+        if not (usable := _usable(usual)):
+            if usual.is_symlink() or usual.exists():
+                tempfile.mkdtemp(prefix=f"{usual.name}-", dir=parent)
+            else:
+                usual.mkdir(mode=0o700)
+            usable = _usable(usual)
+    except OSError as error:
+        raise LinkError(
+            f"{parent}: no folder for the console's socket can be made ({error.strerror or error}); allowed: a folder "
+            "that you may write to; name one in XDG_RUNTIME_DIR, or run the session on lines of text (--lines)"
+        ) from error
+    return usable[0]
+
+
+def _usable(usual: Path) -> list[Path]:
+    """Return the folders of this name, or of one that begins with it, that only this user may open."""
+    found: list[Path] = []
+    for one in (usual, *sorted(usual.parent.glob(f"{usual.name}-*"))):
+        with suppress(FileNotFoundError):
+            mode = one.lstat()
+            if stat.S_ISDIR(mode.st_mode) and mode.st_uid == os.getuid() and not mode.st_mode & 0o077:
+                found.append(one)
+    return found
 
 
 def answers(path: Path) -> bool:

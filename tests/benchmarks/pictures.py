@@ -347,8 +347,8 @@ def main() -> None:
             # While the participant's screen opens there is nothing to see.
             until(lambda: screen is None or window(screen).getbbox() is not None)
             with running([*command, "--serve", "127.0.0.1", "--port", str(port)], environment, served):
-                until(lambda: "token=" in served.read_text("utf-8"))
-                found = re.search(r"http://\S+token=\S+", served.read_text("utf-8"))
+                until(lambda: "http://" in served.read_text("utf-8"))
+                found = re.search(r"http://\S+", served.read_text("utf-8"))
                 most = MOST if named else None
                 asyncio.run(drawn(path, folder, screen, found[0] if found else "about:blank", most))
     as_png(folder)

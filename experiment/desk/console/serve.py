@@ -1,5 +1,7 @@
 """The console in a browser: one page for whoever has its address, which holds a secret; nobody else gets anything.
 
+The secret is the first part of the address's path. A cookie would go to every port of this machine, other users' too.
+
 The page is open to this machine alone unless another address of it is named. What travels is not encrypted, so that
 from elsewhere it is best reached through an ssh tunnel.
 """
@@ -8,16 +10,19 @@ import hmac
 import ipaddress
 import secrets
 import shlex
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from typing import Any, cast
 
-from aiohttp import web
+from aiohttp import WSMessage, WSMsgType, web
+from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
 from palpate.experiment.errors import LinkError
 
 LOOPBACK = "127.0.0.1"
 
-COOKIE = "palpate"
+MOST_CELLS = 1_000
+"""No screen of a browser has more columns or lines: the console keeps memory for each of its cells."""
 
 POLICY = "; ".join(
     (
@@ -34,7 +39,7 @@ POLICY = "; ".join(
 
 
 class Served(Server):
-    """Serves a command's screen to whoever shows the secret: first in the address, then in a cookie of the browser."""
+    """Serves a command's screen to whoever shows the secret in the path."""
 
     def __init__(self, command: Sequence[str], *, host: str, port: int, secret: str) -> None:
         """Serve at an address and a port of this machine."""
@@ -45,7 +50,7 @@ class Served(Server):
     @property
     def address(self) -> str:
         """The address of the page, with the secret."""
-        return f"{self.public_url}/?token={self._secret}"
+        return f"{self.public_url}/{self._secret}/"
 
     def initialize_logging(self) -> None:
         """Log nothing: a line for each visit would hold the secret."""
@@ -56,25 +61,27 @@ class Served(Server):
         self.console.print("Whoever has this address can give commands. Ctrl-C closes the page; the session goes on.")
 
     async def _make_app(self) -> web.Application:
-        app = await super()._make_app()
-        app.middlewares.append(self._only_with_secret)
+        app = web.Application(middlewares=[self._only_with_secret])
+        app.add_subapp(f"/{self._secret}/", await super()._make_app())
         return app
+
+    async def _process_messages(self, websocket: web.WebSocketResponse, app_service: AppService) -> None:
+        await super()._process_messages(cast("web.WebSocketResponse", _Bounded(websocket)), app_service)
 
     @web.middleware
     async def _only_with_secret(
         self, request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
     ) -> web.StreamResponse:
-        shown = request.query.get("token")
         # Of a page of this server, if it comes from a page.
         is_ours = request.headers.get("Origin", self.public_url) == self.public_url
-        if shown is not None and self._is_secret(shown) and request.path == "/":
-            # Out of the address, so that it stands in no history and no picture of the screen.
-            answer: web.StreamResponse = web.Response(status=302, headers={"Location": "/"})
-            answer.set_cookie(COOKIE, self._secret, httponly=True, samesite="Strict")
-        elif self._is_secret(request.cookies.get(COOKIE, "")) and is_ours:
-            answer = await handler(request)
+        if not (self._is_secret(request.path.split("/")[1]) and is_ours):
+            answer: web.StreamResponse = web.Response(
+                status=403, text="This page opens only with the address that palpate printed.\n"
+            )
+        elif not all(_is_size(request.query.get(side, "80")) for side in ("width", "height")):
+            answer = web.Response(status=400, text=f"A screen has 1 to {MOST_CELLS} columns and lines.\n")
         else:
-            answer = web.Response(status=403, text="This page opens only with the address that palpate printed.\n")
+            answer = await handler(request)
         if not answer.prepared:
             answer.headers["Content-Security-Policy"] = POLICY
             answer.headers["Referrer-Policy"] = "no-referrer"
@@ -83,6 +90,24 @@ class Served(Server):
 
     def _is_secret(self, shown: str) -> bool:
         return hmac.compare_digest(shown.encode(), self._secret.encode())
+
+
+class _Bounded:
+    """What a browser sends, without sizes that no screen has."""
+
+    def __init__(self, websocket: web.WebSocketResponse) -> None:
+        self._websocket = websocket
+        self.send_json = websocket.send_json
+
+    async def __aiter__(self) -> AsyncIterator[WSMessage]:
+        async for message in self._websocket:
+            envelope: Any = message.json() if message.type is WSMsgType.TEXT else [""]
+            if envelope[0] != "resize" or all(_is_size(envelope[1][side]) for side in ("width", "height")):
+                yield message
+
+
+def _is_size(cells: object) -> bool:
+    return str(cells).isascii() and str(cells).isdecimal() and 1 <= int(str(cells)[:9]) <= MOST_CELLS
 
 
 def served(command: Sequence[str], *, host: str = LOOPBACK, port: int = 8000) -> Served:

@@ -171,6 +171,7 @@ def test_no_session_of_a_study_is_begun_from_a_desk_that_shows_practice(monkeypa
 
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
     monkeypatch.setattr("palpate.experiment.desk.console.study.StudyPage", Page)
     for purpose in ("STUDY", "PRACTICE"):
         monkeypatch.setattr(
@@ -179,6 +180,22 @@ def test_no_session_of_a_study_is_begun_from_a_desk_that_shows_practice(monkeypa
         desk.desk(shipped("okamoto2012.toml"), rig=Path("rig.toml"))
     assert shown[0] == ""
     assert shown[1].startswith("This is PRACTICE, and no study yet.")
+
+
+@pytest.mark.parametrize("command", [("run", "okamoto2012", "--practice"), ("desk", "okamoto2012")])
+def test_nothing_opens_where_the_screen_would_be_drawn_into_a_file(
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...]
+) -> None:
+    """The screen is drawn on the standard error: with `2> FILE` it would be blank while the session stimulates."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("subprocess.Popen", lambda *_, **__: pytest.fail("a session was begun"))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
+    monkeypatch.setattr("sys.stderr.isatty", lambda: False, raising=False)
+    code, out, err = palpate(*command)
+    assert (code, out) == (2, "")
+    assert "2> FILE" in err
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 import stat
 import threading
@@ -103,7 +104,40 @@ def test_only_its_owner_may_open_it(listening: Link, tmp_path: Path, monkeypatch
     folder = link.place(tmp_path / "dataset", "01").parent
     assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     folder.chmod(0o750)
-    with pytest.raises(LinkError, match="others may open it; allowed: a folder of your own with mode 700"):
+    other = link.place(tmp_path / "dataset", "01").parent
+    assert (other != folder, stat.S_IMODE(other.stat().st_mode)) == (True, 0o700)
+
+
+@pytest.mark.parametrize("taken", ["a folder of others", "a file", "a link"])
+def test_a_name_that_another_user_took_locks_nobody_out(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taken: str
+) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    usual = tmp_path / f"palpate-{os.getuid()}"
+    mine = tmp_path / "elsewhere"
+    mine.mkdir(mode=0o700)
+    if taken == "a folder of others":
+        usual.mkdir(mode=0o777)
+        usual.chmod(0o777)
+    elif taken == "a file":
+        usual.touch()
+    else:
+        usual.symlink_to(mine)
+    place = link.place(tmp_path / "dataset", "01")
+    assert place.parent not in (usual, mine)
+    assert place.parent.stat().st_mode & 0o077 == 0
+    with closing(Link(place, Session())):
+        # Both ends find the same folder, and a folder of somebody else in between changes nothing.
+        (tmp_path / f"{usual.name}-0").mkdir(mode=0o755)
+        assert link.answers(link.place(tmp_path / "dataset", "01"))
+        if taken == "a file":
+            usual.unlink()
+            assert link.answers(link.place(tmp_path / "dataset", "01"))
+
+
+def test_a_folder_in_which_nothing_can_be_made_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "gone"))
+    with pytest.raises(LinkError, match="XDG_RUNTIME_DIR"):
         link.place(tmp_path / "dataset", "01")
 
 
