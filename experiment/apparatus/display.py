@@ -37,6 +37,7 @@ class ScreenKeys(Confined):
         softer: makes it softer.
         probe: plays what the masker is to hide, where the protocol has a probe.
         done: says that the masker is loud enough.
+        stop: silences everything at once, and pauses the session, at any moment.
     """
 
     RULES: ClassVar[Rules] = _key_rules
@@ -45,6 +46,7 @@ class ScreenKeys(Confined):
     softer: KeyName = "down"
     probe: KeyName = "right"
     done: KeyName = "return"
+    stop: KeyName = Field("escape", json_schema_extra={"since": 2})
 
 
 class ScreenWords(Confined):
@@ -132,3 +134,8 @@ class ScreenRig(Confined):
     font: Line | None = None
     keys: ScreenKeys | None = None
     words: ScreenWords | None = None
+
+    @property
+    def stop(self) -> str:
+        """The key with which the participant stops everything."""
+        return (self.keys or ScreenKeys()).stop

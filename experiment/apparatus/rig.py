@@ -533,6 +533,44 @@ class AnchorsRig(Confined):
     key: Elsewhere | None = None
 
 
+class StopsRig(Confined):
+    """What stops a device where palpate does not: software is no safety function.
+
+    Attributes:
+        emergency: what cuts the power of whatever pushes or shakes, and who reaches it.
+        limit: what the amplifier itself cannot exceed, and what limits it.
+        tried_on: when the emergency stop and that limit were tried last.
+        tried_days: for how many days that holds.
+    """
+
+    emergency: Line
+    limit: Line
+    tried_on: date
+    tried_days: Days
+
+
+def check_stops(rig: "Rig", peak_m_s2: float | None, today: date) -> None:
+    """Refuse, with a `RigError`, a real rig that could hurt and names no stops, or none that were tried lately.
+
+    It could with a force device, and with an actuator that may exceed the board's limit `peak_m_s2`; None if that is
+    not known.
+    """
+    full_m_s2 = rig.actuator.full_scale_m_s2
+    strong = peak_m_s2 is not None and (full_m_s2 is None or full_m_s2 > peak_m_s2)
+    if rig.rig.simulated or not (strong or rig.servo is not None):
+        return
+    name = f"rig '{rig.rig.name}': stops"
+    remedy = "try both, and write the day into stops.tried_on of the rig file"
+    if rig.stops is None:
+        raise RigError(
+            f"{name}: got no table [stops] for a force device, or an actuator above the board's limit; allowed: the "
+            f"emergency stop and the amplifier's own limit; {remedy}"
+        )
+    age, most = (today - rig.stops.tried_on).days, rig.stops.tried_days
+    if not 0 <= age <= most:
+        raise RigError(f"{name}.tried_on: got {rig.stops.tried_on}; allowed: 0 to {most} days before {today}; {remedy}")
+
+
 class Rig(Confined):
     """A whole rig.
 
@@ -548,11 +586,13 @@ class Rig(Confined):
             heights count from the face of the block.
         screen: the participant's screen, where there is one.
         anchors: where each session's end is anchored.
+        stops: the emergency stop and the amplifier's own limit; a real rig needs them for a force device, and for an
+            actuator that may exceed the board's limit.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
 
-    format: Literal[1]
+    format: Literal[1, 2]
     rig: Identity
     tracker: TrackerRig
     actuator: ActuatorRig
@@ -561,6 +601,7 @@ class Rig(Confined):
     servo: ServoRig | None = None
     screen: ScreenRig | None = None
     anchors: AnchorsRig | None = None
+    stops: StopsRig | None = Field(None, json_schema_extra={"since": 2})
 
     _folder: Path | None = PrivateAttr(None)
 
@@ -603,11 +644,12 @@ def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
     The tracker's driver counts with its own hash where it is a file beside the rig file; `RigError` if that cannot be
-    read. Ports and addresses are left out: a device that comes back under another name is the same device. Anchors
-    and the participant's screen measure nothing; what the screen showed is in the journal.
+    read. Ports and addresses are left out: a device that comes back under another name is the same device. Anchors,
+    stops and the participant's screen measure nothing; what the screen showed is in the journal.
     """
     where = {device: {key} for device, key in PLACES.items()}
-    stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, "screen": True, "anchors": True})
+    unmeasured = {"screen": True, "anchors": True, "stops": True}
+    stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, **unmeasured})
     if (driver := rig.driver_file) is not None:
         try:
             stated["tracker"]["driver_sha256"] = hashlib.sha256(storage.read_bytes(driver)).hexdigest()

@@ -103,6 +103,7 @@ class LinkedConsole:
         self._armed: int | None = None
         self._waits_ns: int | None = None
         self._pausing: Pause | Stop | None = None
+        self._paused_by = port.BY_EXPERIMENTER
         self._failed = ""
         self._ignored = ""
         self._anchored = ""
@@ -167,10 +168,13 @@ class LinkedConsole:
             self._session.pause(self._failed)
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+        do = self._do if hello.role == "console" else self._do_for_participant
+        # A pause waits for no other deed's turn, which may wait for the disk.
+        paused = do(deed, self._session) if isinstance(deed, Pause | Stop) else None
         with self._doing:
-            session, at_console = self._session, hello.role == "console"
+            session = self._session
             try:
-                taken, words = self._do(deed, session) if at_console else self._do_for_participant(deed, session)
+                taken, words = paused or do(deed, session)
             except ValueError as error:
                 taken, words = False, f"The text {error}, which cannot go on record; write it without that character."
             except PalpateError as error:
@@ -215,7 +219,7 @@ class LinkedConsole:
                     self._ignored += deed.keys
                 return True, f"Ignored because nothing was asked: {characters.keyed(deed.keys)}."
             case Pause() | Stop():
-                return self._pause(deed, session)
+                return self._pause(deed, port.BY_EXPERIMENTER)
             case Shown():
                 return False, "Only the participant's screen says what it shows."
         if session is None:
@@ -238,9 +242,11 @@ class LinkedConsole:
         return done
 
     def _do_for_participant(self, deed: Deed, session: port.Attended | None) -> tuple[bool, str]:
-        """Take a key for a question that is the participant's to answer, and what is shown; refuse everything else."""
+        """Take a stop, a key for a question that is the participant's to answer, and what is shown; refuse the rest."""
         if isinstance(deed, Shown):
             return self._note_shown(deed, session)
+        if isinstance(deed, Pause):
+            return self._pause(deed, port.BY_PARTICIPANT)
         if not isinstance(deed, Choose):
             return False, "The participant's screen may not ask for that."
         with self._changed:
@@ -285,7 +291,7 @@ class LinkedConsole:
             self._pick(asked, text)
             return True, ""
 
-    def _pause(self, deed: Pause | Stop, session: port.Attended | None) -> tuple[bool, str]:
+    def _pause(self, deed: Pause | Stop, by: str) -> tuple[bool, str]:
         with self._changed:
             if self._view.state == "ended":
                 return False, "The session has ended."
@@ -293,10 +299,10 @@ class LinkedConsole:
             lasts = isinstance(before, Pause) and before.minutes is not None
             # A later pause neither takes a stop back, nor a break's length.
             if isinstance(deed, Stop) or not (isinstance(before, Stop) or (lasts and deed.minutes is None)):
-                self._pausing = deed
+                self._pausing, self._paused_by = deed, by
             self._changed.notify_all()
-        if session is not None:
-            session.pause(port.BY_EXPERIMENTER)
+        if (session := self._session) is not None:
+            session.pause(by)
         return True, "The session pauses as soon as nothing can be felt any more."
 
     def _repeat(self, wanted: Repeat, session: port.Attended) -> tuple[bool, str]:
@@ -319,7 +325,7 @@ class LinkedConsole:
                 self._now(state="preparing", **_standing(self._session))
             self._session, self._repeated, self._armed = session, None, None
             self._now(instruction="", again="", masked=self._view.masked and session is None)
-            why = self._failed or (port.BY_EXPERIMENTER if self._pausing is not None else "")
+            why = self._failed or (self._paused_by if self._pausing is not None else "")
         if session is not None and why:
             # While the devices were opened.
             session.pause(why)
@@ -543,7 +549,7 @@ class LinkedConsole:
         if self._failed:
             raise LinkError(self._failed)
         if self._pausing is not None:
-            raise PauseAsked(port.BY_EXPERIMENTER)
+            raise PauseAsked(self._paused_by)
         if not attended:
             raise PauseAsked(f"nobody was at a console for {self._alone_s / 60:.0f} min")
 

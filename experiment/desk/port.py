@@ -156,7 +156,7 @@ def laid_out(presented: tuple[str, ...]) -> str:
     return presented[0] if len(presented) == 1 else f"{presented[0]} as the first and {presented[1]} as the second"
 
 
-BY_EXPERIMENTER = "by the experimenter"
+BY_EXPERIMENTER, BY_PARTICIPANT = "by the experimenter", "by the participant"
 """Why a session pauses that was asked to."""
 
 LAB_BOOK, NOT_ANCHORED = "For the lab book: ", "NOT ANCHORED: "

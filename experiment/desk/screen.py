@@ -21,7 +21,7 @@ from palpate.experiment.apparatus.display import ScreenRig
 from palpate.experiment.clock import monotonic_ns, wall_ns
 from palpate.experiment.desk import pages
 from palpate.experiment.desk.link import Line
-from palpate.experiment.desk.messages import Choose, Deed, Hello, Prompt, Shown
+from palpate.experiment.desk.messages import Choose, Deed, Hello, Pause, Prompt, Shown
 from palpate.experiment.desk.pages import Page
 from palpate.experiment.errors import DisplayError, LinkError
 
@@ -246,6 +246,8 @@ class Screen:
         while not self.window.closed:
             heard = self.feed.heard()
             for key in self.window.pressed():
+                if heard.line is not None and key == self.settings.stop:
+                    _send(heard.line, Pause())
                 choice = pages.chosen(self._prompt, key, self.settings)
                 if heard.line is not None and choice is not None and self._prompt is not None:
                     _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))

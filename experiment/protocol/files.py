@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
-from palpate.experiment.errors import PalpateError, Problem, ProtocolError
+from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.characters import quoted
-from palpate.experiment.settings.load import checked, locate, parsed, written, younger
+from palpate.experiment.settings.load import read
 
 PACKAGE = Path(__file__).parent.parent
 
@@ -15,15 +15,7 @@ def load(path: Path) -> Protocol:
 
     Raises `ProtocolError` with every problem of the file, or with the first of its syntax.
     """
-    document, text = parsed(path)
-    protocol = checked(path, Protocol, document, text)
-    if too_young := tuple(younger(protocol, protocol.format)):
-        lines = locate(text)
-        allowed = f"no such key in a file of format {protocol.format}; leave it out, or write a newer format"
-        problems = [Problem(written(place), lines[place], "a key", allowed) for place in too_young if place in lines]
-        if problems:
-            raise ProtocolError(str(path), problems)
-    return protocol
+    return read(path, Protocol)
 
 
 def shipped(name: str) -> Path:

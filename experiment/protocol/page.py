@@ -34,6 +34,16 @@ UNBROKEN, SECOND_HALF, OPEN, CLOSE = "\ue000", "\ue001", "\ue002", "\ue003"
 double quotes about a name; no text holds them."""
 
 
+STOPS = (
+    "Software alone keeps all of these limits, and software is no safety function. In hardware, a laboratory limits "
+    "what its amplifier can deliver, and an emergency stop cuts the power. palpate runs no participant on a force "
+    "device, or on an actuator that can exceed the limit of vibration, unless its rig file names both and the day on "
+    "which they were tried. The participant stops everything with a key at the participant's screen; without that "
+    "screen, by word of mouth alone."
+)
+"""What the board reads below the limits of a protocol that renders something."""
+
+
 @dataclass(frozen=True)
 class Free:
     """Text of the file, as the board is to read it, word for word."""
@@ -514,6 +524,8 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
         ("Dose of noise", "where the rig plays it, at most that of 80 dB(A) for 8 hours in any 24 hours"),
         ("Session", f"at most {number(exposure.session_min)} min for one task"),
     )
+    if protocol.renders:
+        yield Said(STOPS, indent="  ")
     for task in protocol.tasks:
         if task.stimulus == "virtual" and protocol.footstep is not None:
             synthesis = protocol.footstep.synthesis

@@ -104,7 +104,10 @@ def run(
             protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings, task_ids=tasks
         )
         console.show(f"Rig '{rig.rig.name}': {told}.")
-    if protocol.comparison is not None and any(protocol.task(task).stimulus == "virtual" for task in tasks):
+    renders = any(protocol.task(task).stimulus == "virtual" for task in tasks)
+    if renders:
+        rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
+    if renders and protocol.comparison is not None:
         servo.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
         calibration.check_age(rig, today)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))

@@ -187,7 +187,15 @@ def read(path: Path, model: type[Model]) -> Model:
 
     Raises `ProtocolError` with every problem of the file, or with the first of its syntax.
     """
-    return checked(path, model, *parsed(path))
+    document, text = parsed(path)
+    settings = checked(path, model, document, text)
+    if too_young := tuple(younger(settings, number := document.get("format", 0))):
+        lines = locate(text)
+        allowed = f"no such key in a file of format {number}; leave it out, or write a newer format"
+        problems = [Problem(written(place), lines[place], "a key", allowed) for place in too_young if place in lines]
+        if problems:
+            raise ProtocolError(str(path), problems)
+    return settings
 
 
 def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], str]:

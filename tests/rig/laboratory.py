@@ -23,8 +23,17 @@ SPEED_MM_S = 200.0
 """Of the foot, through the gate."""
 
 
+STOPS = """
+[stops]
+emergency = "a switch beside the panel cuts the amplifier's power"
+limit = "a fuse of 1 A"
+tried_on = {day}
+tried_days = 30
+"""
+
+
 def write_rig(folder: Path, name: str, **changed: str) -> Path:
-    """A rig file of a laboratory, calibrated today, with the tracker's noise; `changed` replaces values by key.
+    """A rig file of a laboratory, calibrated and tried today, with the tracker's noise; `changed` replaces values.
 
     The table of its response does not say that it is simulated.
     """
@@ -40,7 +49,7 @@ def write_rig(folder: Path, name: str, **changed: str) -> Path:
     (folder / "rehearsal-response.csv").write_bytes(table)
     text = re.sub('response_sha256 = "[0-9a-f]+"', f'response_sha256 = "{hashlib.sha256(table).hexdigest()}"', text)
     path = folder / "rig.toml"
-    path.write_text(text, "utf-8")
+    path.write_text(text + STOPS.format(day=date.today()), "utf-8")
     return path
 
 

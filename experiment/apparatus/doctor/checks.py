@@ -10,7 +10,7 @@ import os
 import shutil
 import tempfile
 import textwrap
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -125,6 +125,23 @@ def ages(rig: Rig, today: date) -> tuple[Check, ...]:
         level = "; its level was not checked, because the machine cannot hear it"
         found.append(age("headphones", lambda: rigs.check_age(audio.headphones, today), audio.headphones, level))
     return tuple(found)
+
+
+def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Check]:
+    """Yield whether a rig's stops are named and were tried lately, and whether the participant has one."""
+    try:
+        rigs.check_stops(rig, peak_m_s2, today)
+    except PalpateError as error:
+        yield refused("stops", error)
+    else:
+        if rig.stops is not None:
+            measured = f"{rig.stops.emergency}; {rig.stops.limit}; tried on {rig.stops.tried_on}"
+            yield Check("stops", "green", measured, f"tried within {rig.stops.tried_days} days")
+    if rig.screen is None:
+        word = "no key: the participant stops by word of mouth alone"
+        yield unchecked("participant's stop", word, "add a table [screen], whose key screen.keys.stop stops everything")
+    else:
+        yield Check("participant's stop", "green", f"the key {rig.screen.stop} at the participant's screen")
 
 
 def answers(address: str, settings: ActuatorRig) -> Check:

@@ -94,7 +94,10 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
         yield unchecked("gate", "no protocol was given", "add --protocol")
     elif protocol.footstep is not None:
         yield checks.reach(rig, protocol.footstep.step)
-    yield from checks.ages(rig, day(clock.now_ns()))
+    today = day(clock.now_ns())
+    yield from checks.ages(rig, today)
+    peak_m_s2 = protocol.exposure.vibration_peak_m_s2 if protocol is not None and protocol.renders else None
+    yield from checks.stops(rig, peak_m_s2, today)
 
 
 def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simulate) -> Iterator[Check]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Callable
+from contextlib import nullcontext
 from datetime import date
 from pathlib import Path
 
@@ -276,3 +277,40 @@ def test_the_date_of_a_rig_file_that_nobody_calibrated_is_told_as_that() -> None
     for calibrated in (audio.latency, audio.headphones):
         with pytest.raises(RigError, match=r"got 2000-01-01, the date of a rig file that nobody has calibrated yet"):
             rigs.check_age(calibrated, date(2026, 5, 4))
+
+
+STOPS = rigs.StopsRig(emergency="a switch", limit="a fuse", tried_on=date(2026, 5, 1), tried_days=30)
+SERVO = rigs.load(shipped("rigs/tapping.toml")).servo
+
+
+@pytest.mark.parametrize(
+    ("changed", "peak_m_s2", "today", "refused"),
+    [
+        # 60 m/s^2 at full scale.
+        ({}, 60.0, date(2026, 5, 4), False),
+        ({}, None, date(2026, 5, 4), False),
+        ({}, 59.0, date(2026, 5, 4), True),
+        ({"servo": SERVO}, None, date(2026, 5, 4), True),
+        ({"servo": SERVO, "rig": rigs.Identity(name="none", simulated=True)}, 59.0, date(2026, 5, 4), False),
+        ({"servo": SERVO, "stops": STOPS}, 59.0, date(2026, 5, 31), False),
+        ({"servo": SERVO, "stops": STOPS}, 59.0, date(2026, 6, 1), True),
+        ({"servo": SERVO, "stops": STOPS}, 59.0, date(2026, 4, 30), True),
+    ],
+)
+def test_a_real_rig_that_could_hurt_names_its_stops_and_when_they_were_tried(
+    write: Write, changed: dict[str, object], peak_m_s2: float | None, today: date, refused: bool
+) -> None:
+    rig = rigs.load(write(GOOD)).model_copy(update=changed)
+    with pytest.raises(RigError) if refused else nullcontext():
+        rigs.check_stops(rig, peak_m_s2, today)
+
+
+def test_stops_came_with_the_second_format_and_make_no_other_rig(write: Write) -> None:
+    stops = '\n[stops]\nemergency = "a switch"\nlimit = "a fuse"\ntried_on = 2026-05-01\ntried_days = 30\n'
+    with pytest.raises(RigError) as refused:
+        rigs.load(write(GOOD + stops))
+    assert "stops" in str(refused.value)
+    newer = GOOD.replace("format = 1", "format = 2")
+    rig = rigs.load(write(newer + stops))
+    assert rig.stops == STOPS
+    assert rigs.sha256(rig) == rigs.sha256(rigs.load(write(newer)))

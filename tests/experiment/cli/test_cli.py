@@ -30,6 +30,7 @@ from palpate.experiment.session import run
 from palpate.experiment.settings.characters import hidden
 from palpate.experiment.study import enrolment
 from tests.conftest import Palpate
+from tests.rig.laboratory import STOPS
 
 
 @pytest.fixture
@@ -316,7 +317,8 @@ class TestALaboratorysStudy:
         text = shipped("rigs/rehearsal.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
         text = text.replace("[tracker]", f"[tracker]\ncalibrated_on = {date.today()}\ncalibration_days = 30")
         text = text.replace('port = "rehearsal"', f'port = "{(tmp_path / "no-such-port").as_posix()}"')
-        path.write_text(text.replace('address = "rehearsal"', 'address = "127.0.0.1:9"'), "utf-8")
+        text = text.replace('address = "rehearsal"', 'address = "127.0.0.1:9"')
+        path.write_text(text + STOPS.format(day=date.today()), "utf-8")
         return path
 
     def seal(self, palpate: Palpate, protocol: Path, expires_on: date | None = None) -> tuple[int, str, str]:

@@ -12,6 +12,7 @@ import pytest
 
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.desk import linked as linked_module
+from palpate.experiment.desk import port
 from palpate.experiment.desk.linked import LinkedConsole
 from palpate.experiment.desk.messages import (
     CLOSED,
@@ -438,6 +439,35 @@ def test_a_pause_ends_whatever_is_waited_for(bench: Bench, kind: str, deed: Deed
         asked.result(10)
     assert bench.attending.pauses == ["by the experimenter"]
     assert shown(bench.linked).question is None
+
+
+def test_the_participant_stops_while_another_deed_waits_for_the_disk(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    writes, freed = threading.Event(), threading.Event()
+
+    def hangs(_attending: Attending, remark: Remark) -> tuple[bool, str]:
+        writes.set()
+        assert freed.wait(60)
+        return True, "done"
+
+    monkeypatch.setattr(Attending, "remark", hangs)
+
+    def pauses(attending: Attending, why: str) -> None:
+        attending.pauses.append(why)
+        freed.set()
+
+    monkeypatch.setattr(Attending, "pause", pauses)
+    noting = threading.Thread(target=bench.do, args=(TakeNote(text="coughs"),))
+    noting.start()
+    assert writes.wait(60)
+    assert bench.linked.take(Hello(role="screen", by="the participant's screen"), Pause())[0]
+    noting.join()
+    assert bench.attending.pauses == [port.BY_PARTICIPANT]
+    assert [one[:3] for one in bench.attending.record][-1] == ("the participant's screen", "pause", True)
+    with pytest.raises(PauseAsked) as paused:
+        bench.linked.agree(text="Go on?", yes="yes", no="no")
+    assert str(paused.value) == port.BY_PARTICIPANT
 
 
 def test_a_pause_goes_on_when_wanted_a_stop_does_not(bench: Bench) -> None:

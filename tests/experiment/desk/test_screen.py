@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from PIL.Image import Image
 
-from palpate.experiment.apparatus.display import ScreenRig
+from palpate.experiment.apparatus.display import ScreenKeys, ScreenRig
 from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import pages, screen
 from palpate.experiment.desk.link import Line, Link
-from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, View
+from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Pause, Prompt, Shown, View
 from palpate.experiment.desk.screen import Feed, Heard, Screen
 from palpate.experiment.errors import DisplayError, LinkError
 
@@ -254,3 +254,13 @@ def test_a_session_has_one_screen(tmp_path: Path) -> None:
         raise AssertionError("two screens at once")
     with screen.alone(tmp_path / "s.sock"):
         pass
+
+
+@pytest.mark.parametrize("prompt", [MASKER, Prompt(number=5, show="ready"), None], ids=["masker", "ready", "nothing"])
+def test_the_participants_key_stops_at_any_moment(prompt: Prompt | None) -> None:
+    sent = Sent()
+    run(Told(heard(sent, prompt)), Window([], ["escape"], ["e"]))
+    assert sum(isinstance(deed, Pause) for deed in sent.deeds) == 1
+    pedal = ScreenRig(keys=ScreenKeys(stop="e"))
+    run(Told(heard(sent, prompt)), Window([], ["escape"], ["e"]), pedal)
+    assert sum(isinstance(deed, Pause) for deed in sent.deeds) == 2

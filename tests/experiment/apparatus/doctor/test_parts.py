@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import replace
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 
 from palpate.experiment.apparatus import rig
 from palpate.experiment.apparatus.audio.stream import Fit, StreamHealth
+from palpate.experiment.apparatus.display import ScreenRig
 from palpate.experiment.apparatus.doctor import checks, devices
 from palpate.experiment.apparatus.doctor.devices import Heard
 from palpate.experiment.apparatus.rig import ShapingRig
@@ -150,3 +152,16 @@ def test_callbacks_later_than_a_quarter_of_a_block_are_red(median_ms: float, ver
     since = StreamHealth(0, 0, 0, Fit(0.0, 0.0, 0.0))
     until = StreamHealth(48_000, 0, 0, Fit(median_ms, 5.0, 9.0))
     assert devices.health(since, until, RIG.audio, exact=False)[1].verdict == verdict
+
+
+def test_stops_are_asked_to_be_tried_and_a_participant_without_a_key_is_told() -> None:
+    tried = rig.StopsRig(emergency="a switch", limit="a fuse", tried_on=date(2026, 5, 1), tried_days=30)
+    real = RIG.model_copy(update={"rig": rig.Identity(name="real", simulated=False), "screen": None})
+    known = real.model_copy(update={"stops": tried, "screen": ScreenRig()})
+    for one, day, verdicts in (
+        (RIG.model_copy(update={"screen": None}), 2, ["not checked"]),
+        (real, 2, ["red", "not checked"]),
+        (known, 2, ["green", "green"]),
+        (known, 30, ["green", "green"]),
+    ):
+        assert [check.verdict for check in checks.stops(one, 30.0, date(2026, 5, day))] == verdicts
