@@ -176,7 +176,7 @@ def _why(error: ValueError) -> str:
     if not isinstance(error, ValidationError):
         return str(error)
     problem = error.errors(include_url=False)[0]
-    return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}"
+    return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}" if problem["loc"] else "not of a known kind"
 
 
 def _refused(where: str, why: str, remedy: str) -> JournalError:
