@@ -24,20 +24,16 @@ class Clock(Protocol):
 
     def now_ns(self) -> int:
         """Return nanoseconds since 1970-01-01T00:00Z; they never go back within a process."""
-        ...
 
     def sleep_ns(self, duration_ns: int) -> None:
         """Let `duration_ns` pass."""
-        ...
 
     def uptime(self) -> Uptime | None:
         """Return the machine's uptime; None where the machine cannot tell, and in simulated time."""
-        ...
 
     @property
     def simulated(self) -> bool:
         """Whether its time moves only when somebody lets it pass."""
-        ...
 
 
 BOOT = Path("/proc/sys/kernel/random/boot_id")

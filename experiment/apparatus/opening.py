@@ -263,13 +263,13 @@ def open_actuator(
     drive: Drive | None = None,
     address: str | None = None,
     stream: AudioStream | None = None,
+    clock: Clock | None = None,
 ) -> Actuator:
     """Open the rig's actuator, at its own address or another, or on a channel of the session's stream.
 
-    `limit_m_s2` is the protocol's, for the magnitude of any sample. A rig with `actuator.shaping` needs a `drive`, as
-    `conditioning.open_drive` opens it. Raises `ActuatorError` if the address or the limit cannot be used, nothing
-    answers there, or the stream is missing, and `RigError` if `drive` is missing, or is given although the rig's
-    actuator takes accelerations.
+    `limit_m_s2` is the protocol's, for the magnitude of any sample. A rig with `actuator.shaping`, and no other, needs
+    a `drive`, as `conditioning.open_drive` opens it; `RigError` otherwise. `clock` paces what a server is sent. Raises
+    `ActuatorError` if address or limit cannot be used, the server does not answer, or the stream is missing.
     """
     settings = rig.actuator
     where = address or settings.address
@@ -289,7 +289,7 @@ def open_actuator(
     if where is not None:
         from palpate.experiment.apparatus.panel.pcm import PcmActuator
 
-        server = PcmActuator(where, condition, rate_hz=settings.rate_hz)
+        server = PcmActuator(where, condition, rate_hz=settings.rate_hz, clock=clock)
         server.reach()
         return server
     from palpate.experiment.apparatus.audio.actuator import AudioActuator

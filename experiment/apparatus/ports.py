@@ -28,16 +28,13 @@ class Tracker(Protocol):
     @property
     def counts(self) -> LinkCounts:
         """Frames received, lost, damaged and repeated in all that was read, reconnections included."""
-        ...
 
     @property
     def clock_map(self) -> ClockMap | None:
         """Session time of device time, as of the newest sample that has come; None before the first."""
-        ...
 
     def drain(self) -> None:
         """Throw away what arrived before now; the gap this leaves is not counted as lost."""
-        ...
 
     def read(self) -> Samples:
         """Return the next samples, at least one, and wait for them.
@@ -45,14 +42,12 @@ class Tracker(Protocol):
         Raises `TrackerStopped` if nothing came for at most 200 ms, or the port has gone, and `TrackerError` if the
         device's clock is no longer the one it was.
         """
-        ...
 
     def reconnect(self, timeout_s: float) -> None:
         """Wait until the device is back and speaks. It may have restarted: a new `clock_map` begins; `counts` go on.
 
         Raises `TrackerStopped` if it was not back in time; this may be called again.
         """
-        ...
 
     def close(self) -> None: ...
 
@@ -62,7 +57,6 @@ class Rester(Protocol):
 
     def rest(self, *, why: str) -> None:
         """Return when the foot rests on the bare panel; `why` says what was wrong the time before."""
-        ...
 
 
 class Actuator(Protocol):
@@ -74,37 +68,34 @@ class Actuator(Protocol):
     @property
     def rate_hz(self) -> int:
         """Samples a second that `prepare` expects."""
-        ...
 
     @property
     def lead_ns(self) -> int:
         """How long before its onset a stimulus can no longer be moved or withdrawn, ns; 0 where `landed` sounds it."""
-        ...
 
     def prepare(self, stimulus: Stimulus | Ring) -> Played:
         """Make a stimulus at `rate_hz` ready; nothing sounds yet. It replaces one that was prepared and has not begun.
 
         Raises `ActuatorError` if there is nothing to play, or the device is gone.
         """
-        ...
 
     def aim(self, onset_ns: int) -> bool:
         """Have the first sample reach the panel at `onset_ns`, session time; called again for a better time.
 
         Return False once the point of no return has passed, or lies too close for this time; nothing changed then.
         """
-        ...
 
     def landed(self, contact_ns: int) -> None:
-        """The foot touched the panel at `contact_ns`, session time: a stimulus that was never aimed sounds at once.
+        """Have a stimulus that was never aimed sound at once: the foot touched the panel at `contact_ns`, session time.
 
         Raises `ActuatorError` if the stimulus could not be handed over.
         """
-        ...
 
     def withdraw(self) -> bool:
-        """Take the stimulus back, and return whether nothing of it will sound."""
-        ...
+        """Take the stimulus back, from any thread and at once, and return whether nothing of it will sound."""
+
+    def is_silent(self) -> bool:
+        """Return whether no stimulus sounds, or may still sound after its device failed; this waits for nothing."""
 
     def delivered(self, contact_ns: int) -> Delivered | None:
         """Return what was heard of the stimulus, once it has ended; None where nothing measures it and no
@@ -113,7 +104,6 @@ class Actuator(Protocol):
         `contact_ns` is when the foot touched the panel, session time, as it is known by then. Raises `ActuatorError` if
         the device cannot say.
         """
-        ...
 
     def close(self) -> None: ...
 
@@ -123,30 +113,24 @@ class Servo(Protocol):
 
     def is_live(self) -> bool:
         """Return whether the hand is followed and the block rendered, now; this waits for nothing."""
-        ...
 
     def render(self, block: Block | None, ends_ns: int = 0) -> None:
         """Have the hand meet a block from now on, once it is outside of it, until a session time, ns; None for none.
 
         It is there only while the session's heartbeat comes. Any thread may call this, and waits for nothing.
         """
-        ...
 
     def beat(self) -> None:
         """Give a sign of life of the session: without one for 0.5 s the block is taken away, until it is asked for."""
-        ...
 
     def read(self) -> Felt | None:
         """Return what the hand did since the read before; None if nothing came. Raises `ServoError` once it is gone."""
-        ...
 
     def reconnect(self) -> None:
         """Open it anew, with the same block. Raises `ServoError`."""
-        ...
 
     def stop(self) -> None:
         """Have `read` wait for nothing any more, under whoever waits there; `close` still has to follow."""
-        ...
 
     def close(self) -> None: ...
 
@@ -175,31 +159,25 @@ class Masker(Protocol):
     @property
     def level_db_a(self) -> float | None:
         """The level in force, dB(A); None in silence."""
-        ...
 
     @property
     def limit_db_a(self) -> float:
         """The loudest level allowed, dB(A)."""
-        ...
 
     def start(self, level_db_a: float) -> float:
         """Begin at a level, as `set_level` does."""
-        ...
 
     def set_level(self, level_db_a: float) -> float:
         """Go to another level, and return the one in force: the level wanted, or the nearest that is allowed.
 
         Raises `DoseUsedUp` if the masker is silent.
         """
-        ...
 
     def stop(self) -> None:
         """Fall silent."""
-        ...
 
     def exposure(self) -> MaskerExposure:
         """Return what the masker has done to the ears until now."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,18 +208,15 @@ class Microphone(Protocol):
     @property
     def rate_hz(self) -> int:
         """Samples a second."""
-        ...
 
     def heard(self, *, from_ns: int, until_ns: int) -> Recorded:
         """Return what was heard between two session times, once it has been; of what is long ago the last that is kept.
 
         Raises `AudioError` if the device has stopped.
         """
-        ...
 
     def loudness(self) -> Loudness:
         """Return how loud it was in the last moments. Raises `AudioError` as `heard`."""
-        ...
 
 
 @dataclass(frozen=True)
@@ -278,17 +253,14 @@ class Accelerometer(Protocol):
     @property
     def rate_hz(self) -> int:
         """Samples a second."""
-        ...
 
     def arm(self, samples: int) -> None:
         """Listen from now on for a take of that length; return when samples come. Raises `RecordingError`."""
-        ...
 
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
         """Return the take that begins where the panel first shakes between two times of the host's clock.
 
         Raises `RecordingError` if it was not armed, or the device failed.
         """
-        ...
 
     def close(self) -> None: ...

@@ -89,19 +89,15 @@ class SessionEnd(Protocol):
 
     def tell(self, role: str) -> messages.Message:
         """Return what a console (`console`) or the participant's screen (`screen`) shows now."""
-        ...
 
     def take(self, hello: messages.Hello, deed: messages.Deed) -> tuple[bool, str]:
         """Return whether a command was taken, and in words what was done, or why not."""
-        ...
 
     def came(self, consoles: int, screens: int) -> None:
         """Take note of how many consoles and participant's screens are connected now."""
-        ...
 
     def lost(self, why: str) -> None:
         """Take note that the link is at fault, and that no console can be reached through it any more."""
-        ...
 
 
 class _Peer:

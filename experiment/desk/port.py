@@ -16,27 +16,21 @@ class Attended(Protocol):
 
     def gauges(self) -> Gauges | None:
         """Return what is measured now; None in a pause."""
-        ...
 
     def standing(self) -> Standing:
         """Return how far the session is."""
-        ...
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
         """Return whether a remark was taken, and in words what was done, or why not."""
-        ...
 
     def pause(self, why: str) -> None:
         """Have nothing felt from now on, and the session pause where no question is open, as `why` says."""
-        ...
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
         """Put on record what was asked for, by whom, and what was replied."""
-        ...
 
     def shown(self, prompt: Prompt, ago_ns: int) -> None:
         """Put on record what the participant's screen shows, and that it has done so for `ago_ns`."""
-        ...
 
 
 class Console(Rester, Protocol):
@@ -51,97 +45,75 @@ class Console(Rester, Protocol):
 
         Nothing that a desk asked of the one before is still being done when this returns.
         """
-        ...
 
     def at(self, *, step: str, steps: Sequence[str]) -> None:
         """Say where the visit stands: at one of its steps."""
-        ...
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
         """Wait until the experimenter says `yes` or `no` to what `text` says."""
-        ...
 
     def write(self, *, text: str) -> str:
         """Wait for what the experimenter writes down as `text` asks for; it may be nothing."""
-        ...
 
     def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
         """Return when a session's clock has reached a time, ns."""
-        ...
 
     def goes_on(self, *, why: str) -> bool:
         """Return whether the program goes on with a session that stopped; `why` says how it stopped."""
-        ...
 
     def show(self, text: str) -> None:
         """Show the experimenter a line."""
-        ...
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
         """Return a key of `handled`, of a material that the participant handled, or "" once they know them all."""
-        ...
 
     def instruct(self, *, instruction: str) -> None:
         """Show what the participant is told to do, until they have answered a first trial."""
-        ...
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         """Return one of `keys`, to change the masker's level, or "" to keep it because `criterion` holds."""
-        ...
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
         """Return whether the participant now says `words`, as take `take` of `takes`, to compare answers with.
 
         False goes on without a microphone. `why` says why the take before could not be used.
         """
-        ...
 
     def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
         """Return when the real object has been laid out, or, of a pair, both."""
-        ...
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
         """Say that the next step is trial `trial` of `trials`, for the foot is watched from now on.
 
         Return whether the experimenter had to be waited for; where nobody is missed, this returns at once.
         """
-        ...
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         """Say that a step broke off, why, and that the trial is armed again; return as `arm` does."""
-        ...
 
     def waiting(self) -> None:
         """Say that a device is silent, and that no step counts until the next `arm`."""
-        ...
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         """Wait for a key of `answers` or `others` (key -> what it stands for), or a remark, and return it."""
-        ...
 
     def chosen_ago_ns(self) -> int:
         """Return how long ago the last question was answered by a key, ns: it may have gone on record since."""
-        ...
 
     def heard(self, *, words: str) -> None:
         """Show what the microphone seems to have heard, which decides nothing; it may be called from any thread."""
-        ...
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         """Return whether the experimenter stands by the key that was chosen."""
-        ...
 
     def confirmed(self, *, trial: int, answer: str | None) -> None:
         """Say that the answer is on disk."""
-        ...
 
     def debrief(self) -> Remark | None:
         """Wait, once all trials are answered, for a remark, or for the end of the session: None."""
-        ...
 
     def ignored(self) -> str:
         """Return what was typed before it was asked for, since this was called last; it answered nothing."""
-        ...
 
 
 def lasting(min_s: float, max_s: float) -> str:

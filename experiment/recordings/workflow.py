@@ -101,15 +101,12 @@ class TakesConsole(Port):
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
         """Have the panel made ready; return when it is."""
-        ...
 
     def arm(self, condition: Condition, *, attempt: int) -> None:
         """Say that the foot may step; return at once."""
-        ...
 
     def keeps(self, step: Step) -> bool:
         """Show the step beside its target; return whether it is kept. A step without a window never is."""
-        ...
 
 
 class RigConsole(TakesConsole, Rester, Port):

@@ -10,7 +10,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-FORMAT: Literal[6] = 6
+FORMAT: Literal[7] = 7
 """The format of the journal: its models and their meaning."""
 
 Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
@@ -61,7 +61,7 @@ class Header(Entry):
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[6] = FORMAT
+    format: Literal[7] = FORMAT
     session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
@@ -259,12 +259,17 @@ class Resumed(Entry):
 
 
 class Footer(Entry):
-    """Why the session ended. Only `paused` and `error` can be resumed."""
+    """Why the session ended. Only `paused` and `error` can be resumed.
+
+    `silent`: whether nothing that the session played sounds any more; if False, its last stimulus may still play. It is
+    None where a session plays nothing, and in a journal from before.
+    """
 
     kind: Literal["footer"] = "footer"
     reason: Literal["complete", "paused", "error"]
     detail: str = ""
     answered: int
+    silent: bool | None = None
 
 
 class Withdrawal(Entry):

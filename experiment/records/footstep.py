@@ -90,13 +90,15 @@ class BrokenOff(OfAttempt):
 
     `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
     time of the newest sample) and `clock` where none had come. `felt`: something may have been felt, so the trial is
-    put off to the end of its block; otherwise it is armed again at once. `dead_time_ms`: as in `FootStep`.
+    put off to the end of its block; otherwise it is armed again at once. `silent`: as in `Footer`, when the step was
+    written down. `dead_time_ms`: as in `FootStep`.
     """
 
     kind: Literal["broken-off"] = "broken-off"
     presented: tuple[str, ...]
     reason: str
     felt: bool
+    silent: bool | None = None
     clock: TrackerClock | None
     dead_time_ms: float | None
     at_us: WholeUs | None

@@ -83,10 +83,10 @@ class Delivered(Record):
     """
 
     requested_ns: int
-    onset_ns: int | None
-    onset_error_ms: float | None
-    gain: float | None
-    residual_db: float | None
+    onset_ns: int | None = None
+    onset_error_ms: float | None = None
+    gain: float | None = None
+    residual_db: float | None = None
     xruns: int
     delivered: bool
     reason: str = ""

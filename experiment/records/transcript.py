@@ -144,7 +144,8 @@ def _said(line: Line | Unreadable) -> str:
         case entries.Resumed():
             return f"the session was resumed with {len(entry.remaining)} trials left{_torn(entry.torn)}"
         case entries.Footer():
-            return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}"
+            still = "; its last stimulus may still play" if entry.silent is False else ""
+            return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}{still}"
         case entries.Withdrawal():
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
 

@@ -186,7 +186,7 @@ class SimulatedEnds:
         if self._card is not None and self.rig.actuator.driver == "audio":
             self._panel = self._card.panel()
             return None
-        panel = Panel(self.rig.actuator)
+        panel = Panel(self.rig.actuator, real_time=self.real_time)
         opened.callback(panel.close)
         self._panel = panel
         return panel.address

@@ -45,15 +45,12 @@ class Log(Protocol):
     @property
     def done(self) -> Progress:
         """Where the session stands by what is on disk."""
-        ...
 
     def write(self, entry: AnyEntry) -> None:
         """Put an entry into the journal."""
-        ...
 
     def keep(self, raw: bytes) -> Trace:
         """Put the raw tracker frames of an attempt into the session's file of them; return where they stand."""
-        ...
 
 
 class Limits(Protocol):
@@ -62,19 +59,15 @@ class Limits(Protocol):
     @property
     def ends_ns(self) -> int:
         """The session time from which on nothing may be felt, ns."""
-        ...
 
     def over(self, ahead_ns: int = 0) -> str:
         """Return why nothing may be felt `ahead_ns` from now, or nothing while it may. Raises `PalpateError`."""
-        ...
 
     def skip(self, reason: str) -> None:
         """Have nothing felt until `skipped` is called, so that the attempt under way breaks off."""
-        ...
 
     def skipped(self) -> str:
         """Return why the attempt is skipped, or nothing, and let what follows be felt."""
-        ...
 
 
 def nothing_more(why: str) -> str:
@@ -119,7 +112,6 @@ class Kind(Protocol):
         Nothing is armed once the session's limits are reached. Raises `TrackerStopped` if the device fell silent;
         nothing had begun, and the same attempt is armed again later.
         """
-        ...
 
     @abstractmethod
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:
@@ -130,12 +122,10 @@ class Kind(Protocol):
         Raises `PalpateError` if a part failed before anything can have been felt; later failures come with what was
         seen.
         """
-        ...
 
     @abstractmethod
     def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:
         """Return what each answer key stands for in this trial."""
-        ...
 
     @property
     def keys(self) -> Mapping[str, str]:
@@ -164,6 +154,13 @@ class Kind(Protocol):
         waits for a thread that does.
         """
         return
+
+    def is_silent(self) -> bool | None:
+        """Return whether nothing that was played sounds any more, and wait for that for a second at most.
+
+        None for a kind that plays nothing.
+        """
+        return None
 
     def beat(self, ends_ns: int) -> None:  # noqa: ARG002
         """Pass on that the session is alive, and that nothing may be felt from the session time `ends_ns` on.
@@ -204,7 +201,6 @@ class KindDevices(Protocol):
 
     def begin(self, lent: Lent) -> Kind:
         """Begin a session with them."""
-        ...
 
 
 class FarEnds(Protocol):
@@ -217,13 +213,11 @@ class FarEnds(Protocol):
     @abstractmethod
     def real_time(self) -> bool:
         """Whether the session runs by the wall clock, so that its priority matters."""
-        ...
 
     @property
     @abstractmethod
     def reconnect_s(self) -> float:
         """How long the session waits for a device that fell silent, s; then it is paused."""
-        ...
 
     def sound_device(self, opened: ExitStack) -> str | None:  # noqa: ARG002
         """Return the audio device to open; None for the one that the rig names."""
@@ -260,9 +254,7 @@ class FarEnds(Protocol):
     @abstractmethod
     def check(self, tracker: Tracker, rig: Rig) -> None:
         """Refuse a tracker that cannot be used, before anybody is on the panel. Raises `TrackerError`."""
-        ...
 
     @abstractmethod
     def console(self) -> Console:
         """Return the experimenter's screen and keys."""
-        ...

@@ -14,18 +14,7 @@ from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import RECENT, Correct, Gauges, Lamp, Prompt, Repeat, Standing, TakeNote, Told
 from palpate.experiment.desk.port import Console, Remark
 from palpate.experiment.protocol.models import Answers
-from palpate.experiment.records import journal
-from palpate.experiment.records.entries import (
-    Commanded,
-    Correction,
-    Header,
-    Ignored,
-    Note,
-    Redo,
-    Shown,
-    Visited,
-    Withdrawal,
-)
+from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.kind import Kind, Limits, Log
 from palpate.experiment.settings import characters
@@ -78,7 +67,7 @@ class Remarks:
             if isinstance(remark, TakeNote):
                 if refused := _no_trial(remark, self._log.done.header):
                     return False, refused
-                self._log.write(Note(trial=remark.trial, text=remark.text))
+                self._log.write(entries.Note(trial=remark.trial, text=remark.text))
                 return True, "The note is on disk."
             done = self._log.done
             if isinstance(remark, Repeat) and done.armed is not None and done.armed[0] == remark.trial:
@@ -89,7 +78,7 @@ class Remarks:
             if isinstance(remark, Correct):
                 return self._correct(remark)
             attempt = done.attempts[remark.trial]
-            self._log.write(Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
+            self._log.write(entries.Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
             return True, f"Trial {remark.trial} is done again; the answer that it had no longer counts."
 
     def ask_report(self) -> None:
@@ -97,24 +86,24 @@ class Remarks:
         self.trial = None
         for step, text in REPORTS.items():
             if step not in self._log.done.visited and (written := self._console.write(text=text)):
-                self._log.write(Visited(step=step, text=written))
+                self._log.write(entries.Visited(step=step, text=written))
 
     def note_ignored(self) -> None:
         """Put on record what was typed before it was asked for."""
         if typed := self._console.ignored():
-            self._log.write(Ignored(trial=self.trial, typed=typed))
+            self._log.write(entries.Ignored(trial=self.trial, typed=typed))
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
         """Put on record what was asked for at a console, by whom, and what was replied."""
         with self._lock:
             if self._open:
-                self._log.write(Commanded(by=by, command=command, taken=taken, reply=words))
+                self._log.write(entries.Commanded(by=by, command=command, taken=taken, reply=words))
 
     def shown(self, prompt: Prompt, since_ns: int) -> None:
         """Put on record what the participant's screen shows, since the session time `since_ns`."""
         with self._lock:
             if self._open:
-                self._log.write(Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
+                self._log.write(entries.Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
 
     def _correct(self, asked: Correct) -> tuple[bool, str]:
         done = self._log.done
@@ -132,7 +121,7 @@ class Remarks:
                 f"The answer of trial {asked.trial} is {answered or 'no answer'} already. Nothing was corrected.",
             )
         self._log.write(
-            Correction(
+            entries.Correction(
                 trial=asked.trial,
                 attempt=done.attempts[asked.trial],
                 answered=answered,
@@ -224,7 +213,7 @@ class Paused:
             return False, "The session is paused; go on with it, then ask again. Nothing was changed."
         if refused := _no_trial(remark, self._header):
             return False, refused
-        if not self._write(Note(trial=remark.trial, text=remark.text)):
+        if not self._write(entries.Note(trial=remark.trial, text=remark.text)):
             return False, "The session can take no note now. Keep it on paper, and see what palpate status says."
         return True, "The note is on disk."
 
@@ -232,17 +221,17 @@ class Paused:
         """Do nothing: it is paused."""
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
-        self._write(Commanded(by=by, command=command, taken=taken, reply=words))
+        self._write(entries.Commanded(by=by, command=command, taken=taken, reply=words))
 
     def shown(self, prompt: Prompt, ago_ns: int) -> None:
         since_ns = self.clock.now_ns() - ago_ns
-        self._write(Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
+        self._write(entries.Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
 
-    def _write(self, entry: Note | Commanded | Shown) -> bool:
+    def _write(self, entry: entries.Note | entries.Commanded | entries.Shown) -> bool:
         """Put an entry on record; return False where none may follow: after a withdrawal, or a line cut off."""
         with journal.locked(self._path.parent, self._header.participant):
             contents = journal.read_if_begun(self._path)
-            if not contents.lines or contents.torn or isinstance(contents.entries[-1], Withdrawal):
+            if not contents.lines or contents.torn or isinstance(contents.entries[-1], entries.Withdrawal):
                 return False
             with closing(journal.Journal(self._path, self.clock, contents)) as opened:
                 opened.append(entry)
@@ -259,7 +248,7 @@ def paused(dataset: Path, participant: str, tasks: Sequence[str], task_id: str, 
     return None
 
 
-def _no_trial(note: TakeNote, header: Header) -> str:
+def _no_trial(note: TakeNote, header: entries.Header) -> str:
     """Return why a note cannot go on record: its trial is not one of the session's; or nothing."""
     if note.trial is None or note.trial in {planned.trial for planned in header.order}:
         return ""

@@ -403,8 +403,9 @@ class _Session:
         self._state = follow(self._state, event)
 
     def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> entries.Footer:
-        footer = entries.Footer(reason=reason, detail=detail, answered=len(self._log.done.answered))
         with interrupts.held():
+            silent = self._attempts.kind.is_silent()
+            footer = entries.Footer(reason=reason, detail=detail, answered=len(self._log.done.answered), silent=silent)
             self._devices.console.attend(None)
             # Whoever writes beside this thread has written when these return.
             self._attempts.remarks.close()

@@ -161,6 +161,9 @@ class Timed:
     def withdraw(self) -> bool:
         return self._actuator.withdraw()
 
+    def is_silent(self) -> bool:
+        return self._actuator.is_silent()
+
     def delivered(self, contact_ns: int) -> Delivered | None:
         return None
 

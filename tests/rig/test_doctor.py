@@ -68,7 +68,8 @@ def test_a_rig_in_order_is_green_and_nothing_moves(
     code, out, err = palpate("doctor", "--rig", rig, *where)
     again, document, _ = palpate("doctor", "--rig", rig, *where, "--json")
     foot.close()
-    assert panel.felt(0) is None
+    while (played := panel.felt(0)) is not None:
+        assert not played.any()
     panel.close()
     # No loopback moves the panel of this rig.
     assert err == ""

@@ -165,6 +165,11 @@ class AudioActuator:
             self._cue = None
         return self._cue is None
 
+    def is_silent(self) -> bool:
+        cue = self._cue
+        ended = cue is None or cue.started is None or self._stream.next_frame >= cue.started + cue.samples
+        return cue is None or (cue.done and ended)
+
     def delivered(self, contact_ns: int) -> Delivered | None:
         """Wait until the stimulus has ended, and compare what the loopback heard with it; see `Actuator.delivered`.
 

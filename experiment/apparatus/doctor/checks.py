@@ -1,7 +1,7 @@
 """What a check finds, and the checks that need no driver: of rig file and calibrations, disk, clocks and the machine.
 
-A check is green, red with the remedy, or not checked with the reason. The actuator behind a raw PCM port is only asked
-whether its server answers: nothing is sent, so nothing moves. On the disk, checks look for room and time how long an
+A check is green, red with the remedy, or not checked with the reason. The server of a raw PCM actuator is sent zeros
+alone, so nothing moves. On the disk, checks look for room and time how long an
 entry takes until it is there for good. On the machine, they look at the clocks and whether it wakes in time.
 """
 
@@ -10,7 +10,10 @@ import os
 import shutil
 import tempfile
 import textwrap
+import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
@@ -21,7 +24,7 @@ import numpy as np
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import response_table as response
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
-from palpate.experiment.apparatus.panel.pcm import PcmActuator
+from palpate.experiment.apparatus.panel.pcm import LOOK_S, PcmActuator
 from palpate.experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
@@ -144,15 +147,53 @@ def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Check]:
         yield Check("participant's stop", "green", f"the key {rig.screen.stop} at the participant's screen")
 
 
-def answers(address: str, settings: ActuatorRig) -> Check:
-    """Return whether the server of a raw PCM actuator accepts a connection."""
-    name = "actuator"
+SERVED_S, TIMES = 0.5, 3
+"""How long a server is sent zeros, s, and how often: a busy machine sends late, and then sees no early close."""
+
+CLOSES_MS = -10.0, 200.0
+"""From when to when a server closes, after the last sample or after it was told to stop, ms."""
+
+
+def server(address: str, settings: ActuatorRig) -> Iterator[Check]:
+    """Yield what the server of a raw PCM actuator does with zeros: takes them in their time, closes, waits, stops."""
     condition = Conditioner(full_scale=settings.full_scale, limit_m_s2=settings.full_scale)
+    actuator, other = (PcmActuator(address, condition, rate_hz=settings.rate_hz) for _ in range(2))
+    name = "actuator"
     try:
-        PcmActuator(address, condition, rate_hz=settings.rate_hz).reach()
+        actuator.reach()
+        yield Check(name, "green", f"{address} accepts a connection, and closes it at its end")
+        name = "actuator samples"
+        with ThreadPoolExecutor(1) as beside, closing(actuator):
+            yield _closes(name, [actuator.play_silence(SERVED_S) for _ in range(TIMES)], "the last sample")
+            name, asked = "actuator turns", beside.submit(_at, SERVED_S / 2, other.reach)
+            actuator.play_silence(SERVED_S)
+            ended_s = time.monotonic()
+            yield _closes(name, [(asked.result() - ended_s) * 1e3], "a stimulus that another connection came beside")
+            name, cut = "actuator stop", beside.submit(_at, SERVED_S / 2, actuator.withdraw)
+            actuator.play_silence(SERVED_S)
+            while not actuator.is_silent() and (time.monotonic() - cut.result()) * 1e3 <= CLOSES_MS[1]:
+                time.sleep(LOOK_S)
+            yield _closes(name, [(time.monotonic() - cut.result()) * 1e3], "it was hung up in the middle")
     except ActuatorError as error:
-        return refused(name, error)
-    return Check(name, "green", f"{address} accepts a connection; nothing was sent")
+        yield refused(name, error)
+
+
+def _at(after_s: float, call: Callable[[], object]) -> float:
+    """Call so much later, and return when that ended, by the machine's monotonic clock, s."""
+    time.sleep(after_s)
+    call()
+    return time.monotonic()
+
+
+def _closes(name: str, closed_ms: list[float], after: str) -> Check:
+    lowest, highest = CLOSES_MS
+    return judged(
+        name,
+        all(lowest <= one <= highest for one in closed_ms),
+        f"closed {' '.join(f'{one:+.0f}' for one in closed_ms)} ms after {after}; zeros went out 50 ms ahead",
+        allowed=f"{lowest:+g} to {highest:+g} ms",
+        remedy="see what a server must do in the guide on rigs, experiment/apparatus/README.md",
+    )
 
 
 BUILT_YEAR = 2026

@@ -113,7 +113,7 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
             yield from _audio(rig, rig.audio, ends, clock)
         address = ends.address or rig.actuator.address
         if address is not None:
-            yield checks.answers(address, rig.actuator)
+            yield from checks.server(address, rig.actuator)
         yield from force.checks(rig, ends.force, protocol=protocol, clock=clock)
         yield from _elsewhere(rig, protocol)
         if rig.tracker.zeroing_mm is not None:

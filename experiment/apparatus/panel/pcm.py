@@ -1,21 +1,18 @@
 """An actuator and an accelerometer, each behind a raw PCM port: mono samples as little-endian float32 on TCP.
 
-A sample of 1.0 is the device's full scale. PulseAudio is such a server: `module-simple-protocol-tcp format=float32le
-channels=1 rate=... port=...` with `playback=true record=false` for an actuator, and the reverse for an accelerometer.
-The stream is neither encrypted nor authenticated: keep the server on the loopback interface.
+The apparatus guide states what a server must do, and `palpate doctor` measures it. Such a port knows no time, so a
+stimulus begins when the foot has landed. A server that does not take samples or close in time has failed: the
+connection is reset, and the stimulus may still play until the server, which serves one after the other, closes a later
+connection.
 
-**Actuator.** One connection a stimulus, which ends with it. The server reads to the end and then closes its side, which
-is the sign that it took all of it. The stimulus sounds when the foot has landed: such a port knows no time, so nothing
-can be scheduled or measured.
-
-**Accelerometer.** One connection a take; the server sends from the connection on and without end. Samples carry no
-time. They come at the device's rate, and each piece of the stream arrives some time after its last sample; the piece
-that was held up least tells when the stream began. So a sample's time on the host's clock is known but for the latency
-that every piece has. What came within `RING_S` is held, and a take begins `BEFORE_S` ahead of the first sample that
-reaches the rig's trigger level in the stretch that is asked for, whatever shook the panel before.
+The samples of an accelerometer carry no time. Each piece of its stream arrives some time after its last sample; the
+piece that was held up least tells when the stream began, but for the latency that every piece has.
 """
 
+import errno
 import socket
+import struct
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -35,11 +32,20 @@ from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""
 
-TAKE_S = 2.0
-"""How long a server may take beyond the length of the stimulus until it has read all of it, s."""
+AHEAD_S = 0.05
+"""How long before its time a sample goes out at most, s, and how late a stimulus may begin."""
+
+CLOSE_S = 1.0
+"""How long after the time of the last sample a server may take to close, s."""
+
+SIMULATED_CLOSE_S = 5.0
+"""The same in simulated time, where a panel waits for its turn on a busy machine, s."""
+
+LOOK_S = 0.002
+"""Between two looks at a connection, s."""
 
 ALIVE_S = 2.0
-"""How long after that the first samples of an accelerometer may take, s."""
+"""How long the first samples of an accelerometer may take, s."""
 
 LATE_S = 2.0
 """How long after it is due a take's last sample may still come, s."""
@@ -50,15 +56,19 @@ BEFORE_S = 0.002
 RING_S = 10.0
 """How much is held besides a take, s: the slowest foot takes 2 s from gate to panel."""
 
+RESTART = "restart its server, then resume the session"
+
 _SAMPLE = np.dtype("<f4")
 _PIECE_BYTES = 65536
+_RESET = struct.pack("hh" if sys.platform == "win32" else "ii", 1, 0)
+"""Closing a connection resets it at once."""
 
 
-def _connected(device: str, address: str, refused: type[PalpateError]) -> socket.socket:
+def _connected(device: str, address: str, refused: type[PalpateError], timeout_s: float = CONNECT_S) -> socket.socket:
     """Return a connection to a device's server at `host:port`. Raises `refused` if nothing answers there."""
     host, _, port = address.rpartition(":")
     try:
-        return socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S)
+        return socket.create_connection((host.strip("[]"), int(port)), timeout=timeout_s)
     except OSError as error:
         raise refused(
             f"{device} at {address}: nothing answers there ({error.strerror or error}); start its server, or correct "
@@ -67,29 +77,37 @@ def _connected(device: str, address: str, refused: type[PalpateError]) -> socket
 
 
 class PcmActuator:
-    """Implements `Actuator`."""
+    """Implements `Actuator`; `withdraw` and `is_silent` may be called from any thread, and wait for nothing."""
 
-    def __init__(self, address: str, condition: Conditioner, *, rate_hz: int) -> None:
-        """Prepare for the server at `host:port`; nothing is connected yet. Every stimulus passes through `condition`.
+    lead_ns = 0
 
-        Raises `ActuatorError` if `address` is no `host:port`.
+    def __init__(self, address: str, condition: Conditioner, *, rate_hz: int, clock: Clock | None = None) -> None:
+        """Prepare for the server at `host:port`; `ActuatorError` if it is none. `condition` limits every stimulus.
+
+        The clock paces samples, None is the machine's. Simulated time stands still in a step: all go out at once.
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
             raise ActuatorError(f"actuator address '{address}': allowed is host:port, such as 127.0.0.1:4711")
-        self._address = address
+        self._address, self._name = address, f"actuator at {address}"
         self.rate_hz = rate_hz
         self._condition = condition
+        self._clock = clock or MonotonicClock()
         self._prepared: NDArray[np.float32] | None = None
-
-    @property
-    def lead_ns(self) -> int:
-        return 0
+        self._cut = threading.Event()
+        self._playing = False
+        self._asking: socket.socket | None = None
+        self._fault: Delivered | None = None
+        self.closed_ms = 0.0
+        """How long after the time of the last sample the server closed, ms; negative for earlier."""
 
     def prepare(self, stimulus: Stimulus | Ring) -> Played:
-        """Limit, shape and keep a stimulus at `rate_hz`; `ActuatorError` if there is nothing to play."""
+        """Limit, shape and keep a stimulus; `ActuatorError` if there is none, or an earlier one may still play."""
+        if not self.is_silent():
+            raise ActuatorError(f"{self._name}: an earlier stimulus may still play; {RESTART}")
         played = self._condition(stimulus)
-        self._prepared = played.samples
+        self._cut.clear()
+        self._prepared, self._fault = played.samples, None
         return played
 
     def aim(self, onset_ns: int) -> bool:  # noqa: ARG002
@@ -97,44 +115,133 @@ class PcmActuator:
         return True
 
     def landed(self, contact_ns: int) -> None:  # noqa: ARG002
-        """Hand the prepared stimulus over; it sounds now. `ActuatorError` if the server does not take all of it."""
+        """Play the prepared stimulus to its end, or until it is withdrawn; `ActuatorError` if the server is late."""
         samples, self._prepared = self._prepared, None
         if samples is not None:
-            self._send(samples.tobytes(), TAKE_S + samples.size / self.rate_hz)
+            self._play(samples.tobytes())
+
+    def play_silence(self, seconds: float) -> float:
+        """Play zeros for so long, as `landed` plays a stimulus, and return `closed_ms`."""
+        self._cut.clear()
+        self._play(bytes(round(seconds * self.rate_hz) * _SAMPLE.itemsize))
+        return self.closed_ms
 
     def withdraw(self) -> bool:
+        """Forget what was prepared, hang up on what plays, and return whether nothing of it will sound."""
         self._prepared = None
-        return True
+        self._cut.set()
+        return self.is_silent()
+
+    def is_silent(self) -> bool:
+        """Return whether the server is done with every stimulus: it closed a later, empty connection, or is gone."""
+        asking = self._asking
+        if asking is not None and _is_answered(asking):
+            self._asking = None
+            asking.close()
+        return self._asking is None and not self._playing
 
     def delivered(self, contact_ns: int) -> Delivered | None:  # noqa: ARG002
-        return None
+        """Return why a stimulus was not whole: it was withdrawn, or samples went out late; None if nothing is known."""
+        return self._fault
 
     def close(self) -> None:
-        """Nothing stays open between stimuli."""
+        """Play nothing more; nothing stays open between stimuli."""
+        self.withdraw()
+        if self._asking is not None:
+            self._asking.close()
 
     def reach(self) -> None:
-        """Connect and hang up, which plays nothing; `ActuatorError` if nothing answers at the address."""
-        _connected("actuator", self._address, ActuatorError).close()
+        """Connect and hang up, which plays nothing; `ActuatorError` if the server does not answer and close too."""
+        with _connected("actuator", self._address, ActuatorError) as connection:
+            connection.shutdown(socket.SHUT_WR)
+            connection.settimeout(CONNECT_S)
+            try:
+                connection.recv(1)
+            except OSError as error:
+                problem = f"the server did not close within {CONNECT_S:g} s"
+                raise ActuatorError(f"{self._name}: {problem}; {RESTART}") from error
 
-    def _send(self, data: bytes, timeout_s: float) -> None:
-        connection = _connected("actuator", self._address, ActuatorError)
+    def _play(self, data: bytes) -> None:
+        connection = _connected("actuator", self._address, ActuatorError, AHEAD_S)
+        self._playing = True
         try:
-            with connection:
-                connection.settimeout(timeout_s)
-                connection.sendall(data)
-                connection.shutdown(socket.SHUT_WR)
-                while connection.recv(4096):
-                    pass
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+            self._hand_over(connection, data)
+            if self._cut.is_set():
+                self._reset(connection)
         except TimeoutError as error:
-            raise ActuatorError(
-                f"actuator at {self._address}: the server did not take the stimulus within {timeout_s:.1f} s; "
-                "see that it reads to the end of the connection and then closes it"
-            ) from error
+            self._reset(connection)
+            raise ActuatorError(f"{self._name}: {error}; palpate doctor measures what a server does") from error
         except OSError as error:
-            raise ActuatorError(
-                f"actuator at {self._address}: the connection broke ({error.strerror or error}); "
-                "see that its server runs, then do the trial again"
-            ) from error
+            # Its far end has closed, so nothing plays there any more.
+            problem = f"the connection broke ({error.strerror or error})"
+            raise ActuatorError(f"{self._name}: {problem}; see that its server runs") from error
+        finally:
+            connection.close()
+            self._playing = False
+
+    def _hand_over(self, connection: socket.socket, data: bytes) -> None:
+        """Send each sample at most `AHEAD_S` before its time, and wait for the close; `TimeoutError` if it is late."""
+        if self._clock.simulated:
+            connection.settimeout(SIMULATED_CLOSE_S)
+            connection.sendall(data)
+            connection.shutdown(socket.SHUT_WR)
+            connection.recv(1)
+            return
+        connection.setblocking(False)
+        began_ns = self._clock.now_ns()
+        at = late_ns = behind_ns = passed_ns = 0
+        while not self._cut.is_set():
+            behind_ns = passed_ns - at // _SAMPLE.itemsize * 10**9 // self.rate_hz
+            due = min(int((passed_ns / 1e9 + AHEAD_S) * self.rate_hz) * _SAMPLE.itemsize, len(data))
+            try:
+                if at == len(data) and not connection.recv(_PIECE_BYTES):
+                    break
+                if at < due:
+                    at += connection.send(memoryview(data)[at:due])
+                    late_ns = max(late_ns, behind_ns)
+                    if at == len(data):
+                        connection.shutdown(socket.SHUT_WR)
+            except BlockingIOError:
+                if at < len(data) and behind_ns > 0:
+                    raise TimeoutError(f"the server stopped taking samples after {passed_ns / 1e9:.2f} s") from None
+                if behind_ns > CLOSE_S * 1e9:
+                    raise TimeoutError(f"the server did not close within {CLOSE_S:g} s after the last sample") from None
+            self._cut.wait(LOOK_S)
+            passed_ns = self._clock.now_ns() - began_ns
+        # A server that closes too early plays on.
+        self._cut.wait(max(-behind_ns, 0) / 1e9)
+        self.closed_ms = behind_ns / 1e6
+        if self._cut.is_set() or late_ns > 0:
+            reason = "it was cut off" if self._cut.is_set() else f"samples went out {late_ns / 1e6:.0f} ms late"
+            self._fault = Delivered(requested_ns=began_ns, xruns=0, delivered=False, reason=reason)
+
+    def _reset(self, connection: socket.socket) -> None:
+        """Have the server drop what it did not play, and ask when it is done, unless it is gone."""
+        asking = socket.socket(connection.family, socket.SOCK_STREAM)
+        asking.setblocking(False)
+        with suppress(OSError):
+            place = connection.getpeername()
+            connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, _RESET)
+            connection.close()
+            if asking.connect_ex(place) != errno.ECONNREFUSED:
+                self._asking = asking
+                return
+        asking.close()
+
+
+def _is_answered(asking: socket.socket) -> bool:
+    """Return whether a server has closed a connection on which nothing is sent, or is gone; this waits for nothing."""
+    try:
+        return not asking.recv(_PIECE_BYTES)
+    except BlockingIOError:
+        # Hanging up on a connection that is still being made would end that.
+        with suppress(OSError):
+            asking.getpeername()
+            asking.shutdown(socket.SHUT_WR)
+        return False
+    except OSError as error:
+        return isinstance(error, ConnectionError)
 
 
 class PcmAccelerometer:

@@ -81,12 +81,16 @@ _DEAF_S = 5.0
 class Panel:
     """Listens on the loopback interface for one connection a stimulus."""
 
-    def __init__(self, actuator: ActuatorRig) -> None:
-        """Listen at once; `actuator` says what a sample of 1.0 is, and whether samples are volts."""
+    def __init__(self, actuator: ActuatorRig, *, real_time: bool = True) -> None:
+        """Listen at once; `actuator` says what a sample of 1.0 is, and whether samples are volts.
+
+        In real time a connection is closed when its last sample has been played, in simulated time at its end.
+        """
         self._actuator = actuator
+        self._real_time = real_time
         self._server = socket.create_server(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self._server.getsockname()[1]}"
-        self._closing = False
+        self._closing = threading.Event()
         self._stimuli: queue.SimpleQueue[NDArray[np.float64]] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._listen, name="panel", daemon=True)
         with host.elsewhere():
@@ -95,7 +99,8 @@ class Panel:
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
         """Return the next stimulus that was delivered and not felt yet, or None if nothing comes within `timeout_s`.
 
-        It is an acceleration, m/s^2, shape (n,), at the actuator's rate, and here before the actuator's `play` returns.
+        It is an acceleration, m/s^2, shape (n,), at the actuator's rate, and here before the actuator's `landed`
+        returns.
         """
         try:
             return self._stimuli.get(block=timeout_s > 0, timeout=timeout_s)
@@ -104,7 +109,7 @@ class Panel:
 
     def close(self) -> None:
         """Stop listening."""
-        self._closing = True
+        self._closing.set()
         # Closing the server alone would not end an accept that is under way.
         with socket.create_connection(self._server.getsockname(), timeout=1.0):
             self._thread.join()
@@ -114,19 +119,23 @@ class Panel:
         while True:
             connection, _ = self._server.accept()
             with connection:
-                if self._closing:
+                if self._closing.is_set():
                     return
                 connection.settimeout(_DEAF_S)
                 try:
-                    data = b"".join(iter(partial(connection.recv, 65536), b""))
+                    data = connection.recv(65536)
+                    began_s = time.monotonic()
+                    data += b"".join(iter(partial(connection.recv, 65536), b""))
                 except OSError:
                     # A stimulus whose connection broke was not delivered.
                     continue
                 if not data:
                     # A connection without data only asks whether the panel is there.
                     continue
-                data = data[: len(data) // _SAMPLE.itemsize * _SAMPLE.itemsize]
-                self._stimuli.put(_delivered(np.frombuffer(data, _SAMPLE), self._actuator))
+                samples = np.frombuffer(data[: len(data) // _SAMPLE.itemsize * _SAMPLE.itemsize], _SAMPLE)
+                if self._real_time:
+                    self._closing.wait(began_s + samples.size / self._actuator.rate_hz - time.monotonic())
+                self._stimuli.put(_delivered(samples, self._actuator))
 
 
 def _delivered(samples: NDArray[np.float32], actuator: ActuatorRig) -> NDArray[np.float64]:

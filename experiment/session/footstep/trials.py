@@ -19,7 +19,7 @@ from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from palpate.experiment.clock import Clock, lasted_ms
 from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
-from palpate.experiment.errors import RecordingError, TrackerError, TrackerStopped
+from palpate.experiment.errors import ActuatorError, RecordingError, TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import ExclusionRule, Protocol
 from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
 from palpate.experiment.records.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
@@ -41,8 +41,16 @@ CLOCKS_DRIFT = 0.01
 PROBE_TAKES_NS = 200_000_000
 """From a probe that is asked for until it sounds at the latest, ns: one block of any audio device, and its latency."""
 
+SILENT_NS = 1_000_000_000
+"""So long the device of an earlier stimulus may take to fall silent, ns."""
+
+LOOK_NS = 5_000_000
+"""Between two looks whether it is, ns."""
+
 TRACE_US = 50_000
 """The trace has a point for so long, microseconds."""
+
+STILL_PLAYS = "the last stimulus may still play; restart the actuator's server, then resume the session"
 
 MISSING = 0.01
 """A tracker of whose frames a larger share is lost or damaged is told as not good."""
@@ -95,7 +103,12 @@ def open_footsteps(
     if planned.actuator:
         address = ends.panel(opened)
         actuator = opening.open_actuator(
-            rig, limit_m_s2=protocol.exposure.vibration_peak_m_s2, drive=stimuli.drive, address=address, stream=stream
+            rig,
+            limit_m_s2=protocol.exposure.vibration_peak_m_s2,
+            drive=stimuli.drive,
+            address=address,
+            stream=stream,
+            clock=clock,
         )
         opened.callback(actuator.close)
     port, clock_map = ends.tracker(opened)
@@ -186,8 +199,11 @@ class Footsteps(Kind):
             zero = tracker.settle(console)
             self._log.write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
             console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
+        silent = self._falls_silent(self._limits.over)
         if self._limits.over():
             return
+        if not silent:
+            raise ActuatorError(f"actuator: {STILL_PLAYS}")
         if broken is not None and broken[0] == planned.trial and not broken[1].felt:
             if console.rearm(trial=planned.trial, attempt=attempt, reason=broken[1].reason):
                 self._watch.feed.drain()
@@ -219,11 +235,12 @@ class Footsteps(Kind):
         self._silent = isinstance(step, BrokenStep) and step.stopped is not None
         trace = self._log.keep(step.raw)
         if isinstance(step, BrokenStep):
+            silent = self.is_silent()
             self._broken = armed.planned.trial, step
             if step.felt and step.stopped is None and step.failed is None:
                 self._console.show(f"This step does not count: {step.reason}.")
             return Seen(
-                _broken_off(armed, step, trace),
+                _broken_off(armed, step, trace, silent=silent),
                 reason=step.reason,
                 lost=step.stopped is not None,
                 failed=step.failed or error,
@@ -240,6 +257,29 @@ class Footsteps(Kind):
             delivered=self._delivered,
             repeat=repeat,
         )
+
+    def quiet(self, why: str) -> None:  # noqa: ARG002
+        """Take back the stimulus that is prepared, and hang up on one that plays."""
+        if self._devices.actuator is not None:
+            self._devices.actuator.withdraw()
+
+    def is_silent(self) -> bool | None:
+        """Return whether the panel is silent, and tell the experimenter if it is not; None without an actuator."""
+        if self._devices.actuator is None:
+            return None
+        silent = self._falls_silent(lambda: "")
+        if not silent:
+            self._console.show(f"The panel may move at any time: {STILL_PLAYS}.")
+        return silent
+
+    def _falls_silent(self, over: Callable[[], str]) -> bool:
+        """Return whether no earlier stimulus can sound any more; wait for that, unless the session is over."""
+        actuator, ends_ns = self._devices.actuator, self._clock.now_ns() + SILENT_NS
+        while actuator is not None and not actuator.is_silent():
+            if over() or self._clock.now_ns() >= ends_ns:
+                return False
+            self._clock.sleep_ns(LOOK_NS)
+        return True
 
     def answers(self, planned: PlannedTrial) -> dict[str, Meaning]:  # noqa: ARG002
         """Return the materials of the study by their keys; in every trial the same."""
@@ -395,7 +435,7 @@ def _foot_step(armed: Armed, step: WatchedStep, trace: Trace) -> FootStep:
     )
 
 
-def _broken_off(armed: Armed, step: BrokenStep, trace: Trace) -> BrokenOff:
+def _broken_off(armed: Armed, step: BrokenStep, trace: Trace, *, silent: bool | None) -> BrokenOff:
     gate = step.gate
     return BrokenOff(
         trial=armed.planned.trial,
@@ -403,6 +443,7 @@ def _broken_off(armed: Armed, step: BrokenStep, trace: Trace) -> BrokenOff:
         presented=armed.planned.presented,
         reason=step.reason,
         felt=step.felt,
+        silent=silent,
         clock=_clock(step.clock) if step.clock else None,
         dead_time_ms=armed.dead_time_ms,
         at_us=step.at_us,

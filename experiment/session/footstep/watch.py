@@ -347,6 +347,8 @@ class _Step:
         gate, contact, taken = self._gate, self._contact, self._taken
         if gate is None or contact is None or taken.first_us is None:
             raise RuntimeError("no step lands before it has fallen")
+        if reason := self._parts.limits.over():
+            return self.broken(reason)
         if self._sounding is not None:
             self._sounding.landed(contact)
         met = self._met(contact)
@@ -359,6 +361,10 @@ class _Step:
             return self.broken(fault)
         clock = taken.clock()
         contact_ns = clock.session_ns(met.us)
+        onset = self._sounding.onset(met, contact_ns) if self._sounding is not None else None
+        heard = onset.delivered if onset is not None else None
+        if heard is not None and not heard.delivered and (reason := self._parts.limits.over()):
+            return self.broken(reason)
         return WatchedStep(
             first_us=taken.first_us,
             clock=clock,
@@ -368,7 +374,7 @@ class _Step:
             raw=taken.raw(),
             link=link,
             stimulus=self._sounding.stimulus if self._sounding is not None else None,
-            onset=self._sounding.onset(met, contact_ns) if self._sounding is not None else None,
+            onset=onset,
         )
 
     def _met(self, contact: Contact) -> Landing:

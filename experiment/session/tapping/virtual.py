@@ -68,7 +68,7 @@ def open_surfaces(
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     address = ends.panel(opened)
-    actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, address=address, stream=stream)
+    actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, address=address, stream=stream, clock=clock)
     opened.callback(actuator.close)
     rings = {
         name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=ends.ringing_m_s2(virtual.full_m_s2))

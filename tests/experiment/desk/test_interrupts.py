@@ -25,7 +25,7 @@ from palpate.experiment.session.runner import SessionLog
 from tests.experiment.session.bench import bench, entries, felt_and_on_file, header
 from tests.experiment.session.scripted import ScriptedConsole
 
-INTERRUPTED = Footer(reason="paused", detail="interrupted at the keyboard", answered=0)
+INTERRUPTED = Footer(reason="paused", detail="interrupted at the keyboard", answered=0, silent=True)
 
 
 @pytest.fixture(autouse=True)
@@ -183,7 +183,7 @@ def test_what_failed_after_contact_is_told_and_not_the_key(
     with pytest.raises(AudioError, match="the stream has stopped"):
         one.run(protocol, header("virtual"), tmp_path)
     *_, broken, footer = entries(tmp_path, "virtual")
-    assert footer == Footer(reason="error", detail="the stream has stopped", answered=0)
+    assert footer == Footer(reason="error", detail="the stream has stopped", answered=0, silent=True)
     felt_and_on_file(broken, "the stream has stopped", tmp_path)
 
 
@@ -241,4 +241,4 @@ def test_the_last_line_is_on_file_before_a_session_that_is_complete_is_interrupt
     monkeypatch.setattr(journal.Journal, "append", appending)
     with pytest.raises(KeyboardInterrupt):
         bench("cpt").run(protocol, header("virtual"), tmp_path)
-    assert entries(tmp_path, "virtual")[-1] == Footer(reason="complete", answered=3)
+    assert entries(tmp_path, "virtual")[-1] == Footer(reason="complete", answered=3, silent=True)

@@ -106,7 +106,7 @@ class ScriptedActuator:
         self.aimed: list[list[int]] = []
         """The onsets asked for, of each stimulus."""
         self.withdrawn = 0
-        self.sounds_anyway = False
+        self.sounds_anyway = self.still_plays = False
         self.heard: deque[Delivered | BaseException | None] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
@@ -128,6 +128,9 @@ class ScriptedActuator:
         self.withdrawn += 1
         self._prepared = None
         return not self.sounds_anyway
+
+    def is_silent(self) -> bool:
+        return not self.still_plays
 
     def delivered(self, contact_ns: int) -> Delivered | None:
         heard = self.heard.popleft() if self.heard else None

@@ -423,7 +423,7 @@ def test_no_stimulus_sounds_after_the_end_and_one_before_it_is_answered(
     short = lasting(protocol, after_ms / 1e3)
     footer = one.run(short, header("virtual"), tmp_path)
     over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
-    assert footer == Footer(reason="paused", detail=over, answered=len(sounded))
+    assert footer == Footer(reason="paused", detail=over, answered=len(sounded), silent=True)
     assert all(sound_ns <= ends_ns for sound_ns in sounded)
     assert len(sounded) == (after_ms > 305), "the contact is known after 300 ms, and 5 are left for the actuator"
     broken = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, BrokenOff)]
@@ -519,7 +519,7 @@ def test_a_screen_that_is_gone_pauses_the_session(protocol: Protocol, tmp_path: 
 
     one.console = ScriptedConsole(one.clock, "c", before_ask=gone)
     footer = one.run(protocol, header("virtual"), tmp_path)
-    assert footer == Footer(reason="paused", detail="the screen is gone (Broken pipe)", answered=0)
+    assert footer == Footer(reason="paused", detail="the screen is gone (Broken pipe)", answered=0, silent=True)
     assert bench("cpt").run(protocol, header("virtual"), tmp_path).reason == "complete"
 
 

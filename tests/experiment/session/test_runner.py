@@ -42,7 +42,7 @@ def test_a_virtual_session_renders_at_the_foots_speed_and_journals_every_step(
 ) -> None:
     one = bench("cpn")
     footer = one.run(protocol, header("virtual"), tmp_path)
-    assert footer == Footer(reason="complete", answered=3)
+    assert footer == Footer(reason="complete", answered=3, silent=True)
     assert [material for material, _ in one.rendered] == list(ORDER)
     assert [speed for _, speed in one.rendered] == pytest.approx([100.0, 200.0, 300.0], rel=1e-9)
     assert len(one.actuator.played) == 3

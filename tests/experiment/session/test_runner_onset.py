@@ -51,7 +51,7 @@ def test_a_foot_that_stops_plays_nothing_and_the_trial_is_armed_again_while_it_i
         piece, rest = rest.cut(n.size)
         steps.append(piece)
     one = bench("cpt", [*steps, step_samples(5_000_000, 150.0), step_samples(7_000_000, 150.0)])
-    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
     assert one.console.rearmed == [(1, 2, "the foot stopped or hesitated above the panel")]
     assert [speed for _, speed in one.rendered] == pytest.approx([150.0, 100.0, 150.0, 150.0], rel=1e-6)
@@ -72,7 +72,7 @@ def test_a_foot_that_stops_plays_nothing_and_the_trial_is_armed_again_while_it_i
 def test_what_can_no_longer_be_withdrawn_has_its_trial_put_off(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("cpt", [in_vain(2_000_000, 150.0), *(step_samples(2_000_000 * n, 150.0) for n in range(2, 6))])
     one.actuator.sounds_anyway = True
-    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
     assert one.console.rearmed == []
 
@@ -120,7 +120,7 @@ def test_an_undelivered_trial_is_repeated_at_the_end_of_its_block(
     one = bench("cpt", [step_samples(2_000_000 * n, 150.0) for n in range(1, 5)])
     one.actuator.heard.extend([DELIVERED.model_copy(update={"delivered": False, "reason": "nothing was heard"})])
     asked = header("virtual").model_copy(update={"block_trials": block})
-    assert one.run(protocol, asked, tmp_path) == Footer(reason="complete", answered=3)
+    assert one.run(protocol, asked, tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.armed == ([(1, 1), (2, 1), (3, 1), (1, 2)] if block == 3 else [(1, 1), (1, 2), (2, 1), (3, 1)])
     (redone,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, Redo)]
     assert redone.reason.startswith("undelivered: the participant did not feel")
@@ -138,7 +138,7 @@ def test_a_rig_that_delivers_nothing_pauses_the_session(
         f"the stimulus was not delivered in {runner.MOST_UNDELIVERED} attempts in a row; "
         "run palpate doctor, then resume"
     )
-    assert footer == Footer(reason="paused", detail=detail, answered=1)
+    assert footer == Footer(reason="paused", detail=detail, answered=1, silent=True)
     assert len(one.console.armed) == 3 + runner.MOST_UNDELIVERED
     assert entries(tmp_path, "virtual")[-1] == footer
     second = bench("cpn")
@@ -165,7 +165,7 @@ def test_a_step_that_was_felt_is_on_file_when_the_sound_fails_after_contact(
     with pytest.raises(type(failed), match=str(failed)):
         one.run(protocol, header("virtual"), tmp_path)
     *_, broken, footer = entries(tmp_path, "virtual")
-    assert footer == Footer(reason="error", detail=str(failed), answered=0)
+    assert footer == Footer(reason="error", detail=str(failed), answered=0, silent=True)
     felt_and_on_file(broken, str(failed), tmp_path)
     second = bench("pnc")
     assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
@@ -176,7 +176,7 @@ def test_a_step_that_was_felt_is_on_file_when_it_is_interrupted(protocol: Protoc
     one = bench("c")
     one.actuator.heard.append(KeyboardInterrupt())
     footer = one.run(protocol, header("virtual"), tmp_path)
-    assert footer == Footer(reason="paused", detail="interrupted at the keyboard", answered=0)
+    assert footer == Footer(reason="paused", detail="interrupted at the keyboard", answered=0, silent=True)
     *_, broken, last = entries(tmp_path, "virtual")
     assert last == footer
     felt_and_on_file(broken, "interrupted at the keyboard", tmp_path)

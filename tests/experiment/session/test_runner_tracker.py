@@ -79,7 +79,7 @@ def test_a_foot_that_only_seems_to_stop_is_told_as_its_trackers_fault(
 ) -> None:
     good = [step_samples(2_000_000 * n, 170.0) for n in (1, 2, 3)]
     one = bench("cpt", [*in_pieces(lie(step_samples(0, 170.0))), *good])
-    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.rearmed == [(1, 2, told)]
     (broken,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, BrokenOff)]
     assert not broken.felt
@@ -229,7 +229,7 @@ def test_a_tracker_that_stops_after_contact_has_its_trial_put_off(protocol: Prot
         clock=one.clock,
         comes_back=True,
     )
-    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert len(one.actuator.played) == 4
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
 
@@ -279,7 +279,7 @@ def test_a_step_whose_times_jump_inside_the_gate_was_felt_and_does_not_count(
     good = [step_samples(2_000_000 * n, 100.0) for n in range(1, 5)]
     later = 20_000 * (np.arange(good[0].device_us.size) > 150)
     one = bench("ccc", [replace(good[0], device_us=good[0].device_us + later), *good[1:]])
-    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     (broken,) = (entry for entry in entries(tmp_path, "virtual") if isinstance(entry, BrokenOff))
     told = "the tracker's times leave room for 20 frames where 0 are missing; see to the device's clock"
     assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, told)
@@ -294,7 +294,7 @@ def test_one_false_reading_sets_nothing_off(protocol: Protocol, tmp_path: Path) 
     false = steps[0].height_mm.copy()
     false[50] = 0.0
     one = bench("ccc", [replace(steps[0], height_mm=false), *steps[1:]])
-    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3)
+    assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
     assert [speed for _, speed in one.rendered] == pytest.approx([100.0] * 3)
 

@@ -42,6 +42,9 @@ class Aimed:
     def withdraw(self) -> bool:
         return True
 
+    def is_silent(self) -> bool:
+        return True
+
     def delivered(self, contact_ns: int) -> Delivered | None:
         return None
 
