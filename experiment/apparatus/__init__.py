@@ -14,31 +14,19 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from palpate.experiment.apparatus.host import elsewhere
-    from palpate.experiment.apparatus.ports import Tracker
-    from palpate.experiment.apparatus.rig import TrackerRig
-    from palpate.experiment.apparatus.tracker.clock_map import ClockMap, ClockState
-    from palpate.experiment.apparatus.tracker.clock_map import init as begin_clock
-    from palpate.experiment.apparatus.tracker.clock_map import step as step_clock
-    from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples, encode
-    from palpate.experiment.clock import Clock
-    from palpate.experiment.errors import TrackerError, TrackerStopped
-
-__all__ = [
-    "Clock",
-    "ClockMap",
-    "ClockState",
-    "LinkCounts",
-    "Samples",
-    "Tracker",
-    "TrackerError",
-    "TrackerRig",
-    "TrackerStopped",
-    "begin_clock",
-    "elsewhere",
-    "encode",
-    "step_clock",
-]
+    from palpate.experiment.apparatus.host import elsewhere as elsewhere
+    from palpate.experiment.apparatus.ports import Tracker as Tracker
+    from palpate.experiment.apparatus.rig import TrackerRig as TrackerRig
+    from palpate.experiment.apparatus.tracker.clock_map import ClockMap as ClockMap
+    from palpate.experiment.apparatus.tracker.clock_map import ClockState as ClockState
+    from palpate.experiment.apparatus.tracker.clock_map import init as begin_clock  # noqa: F401
+    from palpate.experiment.apparatus.tracker.clock_map import step as step_clock  # noqa: F401
+    from palpate.experiment.apparatus.tracker.frames import LinkCounts as LinkCounts
+    from palpate.experiment.apparatus.tracker.frames import Samples as Samples
+    from palpate.experiment.apparatus.tracker.frames import encode as encode
+    from palpate.experiment.clock import Clock as Clock
+    from palpate.experiment.errors import TrackerError as TrackerError
+    from palpate.experiment.errors import TrackerStopped as TrackerStopped
 
 _PLACES = {
     "Clock": "palpate.experiment.clock:Clock",

@@ -10,21 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
 
-from palpate.experiment.records.entries import (
-    Answer,
-    Armed,
-    Commanded,
-    Correction,
-    Footer,
-    Header,
-    MaskerSet,
-    Note,
-    PlannedTrial,
-    Redo,
-    Shown,
-    Visited,
-    Withdrawal,
-)
+from palpate.experiment.records import entries as entry_kinds
 from palpate.experiment.records.footstep import BrokenOff, FootStep, Probed
 from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.records.stimulus import Stimulus
@@ -44,14 +30,14 @@ class Progress:
     trials. `stimuli` were played in steps and probes on record, `vibration_s` together, s.
     """
 
-    header: Header
+    header: entry_kinds.Header
     said: tuple[tuple[int, str | None], ...] = ()
     corrected: frozenset[int] = frozenset()
     put_off: tuple[int, ...] = ()
     attempts: Mapping[int, int] = field(default_factory=dict)
     armed: tuple[int, int] | None = None
     unanswered: tuple[int, int] | None = None
-    footer: Footer | None = None
+    footer: entry_kinds.Footer | None = None
     masker_db_a: float | None = None
     visited: tuple[str, ...] = ()
     stimuli: int = 0
@@ -68,11 +54,11 @@ class Progress:
         return self.footer is not None and self.footer.reason == "complete"
 
     @property
-    def remaining(self) -> tuple[PlannedTrial, ...]:
+    def remaining(self) -> tuple[entry_kinds.PlannedTrial, ...]:
         """Planned trials without an answer, in the order in which they are run."""
         order, size, answered = self.header.order, self.header.block_trials, frozenset(self.answered)
         turns = {trial: turn for turn, trial in enumerate(self.put_off, start=1)}
-        left: list[PlannedTrial] = []
+        left: list[entry_kinds.PlannedTrial] = []
         for begin in range(0, len(order), size):
             block = [planned for planned in order[begin : begin + size] if planned.trial not in answered]
             left += sorted(block, key=lambda planned: turns.get(planned.trial, 0))
@@ -80,11 +66,11 @@ class Progress:
 
     def after(self, entry: AnyEntry) -> Progress:
         """Return where the session stands after one more entry."""
-        if isinstance(entry, Withdrawal | Note | Commanded | Shown):
+        if isinstance(entry, entry_kinds.Withdrawal | entry_kinds.Note | entry_kinds.Commanded | entry_kinds.Shown):
             return self
-        footer = entry if isinstance(entry, Footer) else None
+        footer = entry if isinstance(entry, entry_kinds.Footer) else None
         done = self if footer is self.footer else replace(self, footer=footer)
-        if isinstance(entry, Armed):
+        if isinstance(entry, entry_kinds.Armed):
             attempts = {**self.attempts, entry.trial: entry.attempt}
             return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)
         if isinstance(entry, FootStep | PairLaidOut):
@@ -95,18 +81,18 @@ class Progress:
         if isinstance(entry, BrokenOff):
             ended = replace(done, armed=None)
             return ended._later(entry.trial) if entry.felt else ended
-        if isinstance(entry, Answer):
+        if isinstance(entry, entry_kinds.Answer):
             kept = done._without(entry.trial)
             return replace(kept, said=(*kept.said, (entry.trial, entry.answered)), unanswered=None)
-        if isinstance(entry, Correction):
+        if isinstance(entry, entry_kinds.Correction):
             said = tuple((trial, entry.answered if trial == entry.trial else said) for trial, said in done.said)
             return replace(done, said=said, corrected=done.corrected | {entry.trial})
-        if isinstance(entry, Redo):
+        if isinstance(entry, entry_kinds.Redo):
             redone = replace(done._without(entry.trial), armed=None, unanswered=None)
             return redone._later(entry.trial) if entry.put_off else redone
-        if isinstance(entry, Visited):
+        if isinstance(entry, entry_kinds.Visited):
             return replace(done, visited=(*done.visited, entry.step))
-        if isinstance(entry, MaskerSet) and entry.level_db_a is not None:
+        if isinstance(entry, entry_kinds.MaskerSet) and entry.level_db_a is not None:
             return replace(done, masker_db_a=entry.level_db_a)
         return done
 
@@ -127,6 +113,6 @@ class Progress:
 def progress(entries: Sequence[AnyEntry]) -> Progress:
     """Return where a session stands after all entries of its journal, the header first."""
     header = entries[0]
-    if not isinstance(header, Header):
+    if not isinstance(header, entry_kinds.Header):
         raise TypeError("the first entry of a journal is its header")
     return reduce(Progress.after, entries[1:], Progress(header))

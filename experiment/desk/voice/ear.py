@@ -30,7 +30,7 @@ from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Lamp
 from palpate.experiment.desk.port import Console
 from palpate.experiment.desk.voice import hearing
-from palpate.experiment.desk.voice.band import RATE_HZ
+from palpate.experiment.desk.voice.features import RATE_HZ
 from palpate.experiment.desk.voice.hearing import BEFORE_S, LISTENED_S, SILENCE, Background, Heard
 from palpate.experiment.desk.voice.matching import Enrolment
 from palpate.experiment.errors import PalpateError

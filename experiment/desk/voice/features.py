@@ -1,8 +1,11 @@
-"""What an utterance sounds like from moment to moment: mel-frequency cepstral coefficients.
+"""What an utterance sounds like from moment to moment: mel-frequency cepstral coefficients, in the band of a voice.
 
-Their definition is that of S. B. Davis and P. Mermelstein (IEEE Transactions on Acoustics, Speech, and Signal
-Processing 28 (1980) 357-366): energies of triangular bands, equally wide on the mel scale, their logarithms, and of
-these a cosine transform. The scale is 2595 lg(1 + f / 700 Hz) (D. O'Shaughnessy, Speech Communication, 1987). The
+The band reaches up to 8 kHz, at 16,000 samples a second, without what lies below 30 Hz. One Fourier transform takes the
+band and its rate at once, so no frequency is folded and nothing is delayed.
+
+The coefficients' definition is that of S. B. Davis and P. Mermelstein (IEEE Transactions on Acoustics, Speech, and
+Signal Processing 28 (1980) 357-366): energies of triangular bands, equally wide on the mel scale, their logarithms, and
+of these a cosine transform. The scale is 2595 lg(1 + f / 700 Hz) (D. O'Shaughnessy, Speech Communication, 1987). The
 coefficient of the level is left out, and each other one's mean over the utterance is taken off, so neither how loudly
 nor through which microphone somebody speaks matters.
 
@@ -10,12 +13,21 @@ Differences in time, and taking off the noise's energies, changed nothing that w
 """
 
 from functools import lru_cache
+from math import gcd
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
-from palpate.experiment.desk.voice.band import RATE_HZ
+from palpate.experiment.errors import VoiceError
+
+RATE_HZ = 16_000
+
+_RISES_HZ = (30.0, 90.0)
+_FALLS_HZ = (7200.0, 8000.0)
+_APART_S = 0.1
+"""Silence between end and beginning, which a Fourier transform takes for neighbours."""
 
 FRAME, HOP = 400, 160
 """Samples: frames of 25 ms, every 10 ms."""
@@ -60,3 +72,35 @@ def _bands() -> NDArray[np.float64]:
     low, middle, high = edges[:-2, None], edges[1:-1, None], edges[2:, None]
     weights: NDArray[np.float64] = np.clip(np.minimum((f - low) / (middle - low), (high - f) / (high - middle)), 0, 1)
     return weights
+
+
+def banded(samples: NDArray[np.floating[Any]], *, rate_hz: int) -> NDArray[np.float64]:
+    """Return a channel of the stream in the band, any unit, shape (ceil(n RATE_HZ / rate_hz),), for samples of (n,).
+
+    Raises `VoiceError` for anything but a row of finite samples, and for a rate below `RATE_HZ`.
+    """
+    x = np.asarray(samples, np.float64)
+    if x.ndim != 1 or not np.all(np.isfinite(x)):
+        raise VoiceError(f"microphone: got shape {x.shape}; allowed: one row of finite samples; look at the driver")
+    if rate_hz < RATE_HZ:
+        raise VoiceError(
+            f"rate_hz: got {rate_hz}; allowed: {RATE_HZ} Hz or more, for a voice reaches up to 8 kHz; correct the rig "
+            "file"
+        )
+    if not x.size:
+        return x
+    common = gcd(rate_hz, RATE_HZ)
+    up, down = RATE_HZ // common, rate_hz // common
+    kept = -(-x.size * up // down)
+    blocks = fft.next_fast_len(-(-(x.size + round(_APART_S * rate_hz)) // down), real=True)
+    made = blocks * up
+    f = np.arange(made // 2 + 1) * RATE_HZ / made
+    passed = _raised((f - _RISES_HZ[0]) / np.diff(_RISES_HZ)) * _raised((_FALLS_HZ[1] - f) / np.diff(_FALLS_HZ))
+    # What a microphone adds that is constant would end in a step, which reaches into the band.
+    bins = fft.rfft(x - np.mean(x), blocks * down)[: f.size] * passed
+    wave: NDArray[np.float64] = fft.irfft(bins, made)[:kept]
+    return wave * (up / down)
+
+
+def _raised(part: NDArray[np.float64]) -> NDArray[np.float64]:
+    return 0.5 - 0.5 * np.cos(np.pi * np.clip(part, 0.0, 1.0))

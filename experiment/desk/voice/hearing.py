@@ -14,9 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.desk.voice import onset
-from palpate.experiment.desk.voice.band import RATE_HZ, banded
 from palpate.experiment.desk.voice.cancelling import SHORTEST, TAPS, cancelled, leak
-from palpate.experiment.desk.voice.features import HOP, cepstra
+from palpate.experiment.desk.voice.features import HOP, RATE_HZ, banded, cepstra
 from palpate.experiment.desk.voice.matching import AGREES, Enrolment, Match, Take, match
 from palpate.experiment.errors import VoiceError
 

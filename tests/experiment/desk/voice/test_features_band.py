@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.experiment.desk.voice.band import RATE_HZ, banded
+from palpate.experiment.desk.voice.features import RATE_HZ, banded
 from palpate.experiment.errors import VoiceError
 
 
