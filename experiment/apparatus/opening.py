@@ -28,10 +28,8 @@ if TYPE_CHECKING:
 def audio_of(rig: Rig) -> AudioRig:
     """Return the settings of the rig's audio device; `RigError` if the rig has none."""
     if rig.audio is None:
-        raise RigError(
-            f"rig '{rig.rig.name}': got no table [audio]; allowed: one, for masker and loopback need it; "
-            "`palpate devices` lists what this machine has"
-        )
+        got = f"rig '{rig.rig.name}': got no table [audio]; allowed: one, for masker and loopback need it"
+        raise RigError(f"{got}; `palpate devices` lists what this machine has")
     return rig.audio
 
 
@@ -81,9 +79,8 @@ def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker:
         from palpate.experiment.apparatus.panel.conditioning import Conditioner
 
         volts = rig.actuator.shaping is not None
-        ceilings[channels.actuator - 1] = (
-            1.0 if volts else Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2).ceiling
-        )
+        conditioner = Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2)
+        ceilings[channels.actuator - 1] = 1.0 if volts else conditioner.ceiling
     return _settings(audio, ceilings, inputs=inputs, sent=listens and channels.microphone is not None, stimuli=plays)
 
 

@@ -52,11 +52,8 @@ def _actuator_rules(table: Any) -> Iterator[Broken]:
         yield Broken(("address",), "no address with driver 'audio': [audio] names the device")
     takes = [key for key in ("full_scale_m_s2", "shaping") if table.get(key) is not None]
     if len(takes) != 1:
-        yield Broken(
-            ("full_scale_m_s2",),
-            "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts; "
-            "exactly one of them",
-        )
+        either = "this key for a device that takes accelerations, the table [actuator.shaping] for one that takes volts"
+        yield Broken(("full_scale_m_s2",), f"{either}; exactly one of them")
     low, high = table.get("low_hz"), table.get("high_hz")
     if (low, high) != (None, None) and table.get("shaping") is not None:
         yield Broken(("low_hz",), "no low_hz and high_hz beside [actuator.shaping]: its response table has the band")
@@ -164,15 +161,13 @@ def response_table(folder: Path, shaping: ShapingRig) -> bytes:
     try:
         content = storage.read_bytes(path)
     except OSError as error:
-        raise RigError(
-            f"{path}: cannot be read ({error.strerror}); allowed: the response table of the rig file; restore it"
-        ) from error
+        allowed = "the response table of the rig file"
+        raise RigError(f"{path}: cannot be read ({error.strerror}); allowed: {allowed}; restore it") from error
     digest = hashlib.sha256(content).hexdigest()
     if digest != shaping.response_sha256:
-        raise RigError(
-            f"{path}: got a table with sha256 {digest}; allowed: {shaping.response_sha256}, as the rig file says; "
-            "restore the table, or write its sha256 into the rig file after measuring anew"
-        )
+        remedy = "restore the table, or write its sha256 into the rig file after measuring anew"
+        allowed = f"{shaping.response_sha256}, as the rig file says"
+        raise RigError(f"{path}: got a table with sha256 {digest}; allowed: {allowed}; {remedy}")
     return content
 
 
@@ -318,26 +313,20 @@ def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
         table, remedy = "latency", "run `palpate calibrate audio`"
     made, days = calibrated.calibrated_on, calibrated.calibration_days
     age = (today - made).days
+    got, allowed = f"a calibration of {made}, {age} days old on {today}", f"0 to {days} days"
     if made == UNCALIBRATED:
-        raise RigError(
-            f"audio.{table}: got {made}, the date of a rig file that nobody has calibrated yet; allowed: the day of a "
-            f"calibration; {remedy}, and put the result into the rig file"
-        )
-    if not 0 <= age <= days:
-        raise RigError(
-            f"audio.{table}: got a calibration of {made}, {age} days old on {today}; allowed: 0 to {days} days; "
-            f"{remedy}, and put the result into the rig file"
-        )
+        got, allowed = f"{made}, the date of a rig file that nobody has calibrated yet", "the day of a calibration"
+    elif 0 <= age <= days:
+        return
+    raise RigError(f"audio.{table}: got {got}; allowed: {allowed}; {remedy}, and put the result into the rig file")
 
 
 FRAMES = "palpate-frames"
 """The tracker's driver unless a rig names another."""
 
-ABOVE_GATE_MM = 5.0
-"""How far above the gate the calibration must reach, mm: more than a fast foot moves in several samples."""
-
-BELOW_CONTACT_MM = 1.0
-"""How far below contact the calibration must reach, mm: the sole gives way and a sensor is noisy."""
+ABOVE_GATE_MM, BELOW_CONTACT_MM = 5.0, 1.0
+"""How far above the gate, and below contact, the calibration must reach, mm: a fast foot moves less in several samples,
+and the sole gives way."""
 
 
 def _tracker_rules(table: Any) -> Iterator[Broken]:
@@ -392,9 +381,8 @@ def _audio_rules(actuator: Any, audio: Any) -> Iterator[Broken]:
     if audio is None:
         yield Broken(("audio",), "a table [audio]: actuator.driver is 'audio'")
     elif isinstance(audio, dict) and audio.get("rate_hz") != actuator.get("rate_hz"):
-        yield Broken(
-            ("actuator", "rate_hz"), f"audio.rate_hz ({audio.get('rate_hz')}): the actuator is a channel of it"
-        )
+        allowed = f"audio.rate_hz ({audio.get('rate_hz')}): the actuator is a channel of it"
+        yield Broken(("actuator", "rate_hz"), allowed)
 
 
 class Identity(Confined):
@@ -550,25 +538,21 @@ class StopsRig(Confined):
 
 
 def check_stops(rig: "Rig", peak_m_s2: float | None, today: date) -> None:
-    """Refuse, with a `RigError`, a real rig that could hurt and names no stops, or none that were tried lately.
+    """Refuse, with a `RigError`, a real rig with a force device whose stops are not named, or were not tried lately.
 
-    It could with a force device, and with an actuator that may exceed the board's limit `peak_m_s2`; None if that is
-    not known.
+    So is an actuator that may exceed the board's limit `peak_m_s2`; None if that is not known.
     """
     full_m_s2 = rig.actuator.full_scale_m_s2
     strong = peak_m_s2 is not None and (full_m_s2 is None or full_m_s2 > peak_m_s2)
     if rig.rig.simulated or not (strong or rig.servo is not None):
         return
-    name = f"rig '{rig.rig.name}': stops"
+    got, allowed = "no table [stops]", "the emergency stop and the amplifier's own limit"
+    if rig.stops is not None:
+        got, allowed = f"stops.tried_on = {rig.stops.tried_on}", f"0 to {rig.stops.tried_days} days before {today}"
+        if 0 <= (today - rig.stops.tried_on).days <= rig.stops.tried_days:
+            return
     remedy = "try both, and write the day into stops.tried_on of the rig file"
-    if rig.stops is None:
-        raise RigError(
-            f"{name}: got no table [stops] for a force device, or an actuator above the board's limit; allowed: the "
-            f"emergency stop and the amplifier's own limit; {remedy}"
-        )
-    age, most = (today - rig.stops.tried_on).days, rig.stops.tried_days
-    if not 0 <= age <= most:
-        raise RigError(f"{name}.tried_on: got {rig.stops.tried_on}; allowed: 0 to {most} days before {today}; {remedy}")
+    raise RigError(f"rig '{rig.rig.name}': got {got}; allowed: {allowed}; {remedy}")
 
 
 class Rig(Confined):
@@ -669,7 +653,6 @@ def check(rig: Rig, step: Step) -> None:
     heights = [point.mm for point in rig.tracker.calibration]
     lowest, highest = reach_mm(rig, step)
     if min(heights) > lowest or max(heights) < highest:
-        raise RigError(
-            f"rig '{rig.rig.name}': tracker.calibration reaches from {min(heights):g} to {max(heights):g} mm; this "
-            f"protocol needs {lowest:g} to {highest:g} mm, because readings are never extrapolated; calibrate further"
-        )
+        got = f"tracker.calibration reaches from {min(heights):g} to {max(heights):g} mm"
+        needs = f"this protocol needs {lowest:g} to {highest:g} mm, because readings are never extrapolated"
+        raise RigError(f"rig '{rig.rig.name}': {got}; {needs}; calibrate further")

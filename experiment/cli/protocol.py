@@ -246,14 +246,9 @@ def check(
     screen = rigs.load(rig_file).screen if rig_file is not None else None
     words = screen.words.own if screen is not None and screen.words is not None else {}
     of_screen: list[page.Block] = []
-    stops = rigs.load(rig_file).stops if rig_file is not None else None
-    if stops is not None:
-        tried = f"tried on {stops.tried_on}"
-        known_stops = (("Emergency stop", page.Free(stops.emergency)), ("Amplifier's limit", page.Free(stops.limit)))
-        of_screen = [page.Said(f"This rig names its stops, {tried}:"), page.facts(*known_stops)]
     if words:
         said = "The participant's screen says in words of this rig, which no approval of the protocol holds:"
-        of_screen += [page.Said(said), page.facts(*((name, page.Free(text)) for name, text in words.items()))]
+        of_screen = [page.Said(said), page.facts(*((name, page.Free(text)) for name, text in words.items()))]
     if page_file is not None:
         from palpate.experiment.protocol.html import html
 
@@ -281,7 +276,7 @@ def check(
         typer.echo(f"{shown}\n{page.approved(seal)}" if seal else shown)
     if told and not as_json:
         typer.echo(f"\n{told}")
-    if of_screen and not as_json:
+    if words and not as_json:
         typer.echo("\n".join(("", *page.lines(of_screen))))
     if refusal is not None:
         if as_json:

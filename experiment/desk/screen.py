@@ -31,17 +31,11 @@ if TYPE_CHECKING:
 BY = "the participant's screen"
 """Who asks for something here, as it goes on record."""
 
-POLL_S = 0.02
-"""Keys and prompts are looked for so often, s."""
+POLL_S, AGAIN_S = 0.02, 0.5
+"""How often keys and prompts are looked for, s, and a session where there was none."""
 
-AGAIN_S = 0.5
-"""So long after it found no session the screen looks again, s."""
-
-REDRAW_NS = 1_000_000_000
-"""A page is drawn anew so often, ns, in case something covered the window."""
-
-FAREWELL_NS = 60_000_000_000
-"""So long a page stands on the screen of a session that is gone, ns, unless another one begins."""
+REDRAW_NS, FAREWELL_NS = 1_000_000_000, 60_000_000_000
+"""How often a page is drawn anew, ns, in case something covered it, and how long it stays without a session."""
 
 
 @dataclass(frozen=True)

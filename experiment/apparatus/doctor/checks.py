@@ -137,14 +137,13 @@ def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Check]:
     except PalpateError as error:
         yield refused("stops", error)
     else:
-        if rig.stops is not None:
-            measured = f"{rig.stops.emergency}; {rig.stops.limit}; tried on {rig.stops.tried_on}"
-            yield Check("stops", "green", measured, f"tried within {rig.stops.tried_days} days")
+        if (named := rig.stops) is not None:
+            yield Check("stops", "green", f"{named.emergency}; {named.limit}; tried on {named.tried_on}")
+    name, word = "participant's stop", "no key: the participant stops by word of mouth alone"
     if rig.screen is None:
-        word = "no key: the participant stops by word of mouth alone"
-        yield unchecked("participant's stop", word, "add a table [screen], whose key screen.keys.stop stops everything")
+        yield unchecked(name, word, "add a table [screen], whose key screen.keys.stop stops everything")
     else:
-        yield Check("participant's stop", "green", f"the key {rig.screen.stop} at the participant's screen")
+        yield Check(name, "green", f"the key {rig.screen.stop} at the participant's screen")
 
 
 SERVED_S, TIMES = 0.5, 3

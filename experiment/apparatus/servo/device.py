@@ -36,11 +36,8 @@ FAST, DROPPED = 1, 1
 DROPS_AFTER_S = 0.002
 """A device that hears nothing for so long drops its force, s."""
 
-CONNECT_S = 1.0
-"""How long a device may take to accept, s."""
-
-CATCHES_UP_S = 5.0
-"""How long a device may be silent in simulated time, s."""
+CONNECT_S, CATCHES_UP_S = 1.0, 5.0
+"""How long a device may take to accept, s, and how long it may be silent in simulated time."""
 
 MOST_OPEN = 4096
 """Messages without an answer beyond which the device counts as gone, however late answers may be."""

@@ -27,17 +27,11 @@ from palpate.experiment.clock import Clock, monotonic_ns
 from palpate.experiment.errors import ServoError, TrackerStopped
 from palpate.experiment.synthesis.contact.block import Block, Pair
 
-SLICE_S = 0.05
-"""A read waits no longer for the hand, s."""
+SLICE_S, PAUSE_NS = 0.05, 2_000_000
+"""A read waits no longer for the hand, s, and so long before, ns: it costs far more than the samples in it."""
 
-PAUSE_NS = 2_000_000
-"""Before each read, ns: a read costs far more than the samples in it, and predictions of a touch need no more."""
-
-STARTS_S = 10.0
-"""How long the process may take until it tells of the first frame, s: it loads numpy, on a machine that may be busy."""
-
-ENDS_S = 2.0
-"""How long it may take to end, s."""
+STARTS_S, ENDS_S = 10.0, 2.0
+"""How long the process may take until it tells of the first frame, s, and to end: the machine may be busy."""
 
 BEHIND = 1000
 """In simulated time the device may be so many messages behind."""

@@ -7,10 +7,9 @@ the signal is pending in /proc. Elsewhere it sees the end of the line between th
 
 The force is zero from the cycle on in which something is wrong, and until the hand touches anew from outside: a cycle
 that began `SILENT_NS` or more late, no frame of the tracker for that long and a period, or a sample that `rendering`
-does not believe. So is the vibration: the session's audio stream asks before each block that it makes whether the servo
-has rendered within `SILENT_NS` (`pulse`), and the device plays no more than what it holds by then. Nothing more is
-pushed after a device that answers late, a tracker that has gone, or one that was silent for the rig's `stall_ms`: then
-the process says why, and ends.
+does not believe. So is the vibration: the audio stream asks before each block whether the servo has rendered within
+`SILENT_NS` (`pulse`). After a device that answers late, a tracker that has gone, or one that was silent for the rig's
+`stall_ms`, the process says why, and ends.
 
 At the session's end, which comes with a block, and `HEARTBEAT_NS` after its last heartbeat, the force falls to zero
 over `FALLS_NS`, and the vibration ends at once. They stay away: the session hears of it, and has to ask anew.

@@ -20,11 +20,8 @@ from palpate.experiment.synthesis.contact import path
 from palpate.experiment.synthesis.contact.block import Block, Pair
 from palpate.experiment.synthesis.contact.path import Left, State
 
-GAP_S = 0.01
-"""Samples farther apart are no path, s. Ours: ten times the slowest tracker's period."""
-
-MOST_MM_S = 5000.0
-"""No hand is faster, mm/s; ours: ten times what a tap reaches."""
+GAP_S, MOST_MM_S = 0.01, 5000.0
+"""Samples farther apart are no path, s, and no hand is faster, mm/s. Ours: ten slowest periods, and taps, ten times."""
 
 AGAIN_MM = 1.0
 """A touch counts once the hand was so far above the face since the one before, mm: a damper lets go of a trembling hand

@@ -141,25 +141,20 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
 
 def check_age(rig: Rig, today: date) -> None:
     """Refuse a real rig whose calibration is undated, too old, or dated after today, with a `RigError`."""
-    tracker = rig.tracker
+    made, days, where = rig.tracker.calibrated_on, rig.tracker.calibration_days, f"rig '{rig.rig.name}': tracker"
+    again = "run palpate calibrate tracker"
     if rig.rig.simulated:
         return
-    if tracker.calibrated_on is None or tracker.calibration_days is None:
-        raise RigError(
-            f"rig '{rig.rig.name}': tracker: got a calibration without calibrated_on and calibration_days; allowed: "
-            "its day, and for how many days it holds; run palpate calibrate tracker, which writes both"
-        )
-    if tracker.calibrated_on > today:
-        raise RigError(
-            f"rig '{rig.rig.name}': tracker.calibrated_on: got {tracker.calibrated_on}, which lies in the future; "
-            f"allowed: a day up to today, {today}; see whether the clock is right, or run palpate calibrate tracker"
-        )
-    until = tracker.calibrated_on + timedelta(days=tracker.calibration_days)
-    if today > until:
-        raise RigError(
-            f"rig '{rig.rig.name}': tracker.calibrated_on: got {tracker.calibrated_on}; allowed: at most "
-            f"{tracker.calibration_days} days before today, {today}; run palpate calibrate tracker"
-        )
+    if made is None or days is None:
+        got = "got a calibration without calibrated_on and calibration_days"
+        allowed = "its day, and for how many days it holds"
+        raise RigError(f"{where}: {got}; allowed: {allowed}; {again}, which writes both")
+    if made > today:
+        got, allowed = f"got {made}, which lies in the future", f"a day up to today, {today}"
+        raise RigError(f"{where}.calibrated_on: {got}; allowed: {allowed}; see whether the clock is right, or {again}")
+    if today > made + timedelta(days=days):
+        allowed = f"at most {days} days before today, {today}"
+        raise RigError(f"{where}.calibrated_on: got {made}; allowed: {allowed}; {again}")
 
 
 def check_reading(tracker: Tracker, settings: TrackerRig) -> None:

@@ -22,11 +22,9 @@ from palpate.experiment.session.kind import Lent, nothing_more
 from palpate.experiment.synthesis.contact.block import Block
 from palpate.experiment.synthesis.tap import Rings
 
-FROM_MM = 10.0
-"""A touch is predicted from this height above the face on, mm. Ours."""
-
-WANDER_MM = 10.0
-"""A tap is shorter than a step: over so much travel the hand's acceleration changes by its scale, mm. Ours."""
+FROM_MM, WANDER_MM = 10.0, 10.0
+"""A touch is predicted from this height above the face on, mm; over so much travel the hand's acceleration changes by
+its scale: a tap is shorter than a step. Ours."""
 
 AHEAD_NS = 15_000_000
 """A vibration is made ready when the touch lies no further ahead than this and the actuator's own lead, ns. Ours."""
@@ -38,14 +36,10 @@ ANEW_PART = 0.02
 """A vibration is made anew where the speed to expect has changed by more than this part: a tenth of what is felt."""
 
 MAKES_NS = 3_000_000
-"""Nearer to the actuator's lead than this a vibration that is aimed is not made anew: in its place the new one would
-come late, or beside it, ns. Ours: making takes 0.5 to 1 ms, and other work on the machine may come between."""
+"""Nearer to the actuator's lead than this a vibration that is aimed is not made anew: it would come late, ns. Ours."""
 
-LIT_NS = 500_000_000
-"""So long the lamp stays lit after a hand that was too fast, ns: a tap is too fast for some milliseconds. Ours."""
-
-LATE_NS = 200_000_000
-"""A touch that was so long ago, ns, sounds no more: the session stood still, and the hand is elsewhere. Ours."""
+LIT_NS, LATE_NS = 500_000_000, 200_000_000
+"""So long the lamp stays lit after a hand that was too fast; a touch so long ago sounds no more, ns. Ours."""
 
 ENDS_NS = 150_000_000
 """So long after its end a vibration has been heard by the loopback, ns: `audio.actuator` looks 50 ms around it."""
