@@ -22,7 +22,19 @@ from palpate.experiment.apparatus.display import ScreenRig, ScreenWords
 from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import pages
 from palpate.experiment.desk.link import Line, Link, answers
-from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message, Prompt, Shown, Stop, View, Write
+from palpate.experiment.desk.messages import (
+    ENTER,
+    Choose,
+    Deed,
+    Hello,
+    Message,
+    Pause,
+    Prompt,
+    Shown,
+    Stop,
+    View,
+    Write,
+)
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import entries, journal, transcript
 from tests.experiment.protocol.small import SMALL
@@ -253,7 +265,7 @@ def test_it_tells_when_a_prompt_was_seen(end: End, window: subprocess.Popen[str]
     assert asked_ns < shown.t_ns < end.came_ns[-1]
 
 
-def test_the_participants_keys_choose_and_others_do_nothing(
+def test_the_participants_keys_choose_or_stop_and_others_do_nothing(
     display: Display, end: End, window: subprocess.Popen[str]
 ) -> None:
     end.say(MASKER)
@@ -261,8 +273,9 @@ def test_the_participants_keys_choose_and_others_do_nothing(
     for key in ("q", "Up", "Escape", "Down", "Return", "plus", "F4"):
         display.press(key)
         time.sleep(0.1)
-    wait_until(lambda: len(end.deeds) >= before + 3, "the keys did not come")
-    assert end.deeds[before:] == [Choose(question=7, key=key) for key in ("+", "-", ENTER)]
+    wait_until(lambda: len(end.deeds) >= before + 4, "the keys did not come")
+    louder, softer, done = (Choose(question=7, key=key) for key in ("+", "-", ENTER))
+    assert end.deeds[before:] == [louder, Pause(), softer, done]
     assert window.poll() is None
 
 
