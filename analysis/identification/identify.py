@@ -8,27 +8,11 @@ from statistics import mean
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.analysis.identification import confusion as confusions
 from palpate.analysis.identification import maps
-from palpate.analysis.identification.confusion import (
-    Confusion,
-    Information,
-    corrected,
-    d_prime,
-    information,
-    transmitted,
-)
 from palpate.analysis.identification.maps import Choice, Mantel, Scaling
-from palpate.analysis.statistics import lapses
+from palpate.analysis.statistics import inference, lapses
 from palpate.analysis.statistics.exact import NotDefined, Statements, defined
-from palpate.analysis.statistics.inference import (
-    CONFIDENCE,
-    RESAMPLES,
-    ConfidenceInterval,
-    clopper_pearson,
-    mean_interval,
-    resamples,
-    wilson,
-)
 from palpate.analysis.statistics.participants import Jackknife, jackknife
 
 CHOICE_RESAMPLES = 999
@@ -44,9 +28,9 @@ class Cell:
     answered: str
     count: int
     trials: int
-    wilson: ConfidenceInterval | None
-    clopper_pearson: ConfidenceInterval | None
-    bootstrap: ConfidenceInterval | None
+    wilson: inference.ConfidenceInterval | None
+    clopper_pearson: inference.ConfidenceInterval | None
+    bootstrap: inference.ConfidenceInterval | None
     statement: str
 
 
@@ -57,7 +41,7 @@ class Detection:
     alternatives: int
     proportion: float
     d_prime: float | None
-    interval: ConfidenceInterval | None
+    interval: inference.ConfidenceInterval | None
     by_participant: Mapping[str, float]
     moved: tuple[str, ...]
     statement: str
@@ -95,7 +79,7 @@ class Identification:
 
     task: str
     cells: tuple[Cell, ...]
-    information: Information | None
+    information: confusions.Information | None
     jackknife: Jackknife | None
     detection: Detection | None
     choice: ChoiceIntervals | None
@@ -106,12 +90,12 @@ class Identification:
 
 
 def identify(
-    task: str, matrix: Confusion, dissimilarities: NDArray[np.float64] | None, rng: np.random.Generator
+    task: str, matrix: confusions.Confusion, dissimilarities: NDArray[np.float64] | None, rng: np.random.Generator
 ) -> Identification:
     """Return everything for one task; `dissimilarities` of its materials, shape (M, M), may be missing."""
     said = Statements()
     counts = matrix.counts if matrix.unanswered else matrix.counts[:, :, :-1]
-    bits = said.told("information", lambda: information(counts.sum(axis=0)))
+    bits = said.told("information", lambda: confusions.information(counts.sum(axis=0)))
     # In this order, for some of them draw.
     return Identification(
         task=task,
@@ -129,14 +113,14 @@ def identify(
     )
 
 
-def _whole(matrix: Confusion) -> Confusion:
+def _whole(matrix: confusions.Confusion) -> confusions.Confusion:
     """Return a matrix with every row: without one, a liking for an answer cannot be told from knowing its material."""
     if matrix.absent:
         raise NotDefined(f"it needs every material, and {', '.join(matrix.absent)} is not presented in this task")
     return matrix
 
 
-def _lapses(matrix: Confusion) -> BiasedLapses:
+def _lapses(matrix: confusions.Confusion) -> BiasedLapses:
     """Return the lapse model of named materials; a participant's knowledge takes the biases of everybody."""
     counts = matrix.counts[:, :, :-1]
     pooled = counts.sum(axis=0)
@@ -166,7 +150,7 @@ def _limits(observed: float, left_out: NDArray[np.float64]) -> Jackknife | None:
         return None
 
 
-def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
+def _cells(matrix: confusions.Confusion, rng: np.random.Generator) -> list[Cell]:
     pooled = matrix.counts.sum(axis=0)
     cells = []
     draws: dict[int, NDArray[np.int64]] = {}
@@ -181,55 +165,57 @@ def _cells(matrix: Confusion, rng: np.random.Generator) -> list[Cell]:
             drawn, statement = None, ""
             try:
                 if len(values) not in draws:
-                    draws[len(values)] = resamples(len(values), RESAMPLES, rng)
-                drawn = mean_interval(values, draws[len(values)])
+                    draws[len(values)] = inference.resamples(len(values), inference.RESAMPLES, rng)
+                drawn = inference.mean_interval(values, draws[len(values)])
             except NotDefined as reason:
                 statement = str(reason)
-            exact = wilson(count, trials), clopper_pearson(count, trials)
+            exact = inference.wilson(count, trials), inference.clopper_pearson(count, trials)
             cells.append(Cell(presented, answered, count, trials, *exact, drawn, statement))
     return cells
 
 
-def _jackknife(counts: NDArray[np.int64], found: Information) -> Jackknife:
+def _jackknife(counts: NDArray[np.int64], found: confusions.Information) -> Jackknife:
     if len(counts) == 1:
         raise NotDefined("a jackknife needs 2 participants, got 1")
-    return jackknife(found.transmitted, transmitted(counts.sum(axis=0) - counts))
+    return jackknife(found.transmitted, confusions.transmitted(counts.sum(axis=0) - counts))
 
 
-def _detection(matrix: Confusion, rng: np.random.Generator) -> Detection:
+def _detection(matrix: confusions.Confusion, rng: np.random.Generator) -> Detection:
     trials = matrix.trials.sum(axis=1)
     right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
     count = len(matrix.materials)
     shares = [Fraction(n, total) for n, total in zip(right.tolist(), trials.tolist(), strict=True)]
     known = {
-        label: corrected(n, total)
+        label: confusions.corrected(n, total)
         for label, n, total in zip(matrix.participants, right.tolist(), trials.tolist(), strict=True)
         if total > 1
     }
     proportion = float(mean(shares))
     said, value, interval = "", None, None
     try:
-        value = d_prime(proportion, count)
-        drawn = mean_interval(shares, resamples(len(shares), RESAMPLES, rng))
-        interval = ConfidenceInterval(d_prime(drawn.low, count), d_prime(drawn.high, count), CONFIDENCE)
+        value = confusions.d_prime(proportion, count)
+        drawn = inference.mean_interval(shares, inference.resamples(len(shares), inference.RESAMPLES, rng))
+        interval = inference.ConfidenceInterval(
+            confusions.d_prime(drawn.low, count), confusions.d_prime(drawn.high, count), inference.CONFIDENCE
+        )
     except NotDefined as reason:
         said = str(reason)
-    values = {share: d_prime(share, count) for share in set(known.values())}
+    values = {share: confusions.d_prime(share, count) for share in set(known.values())}
     by_participant = {label: values[share] for label, share in known.items()}
     moved = tuple(label for label, n, total in zip(matrix.participants, right, trials, strict=True) if n in (0, total))
     return Detection(count, proportion, value, interval, by_participant, moved, said)
 
 
-def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
+def _choice(matrix: confusions.Confusion, rng: np.random.Generator) -> ChoiceIntervals:
     counts = matrix.counts[:, :, :-1]
     model = maps.similarity_choice(counts.sum(axis=0), matrix.materials)
-    weights, why = defined(lambda: resamples(len(counts), CHOICE_RESAMPLES, rng))
+    weights, why = defined(lambda: inference.resamples(len(counts), CHOICE_RESAMPLES, rng))
     if weights is None:
         return ChoiceIntervals(model, None, None, 0, why)
     drawn = np.tensordot(weights, counts, axes=1)
     drawn = drawn[(np.diagonal(drawn, axis1=1, axis2=2) > 0).all(axis=1)]
     similarities, biases, _, settled = maps.fit(drawn, CHOICE_TOLERANCE)
-    ends = [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2]
+    ends = [(1 - inference.CONFIDENCE) / 2, (1 + inference.CONFIDENCE) / 2]
     used = int(settled.sum())
     lost = f"{CHOICE_RESAMPLES - used} of {CHOICE_RESAMPLES} resamples have no fit and are left out"
     statement = lost if used < CHOICE_RESAMPLES else ""
@@ -239,7 +225,7 @@ def _choice(matrix: Confusion, rng: np.random.Generator) -> ChoiceIntervals:
     return ChoiceIntervals(model, limits[0], limits[1] if model.biases is not None else None, used, statement)
 
 
-def _confusing(matrix: Confusion) -> NDArray[np.float64]:
+def _confusing(matrix: confusions.Confusion) -> NDArray[np.float64]:
     """Return the mean of both confusing ratios of every pair, shape (M, M)."""
     ratios = matrix.means()[:, :-1]
     if np.isnan(ratios).any():

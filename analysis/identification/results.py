@@ -17,18 +17,8 @@ from palpate.analysis.identification.time_course import TimeCourse, course_of
 from palpate.analysis.identification.trial_models import TrialLevel, trial_level
 from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities
 from palpate.analysis.reading.study import Study, Task, chance, correction
+from palpate.analysis.statistics import anova as anovas
 from palpate.analysis.statistics import inference
-from palpate.analysis.statistics.anova import (
-    TYPES,
-    Anova,
-    Cells,
-    VarianceComponents,
-    cells,
-    icc_of_mean,
-    one_way,
-    two_way,
-    variance_components,
-)
 from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.icc import Icc, icc
 from palpate.analysis.statistics.participants import SignFlip, sign_flip
@@ -73,7 +63,7 @@ class PairTest:
     task: str
     pair: tuple[str, str]
     chosen: str
-    anova: Anova | None
+    anova: anovas.Anova | None
     statement: str
 
 
@@ -95,7 +85,7 @@ class Reliability:
 class ComponentReliability:
     """Variance-component ICC of the mean of k participants, for each sensible k."""
 
-    components: VarianceComponents
+    components: anovas.VarianceComponents
     by_k: tuple[tuple[int, str, float | None], ...]
 
 
@@ -141,7 +131,7 @@ class Results:
     identifications: tuple[Identification, ...]
     dissimilarities: Dissimilarities
     pairs: tuple[PairTest, ...]
-    two_way: tuple[Anova, ...]
+    two_way: tuple[anovas.Anova, ...]
     two_way_statement: str
     components: ComponentReliability | None
     reliabilities: tuple[Reliability, ...]
@@ -184,7 +174,7 @@ def compute(
         identifications=identifications,
         dissimilarities=dissimilarities,
         pairs=tuple(test for task in tasks for test in _pairs(task, pairs.get(task.task.id), study)),
-        two_way=tuple(two_way(data, kind) for kind in TYPES) if data else (),
+        two_way=tuple(anovas.two_way(data, kind) for kind in anovas.TYPES) if data else (),
         two_way_statement=statement,
         components=_components(data, tasks) if data else None,
         reliabilities=tuple(_reliabilities(study, tasks)),
@@ -264,11 +254,11 @@ def _pairs(task: TaskResult, published: tuple[str, str] | None, study: Study) ->
         places = ((first, first), (second, second), (first, second), (second, first))
         groups = [list(matrix.ratios(i, j).values()) for i, j in places]
         why = "; ".join(dict.fromkeys(chosen))
-        tests.append(PairTest(task.task.id, (one, other), why, *defined(partial(one_way, groups, "ratio"))))
+        tests.append(PairTest(task.task.id, (one, other), why, *defined(partial(anovas.one_way, groups, "ratio"))))
     return tests
 
 
-def _crossed(tasks: Sequence[TaskResult]) -> tuple[Cells | None, str]:
+def _crossed(tasks: Sequence[TaskResult]) -> tuple[anovas.Cells | None, str]:
     places = shared(task.confusion for task in tasks) if tasks else ()
     if tasks and not places:
         return None, "the tasks have no material in common"
@@ -281,18 +271,18 @@ def _crossed(tasks: Sequence[TaskResult]) -> tuple[Cells | None, str]:
             values += ratios
             levels[0].extend([task.task.id] * len(ratios))
             levels[1].extend([material] * len(ratios))
-    return defined(partial(cells, values, *levels, names=(TASK, MATERIAL)))
+    return defined(partial(anovas.cells, values, *levels, names=(TASK, MATERIAL)))
 
 
-def _components(data: Cells, tasks: Sequence[TaskResult]) -> ComponentReliability:
-    components = variance_components(data)
+def _components(data: anovas.Cells, tasks: Sequence[TaskResult]) -> ComponentReliability:
+    components = anovas.variance_components(data)
     sizes = [len(task.confusion.participants) for task in tasks]
     everyone = " + ".join(map(str, sizes))
     wanted = {sum(sizes): f"participants of all tasks together, {everyone}; no cell holds so many"}
     wanted |= {size: f"participants in a task, {size}" for size in sizes}
     wanted[1] = "a single participant"
     return ComponentReliability(
-        components, tuple((k, meaning, icc_of_mean(components, k)) for k, meaning in wanted.items())
+        components, tuple((k, meaning, anovas.icc_of_mean(components, k)) for k, meaning in wanted.items())
     )
 
 

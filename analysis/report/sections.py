@@ -32,6 +32,7 @@ from palpate.analysis.identification.time_course import BIN_WIDTHS_MM_S, MOST_BI
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import companion_tables
+from palpate.analysis.report import plan as plans
 from palpate.analysis.report.found import found_section, joined
 from palpate.analysis.report.identification_sections import (
     ARBITRARY,
@@ -39,21 +40,6 @@ from palpate.analysis.report.identification_sections import (
     course_section,
     intervals_section,
     trials_section,
-)
-from palpate.analysis.report.plan import (
-    DESCRIPTIVE,
-    EXPLORATORY,
-    NEVER,
-    OURS,
-    TWO_WAY,
-    Standing,
-    T,
-    done_of,
-    exclusions_section,
-    icc_marks,
-    marked,
-    overview,
-    standing,
 )
 from palpate.analysis.report.played_section import left_out, played_sections
 from palpate.analysis.statistics.anova import Anova, Effect
@@ -146,33 +132,33 @@ def sections(
     """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
     remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
     alone, common = _presented(results)
-    stands = standing(study, printed)
+    stands = plans.standing(study, printed)
     tasks = [task.task.id for task in results.tasks]
-    against = [stands.of(T, task) for task in tasks]
+    against = [stands.of(plans.T, task) for task in tasks]
     compared = (comparison_section(study.origin, comparison),) if comparison else ()
     new = study.origin != "RECONSTRUCTION"
     checks = (*played_sections(study), *(replace(section, folded=new) for section in compared))
     parts = {
         stands.results: (
-            marked(confusion_section(results), *against),
-            marked(tests_section(results), *against),
+            plans.marked(confusion_section(results), *against),
+            plans.marked(tests_section(results), *against),
             anova_section(results, (*remark, *common), stands),
-            marked(icc_section(results), *icc_marks(study, stands, results)),
+            plans.marked(icc_section(results), *plans.icc_marks(study, stands, results)),
         ),
         "Ours": (
             companion_tables.beside_section(results.beside, stands, common),
-            marked(companion_tables.contrasts_section(results), stands.ours(TWO_WAY, *tasks)),
-            marked(companion_tables.equivalence_section(results), f"{OURS}, {EXPLORATORY}"),
-            marked(intervals_section(results), *(stands.ours(T, task) for task in tasks)),
+            plans.marked(companion_tables.contrasts_section(results), stands.ours(plans.TWO_WAY, *tasks)),
+            plans.marked(companion_tables.equivalence_section(results), f"{plans.OURS}, {plans.EXPLORATORY}"),
+            plans.marked(intervals_section(results), *(stands.ours(plans.T, task) for task in tasks)),
         ),
         "Exploratory": (
-            marked(confusions_section(results, study.materials, remark), EXPLORATORY),
-            marked(companion_tables.lapses_section(results, study.materials, remark), EXPLORATORY),
-            marked(trials_section(results), EXPLORATORY),
-            marked(course_section(results.course), EXPLORATORY),
+            plans.marked(confusions_section(results, study.materials, remark), plans.EXPLORATORY),
+            plans.marked(companion_tables.lapses_section(results, study.materials, remark), plans.EXPLORATORY),
+            plans.marked(trials_section(results), plans.EXPLORATORY),
+            plans.marked(course_section(results.course), plans.EXPLORATORY),
         ),
-        "Checks": tuple(marked(section, DESCRIPTIVE) for section in checks),
-        "": (exclusions_section(study),),
+        "Checks": tuple(plans.marked(section, plans.DESCRIPTIVE) for section in checks),
+        "": (plans.exclusions_section(study),),
     }
     return (
         found_section(study, results, (*remark, *alone, *common, *left_out(study)), stands),
@@ -201,7 +187,7 @@ def overview_section(study: Study, results: Results) -> Section:
          "trials": int(task.confusion.counts.sum()), "without_answer": task.confusion.unanswered, "chance": task.chance}
         for task in results.tasks
     )  # fmt: skip
-    return overview(study, rows, partial(done_of, results))
+    return plans.overview(study, rows, partial(plans.done_of, results))
 
 
 def confusion_section(results: Results) -> Section:
@@ -291,7 +277,7 @@ def _families(results: Results) -> list[str]:
     ]  # fmt: skip
 
 
-def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
+def anova_section(results: Results, remark: tuple[str, ...], stands: plans.Standing) -> Section:
     """Return the ANOVAs: one-way of confused materials, two-way of correct ratios in types I to III."""
     tables = []
     for pair in results.pairs:
@@ -307,7 +293,7 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -
     if two_way:
         title = "Two-way: correct ratios by task and material"
         rows = tuple((kind, *_cells(line)) for kind, line in two_way)
-        mark = stands.of(TWO_WAY, *(task.task.id for task in results.tasks))
+        mark = stands.of(plans.TWO_WAY, *(task.task.id for task in results.tasks))
         tables.append(Table(title, ("type", *ANOVA), rows, frozenset({0, 1}), standing=mark))
     records = [{"analysis": "one-way", "task": task, "of": of, **_record(line)} for task, of, line in one_way]
     records += [{"analysis": f"two-way, type {kind}", "task": "all", **_record(line)} for kind, line in two_way]
@@ -326,7 +312,7 @@ def anova_section(results: Results, remark: tuple[str, ...], stands: Standing) -
         "confused most erred in 11 to 14 %, because of that choice.",
         *(f"The {name} is not defined: {reason}." for name, reason in reasons.items()),
         *(
-            f"There is no one-way ANOVA of {task.task.id}: {NEVER}."
+            f"There is no one-way ANOVA of {task.task.id}: {plans.NEVER}."
             for task in results.tasks
             if task.task.id not in tested
         ),
@@ -366,8 +352,8 @@ def _confusion_table(task: TaskResult) -> Table:
     notes += _never(task)
     spread = "mean ± SD among" if people > 1 else "of"
     title = f"{task.task.title}: answer ratios, {spread} {plural(people, 'participant')}"
-    marked = frozenset((row, i + 1) for row, i in enumerate(matrix.presented))
-    return Table(title, header, tuple(rows), marked=marked, notes=tuple(notes), matrix=True)
+    places = frozenset((row, i + 1) for row, i in enumerate(matrix.presented))
+    return Table(title, header, tuple(rows), marked=places, notes=tuple(notes), matrix=True)
 
 
 ABSENT = "is not presented in this task"

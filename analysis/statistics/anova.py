@@ -16,20 +16,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from palpate.analysis.statistics.exact import (
-    Floats,
-    NotDefined,
-    Number,
-    Ratios,
-    Tested,
-    Values,
-    f_test,
-    floats,
-    of_groups,
-    over,
-    ratio,
-    undefined,
-)
+from palpate.analysis.statistics import exact
 from palpate.analysis.statistics.inference import EffectSize, partial_eta_squared
 
 SumsOfSquares = Literal["I", "II", "III"]
@@ -77,24 +64,24 @@ class Anova:
         return None if effect.f is None else partial_eta_squared(effect.f, effect.df, self.residual.df)
 
 
-def one_way(groups: Sequence[Sequence[Number]], name: str = "group") -> Anova:
+def one_way(groups: Sequence[Sequence[exact.Number]], name: str = "group") -> Anova:
     """Return the one-way ANOVA of independent groups, each of shape (n_i,); NotDefined where F cannot be formed."""
     sizes = [len(group) for group in groups]
     if len(sizes) < 2 or not all(sizes):
-        raise NotDefined(f"one-way ANOVA needs two groups with values, got sizes {sizes}")
+        raise exact.NotDefined(f"one-way ANOVA needs two groups with values, got sizes {sizes}")
     if sum(sizes) == len(sizes):
-        raise NotDefined("one-way ANOVA needs two values in a group, got one in each: nothing is left for error")
-    cells = of_groups(groups)
+        raise exact.NotDefined("one-way ANOVA needs two values in a group, got one in each: nothing is left for error")
+    cells = exact.of_groups(groups)
     return _table("one-way", [(name, between(cells), len(sizes) - 1)], cells.within, sum(sizes) - len(sizes))
 
 
-def one_way_tests(groups: Ratios) -> Tested:
+def one_way_tests(groups: exact.Ratios) -> exact.Tested:
     """Return F and P of many studies' groups of equally many participants, which lie along the first axis."""
     count = len(groups.sums)
-    return f_test(between(groups), groups.within, count - 1, count * (groups.participants - 1))
+    return exact.f_test(between(groups), groups.within, count - 1, count * (groups.participants - 1))
 
 
-def between(groups: Ratios) -> Values:
+def between(groups: exact.Ratios) -> exact.Values:
     """Return the sum of squares between groups, which lie along the first axis; their denominator is one."""
     sizes = np.broadcast_to(groups.participants, (len(groups.sums), 1)).ravel().tolist()
     common, everybody = math.lcm(*sizes), sum(sizes)
@@ -103,7 +90,7 @@ def between(groups: Ratios) -> Values:
     parts = np.array([common // size for size in sizes], dtype=groups.sums.dtype).reshape(shape)
     squares, total = (parts * groups.sums**2).sum(axis=0), groups.sums.sum(axis=0)
     spread = everybody // shared * squares - common // shared * total**2
-    return over(spread, common * everybody // shared * groups.denominator**2)
+    return exact.over(spread, common * everybody // shared * groups.denominator**2)
 
 
 @dataclass(frozen=True)
@@ -123,7 +110,7 @@ class Crossed:
         a, b = (count - 1 for count in self.levels)
         return {"A": a, "B": b, "X": a * b}[effect]
 
-    def squares(self, effect: str, kind: SumsOfSquares, sums: Values, denominator: Any = 1) -> Values:
+    def squares(self, effect: str, kind: SumsOfSquares, sums: exact.Values, denominator: Any = 1) -> exact.Values:
         """Return the sum of squares of "A", "B" or "X", shape (studies,), from the cells' sums, shape (cells, studies).
 
         The values have one `denominator`, or one for each cell, shape (cells, 1).
@@ -132,7 +119,7 @@ class Crossed:
         if sums.dtype == object:
             contrasts, sizes = self._contrasts[key]
             common = math.lcm(*sizes[:, 0].tolist())
-            return over((common // sizes * (contrasts @ sums) ** 2).sum(axis=0), common * denominator**2)
+            return exact.over((common // sizes * (contrasts @ sums) ** 2).sum(axis=0), common * denominator**2)
         along = self._directions[key] @ (sums / denominator)
         return np.asarray(np.einsum("ds,ds->s", along, along))
 
@@ -144,14 +131,17 @@ class Crossed:
             groups: dict[tuple[Fraction, ...], list[SumsOfSquares]] = {}
             for kind in TYPES:
                 contrasts, sizes = self._contrasts[effect, BEFORE[kind][place]]
-                form = over(contrasts[:, :, None] * contrasts[:, None], sizes[:, :, None]).sum(axis=0)
+                form = exact.over(contrasts[:, :, None] * contrasts[:, None], sizes[:, :, None]).sum(axis=0)
                 groups.setdefault(tuple(form.ravel().tolist()), []).append(kind)
             found[effect] = list(groups.values())
         return found
 
     @cached_property
-    def _directions(self) -> dict[tuple[str, str], Floats]:
-        return {key: floats(contrasts) / np.sqrt(floats(sizes)) for key, (contrasts, sizes) in self._contrasts.items()}
+    def _directions(self) -> dict[tuple[str, str], exact.Floats]:
+        return {
+            key: exact.floats(contrasts) / np.sqrt(exact.floats(sizes))
+            for key, (contrasts, sizes) in self._contrasts.items()
+        }
 
     @cached_property
     def coefficients(self) -> dict[str, Fraction]:
@@ -166,7 +156,7 @@ class Crossed:
         return found
 
     @cached_property
-    def _contrasts(self) -> dict[tuple[str, str], tuple[Values, Values]]:
+    def _contrasts(self) -> dict[tuple[str, str], tuple[exact.Values, exact.Values]]:
         """Effect and those before it -> its contrasts, shape (df, cells), and their squared sizes, shape (df, 1)."""
         a, b = (np.vstack([np.eye(n - 1, dtype=int), -np.ones(n - 1, dtype=int)]).astype(object) for n in self.levels)
         ones = [np.ones((n, 1), dtype=int).astype(object) for n in self.levels]
@@ -174,10 +164,12 @@ class Crossed:
         wanted = {(effect, before) for orders in BEFORE.values() for effect, before in zip("ABX", orders, strict=True)}
         return {(effect, before): self._orthogonal(columns, ("", *before, effect)) for effect, before in sorted(wanted)}
 
-    def _orthogonal(self, columns: dict[str, Values], order: tuple[str, ...]) -> tuple[Values, Values]:
+    def _orthogonal(
+        self, columns: dict[str, exact.Values], order: tuple[str, ...]
+    ) -> tuple[exact.Values, exact.Values]:
         """Return Gram and Schmidt's orthogonal form of the last of these blocks, in integers."""
         weights = np.array(self.weights, dtype=object)
-        found: list[tuple[Values, Values, int]] = []
+        found: list[tuple[exact.Values, exact.Values, int]] = []
         for column in np.hstack([columns[name] for name in order]).T:
             for other, weighted, size in found:
                 column = column * size - other * (weighted @ column)
@@ -191,7 +183,7 @@ class Crossed:
 def crossed(weights: tuple[int, ...], levels: tuple[int, int]) -> Crossed:
     """Return the design with these participants in each cell; NotDefined for a factor of fewer than two levels."""
     if min(levels) < 2:
-        raise NotDefined(f"got {levels[0]} and {levels[1]} levels of two factors; allowed: at least 2 of each")
+        raise exact.NotDefined(f"got {levels[0]} and {levels[1]} levels of two factors; allowed: at least 2 of each")
     return Crossed(weights, levels)
 
 
@@ -201,11 +193,11 @@ class Cells:
 
     names: tuple[str, str]
     design: Crossed
-    ratios: Ratios
+    ratios: exact.Ratios
 
 
 def cells(
-    values: Sequence[Number], first: Sequence[Hashable], second: Sequence[Hashable], names: tuple[str, str]
+    values: Sequence[exact.Number], first: Sequence[Hashable], second: Sequence[Hashable], names: tuple[str, str]
 ) -> Cells:
     """Return values, shape (n,), sorted by the levels of two factors, each of shape (n,).
 
@@ -214,26 +206,30 @@ def cells(
     levels = tuple(dict.fromkeys(first)), tuple(dict.fromkeys(second))
     for name, found in zip(names, levels, strict=True):
         if len(found) < 2:
-            raise NotDefined(f"two-way ANOVA needs two levels of {name}, got {len(found)}")
-    sorted_values: dict[tuple[Hashable, Hashable], list[Number]] = {key: [] for key in product(*levels)}
+            raise exact.NotDefined(f"two-way ANOVA needs two levels of {name}, got {len(found)}")
+    sorted_values: dict[tuple[Hashable, Hashable], list[exact.Number]] = {key: [] for key in product(*levels)}
     for value, a, b in zip(values, first, second, strict=True):
         sorted_values[a, b].append(value)
     for (a, b), held in sorted_values.items():
         if not held:
-            raise NotDefined(f"two-way ANOVA needs a value in every cell, got none for {a}, {b}")
+            raise exact.NotDefined(f"two-way ANOVA needs a value in every cell, got none for {a}, {b}")
     if len(values) == len(sorted_values):
-        raise NotDefined("two-way ANOVA needs two participants in a cell, got one in each: nothing is left for error")
+        raise exact.NotDefined(
+            "two-way ANOVA needs two participants in a cell, got one in each: nothing is left for error"
+        )
     weights = tuple(len(held) for held in sorted_values.values())
-    return Cells(names, crossed(weights, (len(levels[0]), len(levels[1]))), of_groups(list(sorted_values.values())))
+    return Cells(
+        names, crossed(weights, (len(levels[0]), len(levels[1]))), exact.of_groups(list(sorted_values.values()))
+    )
 
 
-def tasks_by_materials(correct: Sequence[Ratios]) -> tuple[Crossed, Ratios]:
+def tasks_by_materials(correct: Sequence[exact.Ratios]) -> tuple[Crossed, exact.Ratios]:
     """Return the design and the cells of many studies, from each task's ratios, shape (M, studies)."""
     materials = len(correct[0].sums)
     people = np.repeat([cells.participants for cells in correct], materials)
     trials = np.repeat([cells.denominator for cells in correct], materials)
     sums, squares = np.concatenate([c.sums for c in correct]), np.concatenate([c.squares for c in correct])
-    cells = Ratios(trials[:, None], people[:, None], sums, squares)
+    cells = exact.Ratios(trials[:, None], people[:, None], sums, squares)
     return crossed(tuple(people.tolist()), (len(correct), materials)), cells
 
 
@@ -247,16 +243,16 @@ def two_way(data: Cells, kind: SumsOfSquares) -> Anova:
     return _table(f"two-way, type {kind}", lines, data.ratios.within, data.design.df)
 
 
-def two_way_tests(design: Crossed, cells: Ratios, effect: str, kind: SumsOfSquares) -> Tested:
+def two_way_tests(design: Crossed, cells: exact.Ratios, effect: str, kind: SumsOfSquares) -> exact.Tested:
     """Return F and P of an effect, "A", "B" or "X", in many studies; see `tasks_by_materials`."""
-    return f_test(
+    return exact.f_test(
         design.squares(effect, kind, cells.sums, cells.denominator), cells.within, design.df_of(effect), design.df
     )
 
 
-def _table(kind: str, lines: Sequence[tuple[str, Values, int]], within: Values, df: int) -> Anova:
+def _table(kind: str, lines: Sequence[tuple[str, exact.Values, int]], within: exact.Values, df: int) -> Anova:
     names, sums, dfs = zip(*lines, strict=True)
-    tested = f_test(np.concatenate(sums), within, np.array(dfs), df)
+    tested = exact.f_test(np.concatenate(sums), within, np.array(dfs), df)
     residual = Effect("residual", float(within[0]), df)
     if not within[0]:
         bare = tuple(Effect(name, float(ss[0]), own) for name, ss, own in lines)
@@ -296,20 +292,20 @@ def icc_of_mean(components: VarianceComponents, k: int) -> float | None:
     as zero where it is negative. It is None when there is no variance at all.
     """
     parts = [[components.first], [components.second], [components.interaction], [components.residual]]
-    value = float(_share(floats(parts), k)[0])
+    value = float(_share(exact.floats(parts), k)[0])
     return None if math.isnan(value) else value
 
 
-def variance_component_icc(design: Crossed, cells: Ratios, k: int) -> Floats:
+def variance_component_icc(design: Crossed, cells: exact.Ratios, k: int) -> exact.Floats:
     """Return `icc_of_mean` of many studies; NaN where there is no variance at all."""
     if design.df == 0:
-        return undefined(cells.sums.shape[1:]).statistic
+        return exact.undefined(cells.sums.shape[1:]).statistic
     # Equal ratios have equal floating-point numbers; sums of squares formed from them need not be zero.
     varied = (cells.within > 0) | (np.ptp(cells.means, axis=0) > 0)
     return np.where(varied, _share(_components(design, cells), k), np.nan)
 
 
-def _components(design: Crossed, cells: Ratios) -> Values:
+def _components(design: Crossed, cells: exact.Ratios) -> exact.Values:
     """Return the components of both factors, their interaction and the residual, shape (4, studies)."""
     residual = cells.within / design.df
     times: Mapping[str, Any] = design.coefficients
@@ -322,7 +318,7 @@ def _components(design: Crossed, cells: Ratios) -> Values:
     return np.stack([*factors, interaction, residual])
 
 
-def _share(components: Floats, k: int) -> Floats:
+def _share(components: exact.Floats, k: int) -> exact.Floats:
     signal = np.maximum(components[:3], 0.0).sum(axis=0)
     whole = signal + components[3] / k
-    return floats(ratio(signal, whole))
+    return exact.floats(exact.ratio(signal, whole))

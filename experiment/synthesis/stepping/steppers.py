@@ -16,18 +16,8 @@ through a switch, whatever their order elsewhere.
 from collections.abc import Callable
 
 from palpate.experiment.errors import SynthesisError
+from palpate.experiment.synthesis.contact import block as blocks
 from palpate.experiment.synthesis.contact import exact
-from palpate.experiment.synthesis.contact.block import (
-    ENTERING,
-    FREE,
-    RETURNING,
-    Advance,
-    Block,
-    Kind,
-    Motion,
-    Switch,
-    pull_m_s2,
-)
 from palpate.experiment.synthesis.contact.oscillator import Oscillator, carry, moved
 
 Point = tuple[float, float, float, float]
@@ -39,18 +29,18 @@ NEAR = 1e-13
 EXACT = "exact"
 
 
-def stepper(name: str) -> Advance:
+def stepper(name: str) -> blocks.Advance:
     """Return the stepper of this name. Raises `SynthesisError` for a name that is none."""
     if name not in STEPPERS:
         raise SynthesisError(f"method: got {name!r}; allowed: {', '.join(STEPPERS)}; choose one of them")
     return STEPPERS[name]
 
 
-def _acting(block: Block, x: float, u: float) -> bool:
-    return (x > 0 or x == 0 < u) and (not block.clamps or pull_m_s2(block, x, u) > 0)
+def _acting(block: blocks.Block, x: float, u: float) -> bool:
+    return (x > 0 or x == 0 < u) and (not block.clamps or blocks.pull_m_s2(block, x, u) > 0)
 
 
-def _rates(block: Block, at: Point) -> Point:
+def _rates(block: blocks.Block, at: Point) -> Point:
     """Return the time derivative of a point by the law, without memory of touches."""
     x, u, y, v = at
     push, beside = block.normal.push_m_s2, block.along.push_m_s2
@@ -58,7 +48,7 @@ def _rates(block: Block, at: Point) -> Point:
         return u, push, v, beside
     of = block.along
     along = beside - of.stiffness_per_s2 * y - 2 * of.decay_per_s * v
-    return u, push - pull_m_s2(block, x, u), v, along
+    return u, push - blocks.pull_m_s2(block, x, u), v, along
 
 
 def _ahead(at: Point, rates: Point, by_s: float) -> Point:
@@ -67,14 +57,14 @@ def _ahead(at: Point, rates: Point, by_s: float) -> Point:
     return x + by_s * dx, u + by_s * du, y + by_s * dy, v + by_s * dv
 
 
-def _semi_implicit(block: Block, at: Point, dt_s: float) -> Point:
+def _semi_implicit(block: blocks.Block, at: Point, dt_s: float) -> Point:
     x, u, y, v = at
     _, du, _, dv = _rates(block, at)
     u, v = u + dt_s * du, v + dt_s * dv
     return x + dt_s * u, u, y + dt_s * v, v
 
 
-def _rk4(block: Block, at: Point, dt_s: float) -> Point:
+def _rk4(block: blocks.Block, at: Point, dt_s: float) -> Point:
     half = dt_s / 2
     first = _rates(block, at)
     second = _rates(block, _ahead(at, first, half))
@@ -87,7 +77,7 @@ def _rk4(block: Block, at: Point, dt_s: float) -> Point:
     return x, u, y, v
 
 
-def _midpoint(block: Block, at: Point, dt_s: float) -> Point:
+def _midpoint(block: blocks.Block, at: Point, dt_s: float) -> Point:
     x, u, y, v = at
     half = dt_s / 2
 
@@ -105,7 +95,7 @@ def _midpoint(block: Block, at: Point, dt_s: float) -> Point:
     return x + dt_s * middle_u, 2 * middle_u - u, y + dt_s * middle_v, 2 * middle_v - v
 
 
-def _exponential(block: Block, at: Point, dt_s: float) -> Point:
+def _exponential(block: blocks.Block, at: Point, dt_s: float) -> Point:
     x, u, y, v = at
     if not (_acting(block, x, u) or (x == 0 < u)):
         push, beside = block.normal.push_m_s2, block.along.push_m_s2
@@ -116,55 +106,61 @@ def _exponential(block: Block, at: Point, dt_s: float) -> Point:
     return *moved(block.normal, normal, x, u), *moved(block.along, along, y, v)
 
 
-Blind = Callable[[Block, Point, float], Point]
+Blind = Callable[[blocks.Block, Point, float], Point]
 
 
-def _blind(once: Blind) -> Advance:
+def _blind(once: Blind) -> blocks.Advance:
     """Return the stepper that notices a switch at the end of its step."""
 
-    def advance(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Switch, ...]]:
+    def advance(block: blocks.Block, at: blocks.Motion, dt_s: float) -> tuple[blocks.Motion, tuple[blocks.Switch, ...]]:
         phase, x, u, y, v, since, _ = at
-        seen: list[Switch] = []
-        if phase == FREE and x == 0 < u:
+        seen: list[blocks.Switch] = []
+        if phase == blocks.FREE and x == 0 < u:
             # The hand stands at the face and goes in: this is the touch.
-            phase, y, since = ENTERING, 0.0, 0.0
-            seen.append(Switch("touch", 0.0, at.since_s, x, u))
+            phase, y, since = blocks.ENTERING, 0.0, 0.0
+            seen.append(blocks.Switch("touch", 0.0, at.since_s, x, u))
         x, u, y, v = once(block, (x, u, y, v), dt_s)
         since += dt_s
         acting = _acting(block, x, u)
-        if phase == FREE and acting:
-            seen.append(Switch("touch", dt_s, since, x, u))
-            phase, y, since = ENTERING, 0.0, 0.0
-        if phase == ENTERING and u <= 0:
-            seen.append(Switch("deepest", dt_s, since, x, u))
-            phase = RETURNING
-        if phase and not acting and not (phase == ENTERING and x == 0):
-            seen.append(Switch("release", dt_s, since, x, u))
-            phase, since = FREE, 0.0
-        return Motion(phase, x, u, y, v, since), tuple(seen)
+        if phase == blocks.FREE and acting:
+            seen.append(blocks.Switch("touch", dt_s, since, x, u))
+            phase, y, since = blocks.ENTERING, 0.0, 0.0
+        if phase == blocks.ENTERING and u <= 0:
+            seen.append(blocks.Switch("deepest", dt_s, since, x, u))
+            phase = blocks.RETURNING
+        if phase and not acting and not (phase == blocks.ENTERING and x == 0):
+            seen.append(blocks.Switch("release", dt_s, since, x, u))
+            phase, since = blocks.FREE, 0.0
+        return blocks.Motion(phase, x, u, y, v, since), tuple(seen)
 
     return advance
 
 
-def _located(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Switch, ...]]:
+def _located(block: blocks.Block, at: blocks.Motion, dt_s: float) -> tuple[blocks.Motion, tuple[blocks.Switch, ...]]:
     """Step with `rk4` from switch to switch; each is located by the secant method, held in a bracket (Illinois)."""
     phase, x, u, y, v, since, _ = at
     rest = dt_s
-    seen: list[Switch] = []
+    seen: list[blocks.Switch] = []
     smooth = _smooth(block)
 
-    def ahead_of(kind: Kind, point: Point) -> float:
+    def ahead_of(kind: blocks.Kind, point: Point) -> float:
         """Return what rises through zero at a switch."""
         if kind == "touch":
             return point[0]
         if kind == "deepest":
             return -point[1]
-        return -(pull_m_s2(block, point[0], point[1]) if block.clamps else point[0])
+        return -(blocks.pull_m_s2(block, point[0], point[1]) if block.clamps else point[0])
 
     while True:
         point = (x, u, y, v)
-        kinds: tuple[Kind, ...]
-        kinds = ("touch",) if phase == FREE else ("release",) if phase == RETURNING else ("deepest", "release")
+        kinds: tuple[blocks.Kind, ...]
+        kinds = (
+            ("touch",)
+            if phase == blocks.FREE
+            else ("release",)
+            if phase == blocks.RETURNING
+            else ("deepest", "release")
+        )
         end, taken, found = smooth(phase, point, rest), rest, None
         for kind in kinds:
             low, high = ahead_of(kind, point), ahead_of(kind, end)
@@ -184,17 +180,17 @@ def _located(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Switc
             end, taken, found = smooth(phase, point, after), after, kind
         (x, u, y, v), since, rest = end, since + taken, rest - taken
         if found is None:
-            return Motion(phase, x, u, y, v, since), tuple(seen)
-        seen.append(Switch(found, dt_s - rest, since, x, u))
+            return blocks.Motion(phase, x, u, y, v, since), tuple(seen)
+        seen.append(blocks.Switch(found, dt_s - rest, since, x, u))
         if found == "deepest":
-            phase = RETURNING
+            phase = blocks.RETURNING
             continue
-        phase, since = (ENTERING, 0.0) if found == "touch" else (FREE, 0.0)
+        phase, since = (blocks.ENTERING, 0.0) if found == "touch" else (blocks.FREE, 0.0)
         if found == "touch":
             x, y = 0.0, 0.0
 
 
-def _smooth(block: Block) -> Callable[[int, Point, float], Point]:
+def _smooth(block: blocks.Block) -> Callable[[int, Point, float], Point]:
     """Return `rk4` for the motion of one phase, which does not ask the law where it stands."""
     normal, along = block.normal, block.along
     a2, b, push = 2 * normal.decay_per_s, normal.stiffness_per_s2, normal.push_m_s2
@@ -202,7 +198,7 @@ def _smooth(block: Block) -> Callable[[int, Point, float], Point]:
 
     def once(phase: int, point: Point, dt_s: float) -> Point:
         x, u, y, v = point
-        if phase == FREE:
+        if phase == blocks.FREE:
             return (
                 x + dt_s * (u + push * dt_s / 2),
                 u + push * dt_s,
@@ -228,7 +224,7 @@ def _smooth(block: Block) -> Callable[[int, Point, float], Point]:
     return once
 
 
-STEPPERS: dict[str, Advance] = {
+STEPPERS: dict[str, blocks.Advance] = {
     "euler": _blind(lambda block, at, dt_s: _ahead(at, _rates(block, at), dt_s)),
     "semi-implicit euler": _blind(_semi_implicit),
     "rk4": _blind(_rk4),
