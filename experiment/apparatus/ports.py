@@ -55,8 +55,9 @@ class Tracker(Protocol):
 class Rester(Protocol):
     """Someone who has a foot rest on the panel, so that the tracker can be zeroed."""
 
-    def rest(self, *, why: str) -> None:
+    def rest(self, *, why: str) -> None:  # noqa: ARG002
         """Return when the foot rests on the bare panel; `why` says what was wrong the time before."""
+        return
 
 
 class Actuator(Protocol):

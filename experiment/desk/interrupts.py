@@ -88,6 +88,16 @@ def all_alike() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
+def report_to(descriptor: int) -> int:
+    """Have each signal written to a descriptor as it comes, whatever the main thread does; -1 is for none.
+
+    Return the descriptor before, and -1 outside of the main thread, where this does nothing.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        return -1
+    return signal.set_wakeup_fd(descriptor, warn_on_full_buffer=False)
+
+
 def _handled_by(handler: object) -> list[int]:
     if threading.current_thread() is not threading.main_thread():
         return []

@@ -11,7 +11,9 @@ import socket
 import stat
 import tempfile
 import threading
+import time
 from collections.abc import Iterator
+from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
 from typing import Protocol
@@ -28,6 +30,9 @@ HAND_S = 1 / 30
 
 MOST_UNREAD = 1 << 20
 """A console that leaves so much unread is cut off, bytes."""
+
+AWAY_S = 5.0
+"""One that reads nothing for so long although something is there, as a process does that was stopped, is away, s."""
 
 
 def place(dataset: Path, participant: str) -> Path:
@@ -90,8 +95,8 @@ class SessionEnd(Protocol):
     def tell(self, role: str) -> messages.Message:
         """Return what a console (`console`) or the participant's screen (`screen`) shows now."""
 
-    def take(self, hello: messages.Hello, deed: messages.Deed) -> tuple[bool, str]:
-        """Return whether a command was taken, and in words what was done, or why not."""
+    def take(self, hello: messages.Hello, deed: messages.Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
+        """Return whether a command was taken, and in words what was done, or why not; later, where that takes time."""
 
     def came(self, consoles: int, screens: int) -> None:
         """Take note of how many consoles and participant's screens are connected now."""
@@ -106,7 +111,13 @@ class _Peer:
         self.hello: messages.Hello | None = None
         self.read = bytearray()
         self.unsent = bytearray()
+        self.read_s = time.monotonic()
         self.told = b""
+
+    @property
+    def away(self) -> bool:
+        """Whether it stopped reading."""
+        return bool(self.unsent) and time.monotonic() - self.read_s > AWAY_S
 
 
 class Link:
@@ -117,7 +128,9 @@ class Link:
         self._end = end
         self._path = path
         self._peers: list[_Peer] = []
+        self._owed: list[tuple[_Peer, int, Future[tuple[bool, str]]]] = []
         self._selector = selectors.DefaultSelector()
+        self._there = 0, 0
         self._closing = False
         self._tick_s = TICK_S
         self._server = _listening(path)
@@ -131,7 +144,7 @@ class Link:
 
     def wake(self) -> None:
         """Have what changed be told at once."""
-        with suppress(BlockingIOError):
+        with suppress(OSError):
             self._wakes.send(b"\0")
 
     def close(self) -> None:
@@ -165,7 +178,7 @@ class Link:
     def _listen(self) -> None:
         while True:
             closing = self._closing
-            for key, events in self._selector.select(0 if closing else self._tick_s):
+            for key, events in self._selector.select(0 if closing and not self._owed else self._tick_s):
                 if key.fileobj is self._server:
                     self._accept()
                 elif key.fileobj is self._woken:
@@ -173,6 +186,9 @@ class Link:
                         self._woken.recv(4096)
                 elif events & selectors.EVENT_READ:
                     self._hear(key.data)
+            self._count()
+            self._pay()
+            closing = closing and not self._owed
             # Whoever still has a reply to get hears the last state after it.
             for _ in range(2 if closing else 1):
                 for peer in tuple(self._peers):
@@ -210,16 +226,33 @@ class Link:
             if peer.hello is not None:
                 raise LinkError("said hello twice")
             peer.hello = said
-            self._count()
             return
         if peer.hello is None:
             raise LinkError("said no hello")
-        taken, words = self._end.take(peer.hello, said.deed)
-        peer.unsent += messages.line(messages.Reply(id=said.id, taken=taken, words=words))
+        reply = self._end.take(peer.hello, said.deed)
+        if isinstance(reply, Future):
+            self._owed.append((peer, said.id, reply))
+            reply.add_done_callback(lambda _: self.wake())
+        else:
+            self._reply(peer, said.id, *reply)
+
+    def _pay(self) -> None:
+        """Give the replies that were waited for."""
+        owed, self._owed = self._owed, []
+        for peer, number, reply in owed:
+            if reply.done():
+                self._reply(peer, number, *reply.result())
+            else:
+                self._owed.append((peer, number, reply))
+
+    def _reply(self, peer: _Peer, number: int, taken: bool, words: str) -> None:
+        peer.unsent += messages.line(messages.Reply(id=number, taken=taken, words=words))
 
     def _speak(self, peer: _Peer) -> None:
         if peer.hello is None:
             return
+        if not peer.unsent:
+            peer.read_s = time.monotonic()
         said = self._end.tell(peer.hello.role)
         if isinstance(said, messages.Prompt):
             self._tick_s = TICK_S if said.hand_mm is None else HAND_S
@@ -229,6 +262,7 @@ class Link:
         try:
             while peer.unsent:
                 del peer.unsent[: peer.connection.send(peer.unsent)]
+                peer.read_s = time.monotonic()
         except BlockingIOError:
             if len(peer.unsent) > MOST_UNREAD:
                 self._drop(peer)
@@ -239,11 +273,12 @@ class Link:
         self._selector.unregister(peer.connection)
         peer.connection.close()
         self._peers.remove(peer)
-        self._count()
 
     def _count(self) -> None:
-        roles = [peer.hello.role for peer in self._peers if peer.hello is not None]
-        self._end.came(roles.count("console"), roles.count("screen"))
+        roles = [peer.hello.role for peer in self._peers if peer.hello is not None and not peer.away]
+        if (there := (roles.count("console"), roles.count("screen"))) != self._there:
+            self._there = there
+            self._end.came(*there)
 
 
 def _listening(path: Path) -> socket.socket:

@@ -1,14 +1,17 @@
 """A session's desk whose console and participant's screen are processes of their own, at the other end of a link.
 
-The session waits here for keys; the link's thread brings them. A key counts only for the question that was on the
+The session waits here for keys; the link's thread brings them, and waits for nobody: what a disk has to take first is
+done by a thread of its own. A key counts only for the question that was on the
 screen when it was pressed. While nobody is at the console nothing new is armed, and after a while the session pauses.
 """
 
 import threading
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from math import inf
 
+from palpate.experiment.apparatus import host
 from palpate.experiment.clock import Clock, monotonic_ns, wall_ns
 from palpate.experiment.desk import port, prompts
 from palpate.experiment.desk.messages import (
@@ -70,6 +73,8 @@ EARLY = (Choice(key=ENTER, words="end the break"), Choice(key=ESCAPE, words="go 
 NEXT = "── Task {step} ──"
 """The line between what was told of one task and what is told of the next."""
 
+UNWRITABLE = "The text {}, which cannot go on record; write it without that character."
+
 NO_SESSION = (
     "No session has begun or is open, and nothing can go on record now. Keep it on paper, and note it here once one is."
 )
@@ -86,12 +91,13 @@ class LinkedConsole:
         self._view = view
         self._alone_s = alone_s
         self._changed = threading.Condition()
-        self._doing = threading.Lock()
+        # What waits for the disk, one after the other, so that the link's thread does not.
+        self._recorder: Executor = ThreadPoolExecutor(1, "recorder", initializer=host.favour)
         self._session: port.Attended | None = None
         self._asked = 0
         self._chosen: str | None = None
         self._chosen_at_ns = 0
-        self._picked: tuple[int, str] | None = None
+        self._picked: tuple[Deed, int, str] | None = None
         self._repeated: Repeat | None = None
         self._consoles = 0
         self._theirs = theirs
@@ -167,48 +173,54 @@ class LinkedConsole:
             # What is waited for outside of questions, a foot as a rule, ends too.
             self._session.pause(self._failed)
 
-    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
-        do = self._do if hello.role == "console" else self._do_for_participant
-        # A pause waits for no other deed's turn, which may wait for the disk.
-        paused = do(deed, self._session) if isinstance(deed, Pause | Stop) else None
-        with self._doing:
-            session = self._session
-            try:
-                taken, words = paused or do(deed, session)
-            except ValueError as error:
-                taken, words = False, f"The text {error}, which cannot go on record; write it without that character."
-            except PalpateError as error:
-                return False, str(error)
-            # What was typed and what was shown have entries of their own.
-            if session is not None and not (taken and isinstance(deed, Typed | Shown)):
-                # The words of a remark stand in its own entry.
-                facts = deed.model_dump(exclude={"do", "text", "reason"}, exclude_none=True)
-                command = " ".join([deed.do, *map(str, facts.values())])
-                try:
-                    session.commanded(by=hello.by, command=command, taken=taken, words=words)
-                except PalpateError as error:
-                    # The session meets it too, and ends.
-                    taken, words = False, str(error)
-            if not self._handed_over():
-                taken, words = False, CLOSED
-            return taken, words
+    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
+        try:
+            done = self._take_at_once(deed) if hello.role == "console" else self._take_choice(deed)
+        except ValueError as error:
+            done = False, UNWRITABLE.format(error)
+        recorded = self._recorder.submit(self._record, hello, deed, done)
+        # These alone count before they are on record.
+        return done if done is not None and isinstance(deed, Pause | Stop) else recorded
 
-    def _handed_over(self) -> bool:
-        """Let the session have the key that was picked, now that it is on record; False if it asks no longer."""
+    def _record(self, hello: Hello, deed: Deed, done: tuple[bool, str] | None) -> tuple[bool, str]:
+        """Do what only a disk that answers allows; return whether the deed was taken, and the reply."""
+        session = self._session
+        try:
+            taken, words = done or self._take_remark(deed, session)
+        except ValueError as error:
+            taken, words = False, UNWRITABLE.format(error)
+        except PalpateError as error:
+            return False, str(error)
+        # What was typed and what was shown have entries of their own.
+        if session is not None and not (taken and isinstance(deed, Typed | Shown)):
+            # The words of a remark stand in its own entry.
+            facts = deed.model_dump(exclude={"do", "text", "reason"}, exclude_none=True)
+            command = " ".join([deed.do, *map(str, facts.values())])
+            try:
+                session.commanded(by=hello.by, command=command, taken=taken, words=words)
+            except PalpateError as error:
+                # The session meets it too, and ends.
+                taken, words = False, str(error)
+        return (taken, words) if self._handed_over(deed, counts=taken) else (False, CLOSED)
+
+    def _handed_over(self, deed: Deed, *, counts: bool) -> bool:
+        """Let the session have the key that a deed picked, now that it is on record; False if it asks no longer."""
         with self._changed:
-            picked, self._picked = self._picked, None
-            if picked is None:
+            if self._picked is None or self._picked[0] is not deed:
                 return True
-            number, key = picked
+            (_, number, key), self._picked = self._picked, None
+            self._changed.notify_all()
+            if not counts:
+                return True
             asked = self._view.question
             if asked is None or asked.number != number:
                 return False
             self._chosen = key
-            self._changed.notify_all()
         self.wake()
         return True
 
-    def _do(self, deed: Deed, session: port.Attended | None) -> tuple[bool, str]:
+    def _take_at_once(self, deed: Deed) -> tuple[bool, str] | None:
+        """Return what became of what an experimenter asks for, or None for what is done as it is put on record."""
         match deed:
             case Choose():
                 return self._choose(deed, at_console=True)
@@ -222,18 +234,24 @@ class LinkedConsole:
                 return self._pause(deed, port.BY_EXPERIMENTER)
             case Shown():
                 return False, "Only the participant's screen says what it shows."
+            case _:
+                return None
+
+    def _take_remark(self, deed: Deed, session: port.Attended | None) -> tuple[bool, str]:
+        if isinstance(deed, Shown):
+            return self._note_shown(deed, session)
         if session is None:
             return False, NO_SESSION
-        match deed:
-            case TakeNote():
-                # Raises for what cannot go on record.
-                characters.one_line(deed.text)
-                about = "" if deed.trial is None else f" on trial {deed.trial}"
-                return self._logged(session.remark(deed), f"Note{about}: {deed.text}")
-            case Correct() | Repeat():
-                characters.one_line(deed.reason)
-                done = self._repeat(deed, session) if isinstance(deed, Repeat) else session.remark(deed)
-                return self._logged(done, f"Reason: {deed.reason}")
+        if isinstance(deed, TakeNote):
+            # Raises for what cannot go on record.
+            characters.one_line(deed.text)
+            about = "" if deed.trial is None else f" on trial {deed.trial}"
+            return self._logged(session.remark(deed), f"Note{about}: {deed.text}")
+        if isinstance(deed, Correct | Repeat):
+            characters.one_line(deed.reason)
+            done = self._repeat(deed, session) if isinstance(deed, Repeat) else session.remark(deed)
+            return self._logged(done, f"Reason: {deed.reason}")
+        raise RuntimeError(f"{deed.do} was to be done at once")
 
     def _logged(self, done: tuple[bool, str], what: str) -> tuple[bool, str]:
         """Show among the lines what was put on record; return what became of it."""
@@ -241,10 +259,10 @@ class LinkedConsole:
             self.show(f"{done[1]} {what}")
         return done
 
-    def _do_for_participant(self, deed: Deed, session: port.Attended | None) -> tuple[bool, str]:
-        """Take a stop, a key for a question that is the participant's to answer, and what is shown; refuse the rest."""
+    def _take_choice(self, deed: Deed) -> tuple[bool, str] | None:
+        """Take a stop, or a key for a question that is the participant's to answer; None for what is shown to them."""
         if isinstance(deed, Shown):
-            return self._note_shown(deed, session)
+            return None
         if isinstance(deed, Pause):
             return self._pause(deed, port.BY_PARTICIPANT)
         if not isinstance(deed, Choose):
@@ -268,7 +286,7 @@ class LinkedConsole:
     def _choose(self, deed: Choose, *, at_console: bool) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
-            if asked is None or self._chosen is not None or (asked.number != deed.question and deed.key not in SAFE):
+            if asked is None or self._pressed or (asked.number != deed.question and deed.key not in SAFE):
                 # What the participant presses is not what the experimenter typed.
                 self._ignored += TYPED.get(deed.key, deed.key) if at_console else ""
                 return False, CLOSED
@@ -276,23 +294,29 @@ class LinkedConsole:
                 early = deed.key == ENTER and self._view.pause_until_ns is not None
                 until = " until the countdown is over" if early else ""
                 return False, f"{characters.quoted(deed.key)} is no key here{until}."
-            self._pick(asked, deed.key)
+            self._pick(deed, asked, deed.key)
             return True, ""
 
-    def _pick(self, asked: Question, key: str) -> None:
-        self._picked, self._chosen_at_ns = (asked.number, key), monotonic_ns()
+    @property
+    def _pressed(self) -> bool:
+        """Whether the question has a key, which may not be on record yet."""
+        return self._chosen is not None or self._picked is not None
+
+    def _pick(self, deed: Deed, asked: Question, key: str) -> None:
+        self._picked, self._chosen_at_ns = (deed, asked.number, key), monotonic_ns()
 
     def _write(self, deed: Write) -> tuple[bool, str]:
         text = characters.one_line(deed.text.strip()) if deed.text.strip() else ""
         with self._changed:
             asked = self._view.question
-            if asked is None or asked.number != deed.question or asked.kind != "write":
+            if asked is None or self._pressed or asked.number != deed.question or asked.kind != "write":
                 return False, "That question is no longer asked; nothing was written down."
-            self._pick(asked, text)
+            self._pick(deed, asked, text)
             return True, ""
 
     def _pause(self, deed: Pause | Stop, by: str) -> tuple[bool, str]:
         with self._changed:
+            session = self._session
             if self._view.state == "ended":
                 return False, "The session has ended."
             before = self._pausing
@@ -301,7 +325,7 @@ class LinkedConsole:
             if isinstance(deed, Stop) or not (isinstance(before, Stop) or (lasts and deed.minutes is None)):
                 self._pausing, self._paused_by = deed, by
             self._changed.notify_all()
-        if (session := self._session) is not None:
+        if session is not None:
             session.pause(by)
         return True, "The session pauses as soon as nothing can be felt any more."
 
@@ -309,27 +333,31 @@ class LinkedConsole:
         with self._changed:
             asked = self._view.question
             if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
-                if self._chosen is not None:
+                if self._pressed:
                     return False, "A key was pressed for this question before; the trial is not done again. Ask again."
                 self._repeated = wanted
-                self._pick(asked, ESCAPE)
+                self._pick(wanted, asked, ESCAPE)
                 return True, f"Trial {wanted.trial} is done again at the end of its block."
         return session.remark(wanted)
 
     # What the session asks, from its own.
 
     def attend(self, session: port.Attended | None) -> None:
-        with self._doing, self._changed:
+        # What was asked before is on record first.
+        if (why := self._recorder.submit(self._attend, session).result()) and session is not None:
+            # While the devices were opened.
+            session.pause(why)
+        self.wake()
+
+    def _attend(self, session: port.Attended | None) -> str:
+        """Take note of a session; return why it pauses at once, or nothing."""
+        with self._changed:
             if session is None and self._session is not None:
                 # What was reached stays on the screen of a pause.
                 self._now(state="preparing", **_standing(self._session))
             self._session, self._repeated, self._armed = session, None, None
             self._now(instruction="", again="", masked=self._view.masked and session is None)
-            why = self._failed or (self._paused_by if self._pausing is not None else "")
-        if session is not None and why:
-            # While the devices were opened.
-            session.pause(why)
-        self.wake()
+            return self._failed or (self._paused_by if self._pausing is not None else "")
 
     def at(self, *, step: str, steps: Sequence[str]) -> None:
         if step != self._view.step:
@@ -528,7 +556,7 @@ class LinkedConsole:
             while self._chosen is None and (left_s := ends_s - monotonic_ns() / 1e9) > 0:
                 attended = self._changed.wait(min(left_s, self._alone_s)) or bool(self._consoles) or left_s < inf
                 # What was chosen counts; a pause that was asked for right after it comes at the next question.
-                if self._chosen is None:
+                if not self._pressed:
                     self._check(attended=attended)
             return self._chosen or ""
 

@@ -34,20 +34,22 @@ class Attended(Protocol):
 
 
 class Console(Rester, Protocol):
-    """What the experimenter sees and keys. It never decides what comes next.
+    """What the experimenter sees and keys. It never decides what comes next; what it leaves out does nothing.
 
     A console at which the experimenter may ask for a pause raises `PauseAsked` from whatever it waits in, and
     `LinkError` once nobody can reach it any more.
     """
 
-    def attend(self, session: Attended | None) -> None:
+    def attend(self, session: Attended | None) -> None:  # noqa: ARG002
         """Take note of the session that is under way, or paused, from now on; None for none.
 
         Nothing that a desk asked of the one before is still being done when this returns.
         """
+        return
 
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
+    def at(self, *, step: str, steps: Sequence[str]) -> None:  # noqa: ARG002
         """Say where the visit stands: at one of its steps."""
+        return
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
         """Wait until the experimenter says `yes` or `no` to what `text` says."""
@@ -58,8 +60,9 @@ class Console(Rester, Protocol):
     def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
         """Return when a session's clock has reached a time, ns."""
 
-    def goes_on(self, *, why: str) -> bool:
+    def goes_on(self, *, why: str) -> bool:  # noqa: ARG002
         """Return whether the program goes on with a session that stopped; `why` says how it stopped."""
+        return False
 
     def show(self, text: str) -> None:
         """Show the experimenter a line."""
@@ -67,8 +70,9 @@ class Console(Rester, Protocol):
     def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
         """Return a key of `handled`, of a material that the participant handled, or "" once they know them all."""
 
-    def instruct(self, *, instruction: str) -> None:
+    def instruct(self, *, instruction: str) -> None:  # noqa: ARG002
         """Show what the participant is told to do, until they have answered a first trial."""
+        return
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         """Return one of `keys`, to change the masker's level, or "" to keep it because `criterion` holds."""
@@ -93,15 +97,18 @@ class Console(Rester, Protocol):
 
     def waiting(self) -> None:
         """Say that a device is silent, and that no step counts until the next `arm`."""
+        return
 
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         """Wait for a key of `answers` or `others` (key -> what it stands for), or a remark, and return it."""
 
     def chosen_ago_ns(self) -> int:
         """Return how long ago the last question was answered by a key, ns: it may have gone on record since."""
+        return 0
 
     def heard(self, *, words: str) -> None:
         """Show what the microphone seems to have heard, which decides nothing; it may be called from any thread."""
+        self.show(words)
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         """Return whether the experimenter stands by the key that was chosen."""

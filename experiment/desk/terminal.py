@@ -5,12 +5,12 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import TYPE_CHECKING, TextIO
 
 from palpate.experiment.clock import minutes
 from palpate.experiment.desk.messages import Correct, Repeat, TakeNote
-from palpate.experiment.desk.port import NO, RESTS, WITHOUT, YES, Attended, Remark, laid_out, lasting
+from palpate.experiment.desk.port import NO, RESTS, WITHOUT, YES, Console, Remark, laid_out, lasting
 from palpate.experiment.errors import ScreenGone
 from palpate.experiment.settings import characters
 
@@ -112,7 +112,7 @@ class _Lines:
             raise ScreenGone(GONE.format(error)) from error
 
 
-class TerminalConsole(_Lines):
+class TerminalConsole(_Lines, Console):
     """Implements `Console` on a text stream: an answer's key is typed, and typed again to confirm it.
 
     Nothing that was typed before a question answers it. The end of the input (Ctrl-D) pauses as Ctrl-C does.
@@ -124,12 +124,6 @@ class TerminalConsole(_Lines):
         """Show each trial's lines after `heading`."""
         super().__init__(write=write, ask=ask, early=early)
         self._heading = heading
-
-    def attend(self, session: Attended | None) -> None:
-        """Take nothing from it: lines are shown, and keys asked for, only when it is the session's turn."""
-
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        """Say nothing: the questions say it."""
 
     def agree(self, *, text: str, yes: str, no: str) -> bool:
         while (typed := self._ask(f"{text}\n[{YES}] {yes}  [{NO}] {no}: ").strip().lower()) not in (YES, NO):
@@ -147,10 +141,6 @@ class TerminalConsole(_Lines):
     def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
         self.show(f"{why} Left of it: {minutes(max(until_ns - clock.now_ns(), 0) / 1e9)}.")
         clock.sleep_ns(until_ns - clock.now_ns())
-
-    def goes_on(self, *, why: str) -> bool:  # noqa: ARG002
-        """Return that it does not: the command ends, and is given again."""
-        return False
 
     def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
         self.show(f"{self._heading}  {lasting(min_s, max_s)} {instruction}")
@@ -201,9 +191,6 @@ class TerminalConsole(_Lines):
         )
         return False
 
-    def waiting(self) -> None:
-        """Say nothing: the session's lines say it."""
-
     def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
         keys = answers | others
         offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
@@ -214,13 +201,6 @@ class TerminalConsole(_Lines):
             if (key := typed.lower()) in keys:
                 return key
             self._refuse(typed, f"is no key; type one of {' '.join(keys)}, or {REMARKS}")
-
-    def chosen_ago_ns(self) -> int:
-        """Return 0: the session goes on as soon as a line was typed."""
-        return 0
-
-    def heard(self, *, words: str) -> None:
-        self.show(words)
 
     def confirm(self, *, key: str, meaning: str) -> bool:
         # Not Enter: a key that somebody leans on repeats.

@@ -3,13 +3,13 @@
 What every simulated participant does beside the trials stands here; what they feel and answer is their kind's.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from palpate.experiment.clock import Clock
-from palpate.experiment.desk.port import Attended, Console, Remark, laid_out
+from palpate.experiment.desk.port import Console, Remark, laid_out
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
 
@@ -24,7 +24,7 @@ LISTENS_NS = 600_000_000
 
 
 @dataclass(kw_only=True)
-class SimulatedPerson:
+class SimulatedPerson(Console):
     """Implements `Console`, but for what a kind of trial asks of a participant: `says`.
 
     `who` are label of the participant and id of the task, and `entropy` names the random draws. Thinking and speaking
@@ -49,12 +49,6 @@ class SimulatedPerson:
         """Return the key of the participant's answer, and the words for it, once these are spoken."""
         raise NotImplementedError
 
-    def attend(self, session: Attended | None) -> None:
-        """Ask nothing of it: simulated participants speak when they are asked."""
-
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        """Look at nothing: a simulated participant knows where they are."""
-
     def agree(self, *, text: str, yes: str, no: str) -> bool:  # noqa: ARG002
         return True
 
@@ -64,9 +58,6 @@ class SimulatedPerson:
     def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:  # noqa: ARG002
         clock.sleep_ns(until_ns - clock.now_ns())
 
-    def goes_on(self, *, why: str) -> bool:  # noqa: ARG002
-        return False
-
     def show(self, text: str) -> None:
         if self.screen is not None:
             self.screen.show(f"REHEARSAL  {text}")
@@ -75,9 +66,6 @@ class SimulatedPerson:
         self.show(f"Familiarisation: {instruction}")
         self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
         return ""
-
-    def instruct(self, *, instruction: str) -> None:
-        """Read nothing: a simulated participant knows what to do."""
 
     def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
         self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
@@ -95,18 +83,6 @@ class SimulatedPerson:
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:  # noqa: ARG002
         return False
-
-    def waiting(self) -> None:
-        """Look at nothing: the tracker of a rehearsal is waited for by its own time."""
-
-    def chosen_ago_ns(self) -> int:
-        return 0
-
-    def heard(self, *, words: str) -> None:
-        self.show(words)
-
-    def rest(self, *, why: str) -> None:
-        """Rest nothing: only a foot is asked to."""
 
     def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
         self.show(f"Trial {trial}: {laid_out(presented)} laid out")

@@ -2,20 +2,25 @@
 
 Vibrations are counted; what holds their peak is the limiter.
 
-In real time a thread looks ten times a second, while a foot is waited for and while the experimenter reads a prompt: it
-silences the masker when the session's time or the dose is used up, and puts the exposure on disk every few seconds, so
-that a kill loses none of it. Simulated time stands still meanwhile: there the session's own questions suffice.
+In real time one thread looks ten times a second, while a foot is waited for, while the experimenter reads a prompt and
+while the disk does not answer: it silences everything once the session's time or the dose is used up, the session
+pauses, or a signal comes, and waits for nobody. Another one writes what nobody waits for: the exposure every few
+seconds, so that a kill loses none of it. Simulated time stands still meanwhile: there the session's own questions
+suffice.
 """
 
 from __future__ import annotations
 
+import socket
 import threading
 from collections import defaultdict
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import host
+from palpate.experiment.desk import interrupts
+from palpate.experiment.desk.port import INTERRUPTED
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
 from palpate.experiment.session.kind import nothing_more
@@ -23,6 +28,7 @@ from palpate.experiment.session.kind import nothing_more
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    from palpate.experiment.apparatus.audio.stream import AudioStream
     from palpate.experiment.clock import Clock
     from palpate.experiment.desk.port import Console
     from palpate.experiment.records.journal import Contents, Line
@@ -31,6 +37,11 @@ if TYPE_CHECKING:
 
 LOOK_S = 0.1
 """Between two looks, s."""
+
+SLOW_S = 2.0
+"""After so long without an answer from the disk the experimenter is told, s."""
+
+SLOW = "The disk does not answer. What is answered or noted waits for it; a pause silences everything all the same."
 
 EVERY_NS = 5 * 10**9
 """Between two entries, ns."""
@@ -46,39 +57,85 @@ class Exposed:
     """Implements `Limits` for one runner of a session."""
 
     def __init__(
-        self, *, ends_ns: int, ended: str, masking: Masking | None, console: Console, clock: Clock, log: Log
+        self,
+        *,
+        ends_ns: int,
+        ended: str,
+        masking: Masking | None,
+        console: Console,
+        clock: Clock,
+        log: Log,
+        stream: AudioStream | None = None,
     ) -> None:
         """Begin with nothing watched; from the session time `ends_ns` on nothing may be felt, and `ended` says why."""
         self.ends_ns = ends_ns
         """The session time from which on nothing may be felt, ns."""
         self._ended = ended
         self._masking = masking
+        self._stream = stream
         self._console = console
         self._clock = clock
         self._log = log
         self._kind: Kind | None = None
         self._over = self._asked = self._skipped = ""
         self._failed: Exception | None = None
+        self._told = self._slow = False
         self._due_ns = clock.now_ns()
-        self._closing = threading.Event()
-        self._thread = threading.Thread(target=self._watch, args=(host.joining(),), name="exposure", daemon=True)
+        self.free_bytes: int | None = None
+        """The free space on the disk when an exposure was written last, bytes; None if the disk did not say."""
+        self._writer: threading.Thread | None = None
+        self._settled = threading.Event()
+        self._closing = False
+        self._opened = ExitStack()
 
     def begin(self, kind: Kind) -> None:
         """Watch trials from now on; the journal has its header, or the entry that it was resumed."""
         self._kind = kind
-        if not self._clock.simulated:
-            self.look()
-            self._thread.start()
+        if self._clock.simulated:
+            return
+        self.record()
+        woken, wakes = socket.socketpair()
+        wakes.setblocking(False)
+        self._opened.callback(woken.close)
+        self._opened.callback(self._start("limits", self._watch, woken).join)
+        self._opened.callback(wakes.close)
+        # A signal is seen while the main thread is in a call that does not return.
+        self._opened.callback(interrupts.report_to, interrupts.report_to(wakes.fileno()))
+        self._writer = self._start("exposure", self._write)
+
+    def settle(self) -> None:
+        """Write nothing from when this returns; limits are watched on."""
+        self._settled.set()
+        if self._writer is not None:
+            self._writer.join()
 
     def close(self) -> None:
-        """Watch no longer; when this returns, nothing more is written."""
-        self._closing.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        """Write nothing more, and watch no longer."""
+        self.settle()
+        self._closing = True
+        self._opened.close()
 
     def pause(self, why: str) -> None:
-        """Have nothing felt from now on, as `why` says."""
+        """Have nothing felt or heard from now on, as `why` says, whatever the disk does."""
         self._asked = why
+        with suppress(PalpateError):
+            # The thread that watches meets it too.
+            self._silence()
+
+    def _start(self, name: str, loop: Callable[..., None], *given: object) -> threading.Thread:
+        thread = threading.Thread(target=self._run, args=(host.joining(), loop, *given), name=name, daemon=True)
+        thread.start()
+        return thread
+
+    def _run(self, join: Callable[[], None], loop: Callable[..., None], *given: object) -> None:
+        """Run a loop; what fails there is raised where the session asks next, and silence does not wait for that."""
+        try:
+            join()
+            loop(*given)
+        except Exception as failed:
+            self._failed = failed
+            with suppress(PalpateError):
+                self._silence()
 
     def skip(self, reason: str) -> None:
         """Have nothing felt until `skipped` is called, so that the attempt under way breaks off."""
@@ -107,32 +164,47 @@ class Exposed:
         return max((self.ends_ns - self._clock.now_ns()) / 1e9, 0.0)
 
     def look(self) -> None:
-        """Silence the masker if time or dose are used up, and put the exposure on disk if that is due."""
+        """Keep the kind's devices alive; silence what may not be felt or heard any more, and tell why it is silent.
+
+        It waits for nobody.
+        """
         self._silence()
+        if self._kind is not None:
+            self._kind.beat(self.ends_ns)
+        if not self._told and self.over() and (why := self._over):
+            self._told = True
+            self._tell(f"\n{nothing_more(why)} Answer what is asked; then the session ends or pauses.")
+        if self._slow != (self._log.waiting_s > SLOW_S):
+            self._slow = not self._slow
+            self._tell(SLOW if self._slow else "The disk answers again.")
+
+    def record(self) -> None:
+        """Put what nobody waits for on disk: what the masker did, and the exposure if that is due."""
         if self._masking is not None:
             self._masking.record()
         now_ns = self._clock.now_ns()
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + EVERY_NS
-            self._log.write(self._told())
-
-    def _quiet(self) -> None:
-        """Keep a kind's devices alive, and have them still once the session is over or pauses."""
-        if self._kind is None:
-            return
-        self._kind.beat(self.ends_ns)
-        ended = self._ended if self._clock.now_ns() > self.ends_ns else ""
-        if why := self._over or ended or self._asked:
-            self._kind.quiet(why)
+            self._log.write(self._exposure())
+            with suppress(OSError):
+                self.free_bytes = self._log.free_bytes()
 
     def _silence(self) -> None:
-        if self._masking is None:
+        if self._masking is not None:
+            self._over = self._over or self._masking.spent()
+        why = self._over or self._asked or ("a part failed" if self._failed is not None else "")
+        if self._clock.now_ns() > self.ends_ns:
+            why = why or self._ended
+        if not why:
             return
-        self._over = self._over or self._masking.spent()
-        if self._over or self._clock.now_ns() > self.ends_ns:
+        if self._stream is not None:
+            self._stream.silence()
+        if self._masking is not None:
             self._masking.silence()
+        if self._kind is not None:
+            self._kind.quiet(why)
 
-    def _told(self) -> Exposure:
+    def _exposure(self) -> Exposure:
         uptime, done = self._clock.uptime(), self._log.done
         return Exposure(
             dose=self._masking.exposure.dose if self._masking is not None else None,
@@ -142,22 +214,28 @@ class Exposed:
             up_ns=uptime.ns if uptime is not None else None,
         )
 
-    def _watch(self, join: Callable[[], None]) -> None:
-        shown = False
+    def _tell(self, text: str) -> None:
+        """Show a line; a terminal that stands still holds up a thread of its own."""
+        threading.Thread(target=self._show, args=(text,), name="lines", daemon=True).start()
+
+    def _show(self, text: str) -> None:
         try:
-            join()
-            while not self._closing.wait(min(LOOK_S, self.left_s) or LOOK_S):
-                self._quiet()
-                self.look()
-                if not shown and self.over() and (why := self._over):
-                    shown = True
-                    self._console.show(f"\n{nothing_more(why)} Answer what is asked; then the session ends or pauses.")
-        except Exception as failed:
-            # It is told where the session asks next; the masker does not wait for that.
-            self._failed = failed
-            if self._masking is not None:
-                with suppress(PalpateError):
-                    self._masking.silence()
+            self._console.show(text)
+        except PalpateError as gone:
+            self._failed = gone
+
+    def _watch(self, woken: socket.socket) -> None:
+        while not self._closing:
+            self.look()
+            woken.settimeout(min(LOOK_S, self.left_s) or LOOK_S)
+            with suppress(TimeoutError, BlockingIOError):
+                if set(woken.recv(64)).intersection(interrupts.SIGNALS):
+                    self._asked = self._asked or INTERRUPTED
+        self._silence()
+
+    def _write(self) -> None:
+        while not self._settled.wait(LOOK_S):
+            self.record()
 
 
 def spent_ns(contents: Contents) -> int:

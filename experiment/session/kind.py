@@ -40,7 +40,7 @@ class Stimuli:
 
 
 class Log(Protocol):
-    """What a session puts on disk for a kind; both calls return when it is there, and raise `JournalError`."""
+    """What a session puts on disk for a kind: `write` and `keep` return when it is there, and raise `JournalError`."""
 
     @property
     def done(self) -> Progress:
@@ -48,6 +48,13 @@ class Log(Protocol):
 
     def write(self, entry: AnyEntry) -> None:
         """Put an entry into the journal."""
+
+    @property
+    def waiting_s(self) -> float:
+        """For how long the disk has not answered what is being written, s; 0 while nothing is."""
+
+    def free_bytes(self) -> int:
+        """Return the free space on the disk, bytes. Raises `OSError`."""
 
     def keep(self, raw: bytes) -> Trace:
         """Put the raw tracker frames of an attempt into the session's file of them; return where they stand."""
@@ -150,8 +157,7 @@ class Kind(Protocol):
     def quiet(self, why: str) -> None:  # noqa: ARG002
         """Take away at once whatever can be felt, for the session is over or pauses, as `why` says.
 
-        The thread that watches the limits calls it, again and again while they forbid everything: it neither writes nor
-        waits for a thread that does.
+        Any thread calls it, again and again while that lasts; it neither writes nor waits for a thread that does.
         """
         return
 
@@ -165,8 +171,8 @@ class Kind(Protocol):
     def beat(self, ends_ns: int) -> None:  # noqa: ARG002
         """Pass on that the session is alive, and that nothing may be felt from the session time `ends_ns` on.
 
-        The thread that watches the limits calls it at every look, every 0.1 s, in real time alone, until the session
-        ends; as `quiet`, it neither writes nor waits.
+        A thread calls it every 0.1 s in real time, and none in simulated time, until the session ends; it waits for
+        nobody either.
         """
         return
 

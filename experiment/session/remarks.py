@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import threading
 from collections.abc import Sequence
 from contextlib import closing
@@ -16,6 +15,7 @@ from palpate.experiment.desk.port import Console, Remark
 from palpate.experiment.protocol.models import Answers
 from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import Progress, progress
+from palpate.experiment.session.exposure import SLOW_S, Exposed
 from palpate.experiment.session.kind import Kind, Limits, Log
 from palpate.experiment.settings import characters
 from palpate.experiment.storage import journal_path
@@ -23,7 +23,6 @@ from palpate.experiment.storage import journal_path
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
     from palpate.experiment.desk.voice.ear import Ear
-    from palpate.experiment.session.exposure import Exposed
     from palpate.experiment.session.masker import Masking
 
 LITTLE_BYTES = 500_000_000
@@ -134,7 +133,7 @@ class Remarks:
 
 @dataclass(frozen=True, kw_only=True)
 class Attendance:
-    """Implements `Attended`: a session under way, with its dataset in `folder`, for a desk that asks at any time."""
+    """Implements `Attended`: a session under way, for a desk that asks at any time."""
 
     remarks: Remarks
     kind: Kind
@@ -144,7 +143,6 @@ class Attendance:
     ear: Ear | None
     log: Log
     clock: Clock
-    folder: Path
 
     def gauges(self) -> Gauges:
         measured, done = self.kind.measured(), self.log.done
@@ -182,10 +180,12 @@ class Attendance:
         return (Lamp(name="audio", good=not gaps, words=f"gaps: {gaps}, late blocks: {marked}"),)
 
     def _disk(self) -> Lamp:
-        try:
-            free = shutil.disk_usage(self.folder).free
-        except OSError as error:
-            return Lamp(name="disk", good=False, words=error.strerror or str(error))
+        # Nothing is asked of the disk here: whoever shows this must not wait for it.
+        if (waiting_s := self.log.waiting_s) > SLOW_S:
+            return Lamp(name="disk", good=False, words=f"no answer for {waiting_s:.0f} s")
+        free = self.exposed.free_bytes
+        if free is None:
+            return Lamp(name="disk", good=None, words="free space not known")
         return Lamp(name="disk", good=free > LITTLE_BYTES, words=f"{free / 1e9:.1f} GB free")
 
 

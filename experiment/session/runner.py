@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import hashlib
 import math
+import shutil
 import threading
 from collections import Counter
-from contextlib import closing, suppress
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from palpate.experiment.apparatus import opening
-from palpate.experiment.clock import Clock, day
+from palpate.experiment.clock import Clock, day, monotonic_ns
 from palpate.experiment.desk import interrupts
 from palpate.experiment.desk.port import BY_EXPERIMENTER, INTERRUPTED
 from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
@@ -91,7 +94,6 @@ def run(
                 devices=devices,
                 log=log,
                 spent_ns=spent_ns(contents),
-                folder=path.parent,
                 identity=identity,
                 noise=noise,
                 last=last,
@@ -162,6 +164,8 @@ class SessionLog:
         self.done = done
         """Where the session stands by what is on disk, as it would after a kill."""
         self._lock = threading.Lock()
+        self._folder = path.parent
+        self._under_way: dict[int, int] = {}
         self._journal = journal.Journal(path, clock, contents)
         self._frames = None if frames is None else (frames, frames.open("ab", buffering=0))
 
@@ -172,9 +176,26 @@ class SessionLog:
 
     def write(self, entry: AnyEntry) -> None:
         # An interrupt waits until the entry is on disk, so that a footer may follow it.
-        with interrupts.held(), self._lock:
+        with interrupts.held(), self._waiting(), self._lock:
             self._journal.append(entry)
             self.done = self.done.after(entry)
+
+    @contextmanager
+    def _waiting(self) -> Iterator[None]:
+        """Count the calling thread as one that waits for the disk."""
+        self._under_way[threading.get_ident()] = monotonic_ns()
+        try:
+            yield
+        finally:
+            del self._under_way[threading.get_ident()]
+
+    @property
+    def waiting_s(self) -> float:
+        now_ns = monotonic_ns()
+        return (now_ns - min((now_ns, *self._under_way.copy().values()))) / 1e9
+
+    def free_bytes(self) -> int:
+        return shutil.disk_usage(self._folder).free
 
     def keep(self, raw: bytes) -> entries.Trace:
         if self._frames is None:
@@ -182,7 +203,8 @@ class SessionLog:
         path, file = self._frames
         offset = file.tell()
         try:
-            chain.write_through(file, raw, wait=self._journal.waits)
+            with self._waiting():
+                chain.write_through(file, raw, wait=self._journal.waits)
         except OSError as error:
             raise journal.unwritable(path, error) from error
         journal.check_place(file.fileno(), path)
@@ -197,43 +219,36 @@ class SessionLog:
             self._journal.close()
 
 
+@dataclass(kw_only=True, eq=False)
 class _Session:
-    def __init__(
-        self,
-        *,
-        protocol: Protocol,
-        devices: Devices,
-        log: SessionLog,
-        spent_ns: int,
-        folder: Path,
-        identity: entries.Visited | None,
-        noise: str,
-        last: bool,
-        voices: Path | None,
-        takes_file: Path | None,
-    ) -> None:
-        self._protocol = protocol
-        self._identity = identity
-        self._noise = noise
-        self._last = last
+    protocol: Protocol
+    devices: Devices
+    log: SessionLog
+    spent_ns: int
+    identity: entries.Visited | None
+    noise: str
+    last: bool
+    voices: Path | None
+    takes_file: Path | None
+
+    def __post_init__(self) -> None:
+        protocol, devices, log = self.protocol, self.devices, self.log
         self._task = protocol.task(log.done.header.task)
-        self._devices = devices
-        self._log = log
         masker = devices.masker
         self._masking = Masking(masker, devices.console, log.write, devices.clock) if masker is not None else None
         session_min = protocol.exposure.session_min
         self._exposed = Exposed(
-            ends_ns=devices.clock.now_ns() + int(session_min * 60e9) - spent_ns,
+            ends_ns=devices.clock.now_ns() + int(session_min * 60e9) - self.spent_ns,
             ended=f"the protocol's {session_min:g} min of a session are over",
             masking=self._masking,
             console=devices.console,
             clock=devices.clock,
             log=log,
+            stream=devices.stream,
         )
         if devices.stream is not None:
             devices.stream.end(self._exposed.ends_ns)
-        self._takes_file = takes_file
-        self._ear = _ear(devices, log, voices)
+        self._ear = _ear(devices, log, self.voices)
         self._attempts = Attempts(
             protocol=protocol,
             header=log.done.header,
@@ -252,7 +267,6 @@ class _Session:
             ear=self._ear,
             log=log,
             clock=devices.clock,
-            folder=folder,
         )
         self._state = State.READY
 
@@ -260,7 +274,7 @@ class _Session:
         try:
             return self._run(contents)
         except KeyboardInterrupt:
-            if self._log.done.footer is not None:
+            if self.log.done.footer is not None:
                 raise
             # It came as the session was ending: a terminal that is closed takes no line, and interrupts as well.
             return self._end("paused", INTERRUPTED)
@@ -269,21 +283,21 @@ class _Session:
         try:
             self._begin(contents)
             self._mask()
-            if self._masking is None and self._noise and self._log.done.remaining:
+            if self._masking is None and self.noise and self.log.done.remaining:
                 # That the noise plays is confirmed, and put on record.
-                text = f"{self._noise} Does it play?"
-                if not self._devices.console.agree(text=text, yes="yes, it plays, and that holds", no="no, pause"):
+                text = f"{self.noise} Does it play?"
+                if not self.devices.console.agree(text=text, yes="yes, it plays, and that holds", no="no, pause"):
                     raise PauseAsked("no noise masks the trials")
-                self._log.write(entries.Note(trial=None, text=f"The experimenter confirmed: {self._noise}"))
+                self.log.write(entries.Note(trial=None, text=f"The experimenter confirmed: {self.noise}"))
             self._attempts.remarks.note_ignored()
             self._enrol()
-            if self._log.done.remaining:
-                self._devices.console.instruct(instruction=self._task.instruction)
+            if self.log.done.remaining:
+                self.devices.console.instruct(instruction=self._task.instruction)
             pause = self._trials()
         except (ScreenGone, PauseAsked) as why:
-            pause, felt = str(why), self._log.done.unanswered
+            pause, felt = str(why), self.log.done.unanswered
             if isinstance(why, PauseAsked) and felt is not None:
-                self._devices.console.show(FELT.format(trial=felt[0]))
+                self.devices.console.show(FELT.format(trial=felt[0]))
         except PalpateError as error:
             self._follow(Event.FAIL)
             # It has ended as it is; whoever presses the key meanwhile wants no more, and a full disk takes no footer.
@@ -303,29 +317,29 @@ class _Session:
 
     def _mask(self) -> None:
         """Have the masker begin where trials remain, and its level chosen."""
-        if self._masking is not None and self._log.done.remaining and not self._exposed.over():
+        if self._masking is not None and self.log.done.remaining and not self._exposed.over():
             probe = self._attempts.kind.probe
-            self._masking.choose(self._protocol.masker.criterion, self._log.done.masker_db_a, probe)
+            self._masking.choose(self.protocol.masker.criterion, self.log.done.masker_db_a, probe)
 
     def _enrol(self) -> None:
         """Have the participant say the answers, to compare with, where a microphone listens and trials remain."""
-        devices, ear = self._devices, self._ear
-        if ear is None or devices.microphone is None or devices.computing is None or not self._log.done.remaining:
+        devices, ear = self.devices, self._ear
+        if ear is None or devices.microphone is None or devices.computing is None or not self.log.done.remaining:
             return
         if self._exposed.over():
             return
         from palpate.experiment.desk.voice.enrolling import Enroller
 
         ear.enrolment, how = Enroller(
-            answers={material.id: material.spoken[0] for material in self._protocol.materials},
+            answers={material.id: material.spoken[0] for material in self.protocol.materials},
             microphone=devices.microphone,
             computing=devices.computing,
             console=devices.console,
             clock=devices.clock,
-            file=self._takes_file,
+            file=self.takes_file,
         ).enrol()
         told = f"the microphone {'proposes answers' if ear.enrolment else 'proposes nothing'}: {how}"
-        self._log.write(entries.Phase(state="enrolled", detail=told))
+        self.log.write(entries.Phase(state="enrolled", detail=told))
         devices.console.show(f"{told[:1].upper()}{told[1:]}.")
 
     def _trials(self) -> str:
@@ -335,7 +349,7 @@ class _Session:
             if pause := self._why_not(planned.trial, begun):
                 return pause
             begun[planned.trial] += 1
-            event = self._attempts.run(planned, self._log.done.attempts.get(planned.trial, 0) + 1)
+            event = self._attempts.run(planned, self.log.done.attempts.get(planned.trial, 0) + 1)
             if event not in (Event.BROKEN_OFF, Event.LOST):
                 self._follow(Event.STEPPED)
             if event is Event.PAUSE:
@@ -350,15 +364,15 @@ class _Session:
 
         The masker is silent in the debriefing, and its level is chosen anew for what is done again.
         """
-        if not self._log.done.remaining:
+        if not self.log.done.remaining:
             if self._masking is not None:
                 self._masking.end()
                 self._masking.record()
-            if self._last:
+            if self.last:
                 self._attempts.remarks.ask_report()
             self._attempts.debrief()
             self._mask()
-        return next(iter(self._log.done.remaining), None)
+        return next(iter(self.log.done.remaining), None)
 
     def _why_not(self, trial: int, begun: Counter[int]) -> str:
         """Return why no further attempt is begun, or nothing."""
@@ -373,15 +387,15 @@ class _Session:
 
     def _wait_for_tracker(self) -> str:
         """Wait for the tracker to be plugged in again; return why the session pauses instead, or nothing."""
-        console, lost = self._devices.console, self._attempts.outage
-        wait_s = min(self._devices.reconnect_s, math.ceil(self._exposed.left_s))
-        self._log.write(entries.Phase(state=self._state, detail=lost))
+        console, lost = self.devices.console, self._attempts.outage
+        wait_s = min(self.devices.reconnect_s, math.ceil(self._exposed.left_s))
+        self.log.write(entries.Phase(state=self._state, detail=lost))
         console.show(f"{lost}. The session waits for {wait_s:g} s, and goes on by itself; nothing is lost.")
         console.waiting()
         if pause := self._missing(wait_s):
             return pause
         self._follow(Event.FOUND)
-        self._log.write(entries.Phase(state=self._state, detail="the tracker is back"))
+        self.log.write(entries.Phase(state=self._state, detail="the tracker is back"))
         console.show("The tracker is back; the trial begins again.")
         return ""
 
@@ -404,50 +418,50 @@ class _Session:
 
     def _end(self, reason: Literal["complete", "paused", "error"], detail: str = "") -> entries.Footer:
         with interrupts.held():
+            # Whatever the disk does, from now on nothing is felt or heard.
+            self._exposed.pause(detail or reason)
             silent = self._attempts.kind.is_silent()
-            footer = entries.Footer(reason=reason, detail=detail, answered=len(self._log.done.answered), silent=silent)
-            self._devices.console.attend(None)
+            footer = entries.Footer(reason=reason, detail=detail, answered=len(self.log.done.answered), silent=silent)
+            self.devices.console.attend(None)
             # Whoever writes beside this thread has written when these return.
             self._attempts.remarks.close()
-            self._exposed.close()
+            self._exposed.settle()
             if self._ear is not None:
                 self._ear.close()
             # After an interrupt in the middle of a write only a new reading of the journal may add to it.
-            accepts = self._log.accepts
-            if self._masking is not None:
-                self._masking.end()
+            accepts = self.log.accepts
             if accepts:
                 if self._masking is not None:
                     self._masking.record()
                 self._attempts.remarks.note_ignored()
-                self._log.write(footer)
+                self.log.write(footer)
         return footer
 
     def _begin(self, contents: journal.Contents) -> None:
-        done = self._log.done
+        done = self.log.done
         if contents.lines:
             remaining = tuple(planned.trial for planned in done.remaining)
             torn = contents.torn.decode("utf-8", "backslashreplace")
-            self._log.write(entries.Resumed(torn=torn, remaining=remaining))
+            self.log.write(entries.Resumed(torn=torn, remaining=remaining))
             self._exposed.begin(self._attempts.kind)
             if torn:
-                self._devices.console.show(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
+                self.devices.console.show(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
             for cut, when in (
                 (done.unanswered, "before the answer"),
                 (done.armed, "while the trial was armed; its stimulus may have been felt"),
             ):
                 if cut is not None:
                     reason = f"the session was interrupted {when}"
-                    self._log.write(entries.Redo(trial=cut[0], attempt=cut[1], reason=reason, put_off=True))
-            self._devices.console.show(_onward(self._log.done, day(contents.lines[-1].t_ns)))
+                    self.log.write(entries.Redo(trial=cut[0], attempt=cut[1], reason=reason, put_off=True))
+            self.devices.console.show(_onward(self.log.done, day(contents.lines[-1].t_ns)))
         else:
-            self._log.write(done.header)
+            self.log.write(done.header)
             self._exposed.begin(self._attempts.kind)
-        if self._identity is not None:
-            self._log.write(self._identity)
-        self._devices.console.attend(self._attendance)
-        if priority := self._devices.priority:
-            self._log.write(entries.Phase(state=self._state, detail=f"priority: {priority}"))
+        if self.identity is not None:
+            self.log.write(self.identity)
+        self.devices.console.attend(self._attendance)
+        if priority := self.devices.priority:
+            self.log.write(entries.Phase(state=self._state, detail=f"priority: {priority}"))
         if done.attempts or FAMILIARISED in (
             entry.state for entry in contents.entries if isinstance(entry, entries.Phase)
         ):
@@ -459,14 +473,14 @@ class _Session:
 
     def _familiarise(self) -> None:
         wanted = self._task.familiarisation
-        clock = self._devices.clock
-        self._log.write(entries.Phase(state=self._state))
+        clock = self.devices.clock
+        self.log.write(entries.Phase(state=self._state))
         begun_ns = clock.now_ns()
         lasted_s, handled = 0.0, Counter[str]()
-        shown = self._protocol.presented(self._task)
-        names = {one.key: one.id for one in self._protocol.materials if one.key and one.id in shown}
+        shown = self.protocol.presented(self._task)
+        names = {one.key: one.id for one in self.protocol.materials if one.key and one.id in shown}
         while True:
-            key = self._devices.console.familiarise(
+            key = self.devices.console.familiarise(
                 instruction=wanted.instruction,
                 min_s=wanted.min_s - lasted_s,
                 max_s=wanted.max_s - lasted_s,
@@ -479,7 +493,7 @@ class _Session:
                 break
             else:
                 asked = f"{wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
-                self._devices.console.show(f"It is too early to go on: the protocol asks for {asked}.")
+                self.devices.console.show(f"It is too early to go on: the protocol asks for {asked}.")
         counts = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
         detail = f"{lasted_s:.1f} s{f'; handled: {counts}' if counts else ''}"
-        self._log.write(entries.Phase(state=FAMILIARISED, detail=detail))
+        self.log.write(entries.Phase(state=FAMILIARISED, detail=detail))

@@ -346,7 +346,7 @@ class Dawdler:
 @contextmanager
 def on(machine: Machine) -> Iterator[None]:
     """Have sessions watched by the machine's time instead of a thread, and nothing written by the dead."""
-    append, close = journal.Journal.append, Exposed.close
+    append, settle = journal.Journal.append, Exposed.settle
 
     def appending(self: journal.Journal, entry: Any) -> int:
         if machine.dead:
@@ -354,17 +354,18 @@ def on(machine: Machine) -> Iterator[None]:
         return append(self, entry)
 
     def begun(self: Exposed, kind: Kind) -> None:
-        self.look()
-        machine.watchers.append(self.look)
+        for looks in (self.look, self.record):
+            looks()
+            machine.watchers.append(looks)
 
-    def closed(self: Exposed) -> None:
+    def settled(self: Exposed) -> None:
         machine.watchers.clear()
-        close(self)
+        settle(self)
 
     with (
         mock.patch.object(journal.Journal, "append", appending),
         mock.patch.object(Exposed, "begin", begun),
-        mock.patch.object(Exposed, "close", closed),
+        mock.patch.object(Exposed, "settle", settled),
         mock.patch.object(os, "fsync", return_value=None),
     ):
         yield

@@ -162,9 +162,8 @@ class Taps:
 
     def _follow(self, felt: Felt) -> None:
         if self._there and (over := self.lent.limits.over()):
-            self._there = False
-            self.servo.render(None)
-            self._lying = None
+            # Who says so has taken the block away.
+            self._there, self._lying = False, None
             self._withdraw()
             self.lent.console.show(nothing_more(over))
         touches = list(felt.touches)

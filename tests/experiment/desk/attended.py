@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from palpate.experiment.desk.messages import Gauges, Prompt, Standing
+from collections.abc import Callable
+from concurrent.futures import Executor, Future
+from typing import Any
+
+from palpate.experiment.desk.linked import LinkedConsole
+from palpate.experiment.desk.messages import Deed, Gauges, Hello, Prompt, Standing
 from palpate.experiment.desk.port import Remark
 
 
@@ -32,3 +37,24 @@ class Recorded:
 
     def shown(self, prompt: Prompt, ago_ns: int) -> None:
         self.shows.append((prompt, ago_ns))
+
+
+class Inline(Executor):
+    """Does in the calling thread whatever it is given."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        done: Future[Any] = Future()
+        done.set_result(fn(*args, **kwargs))
+        return done
+
+
+class Desk(LinkedConsole):
+    """A desk that has on record what it is asked when it replies."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        super().__init__(*args, **kwargs)
+        self._recorder = Inline()
+
+    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+        reply = super().take(hello, deed)
+        return reply.result() if isinstance(reply, Future) else reply

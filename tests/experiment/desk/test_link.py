@@ -9,7 +9,9 @@ import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import closing, suppress
+from itertools import count
 from pathlib import Path
+from queue import SimpleQueue
 
 import pytest
 from hypothesis import given, settings
@@ -48,7 +50,7 @@ class Session:
         assert role == "console"
         return self.view
 
-    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
+    def take(self, hello: Hello, deed: Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
         self.taken.append((hello.by, deed))
         return isinstance(deed, TakeNote), "so it is"
 
@@ -171,6 +173,71 @@ def test_a_console_that_does_not_read_holds_nobody_up(session: Session, listenin
             listening.wake()
             while next(seen).trial != trial:
                 pass
+
+
+def test_a_console_that_stops_reading_is_away_until_it_reads_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a process does that was stopped: its connection stays open."""
+    there: SimpleQueue[int] = SimpleQueue()
+
+    class Counted(Session):
+        def came(self, consoles: int, screens: int) -> None:
+            there.put(consoles)
+
+        def tell(self, role: str) -> Message:
+            return View(study="x" * 30_000, trial=next(numbers))
+
+    numbers = count()
+    monkeypatch.setattr(link, "AWAY_S", 0.2)
+    with closing(Link(tmp_path / "s", Counted())) as listening, closing(Line(tmp_path / "s", ME)) as stopped:
+        for _ in range(100):
+            listening.wake()
+        assert [there.get(timeout=10) for _ in range(2)] == [1, 0]
+        seen = views(stopped)
+        while there.empty():
+            next(seen)
+        assert there.get() == 1
+
+
+def test_a_reply_that_waits_for_a_disk_holds_up_nothing_else(tmp_path: Path) -> None:
+    waits: Future[tuple[bool, str]] = Future()
+
+    class Waiting(Session):
+        def take(self, hello: Hello, deed: Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
+            return waits if isinstance(deed, TakeNote) else (True, "at once")
+
+    session = Waiting()
+    with closing(Link(tmp_path / "s", session)) as listening, closing(Line(tmp_path / "s", ME)) as there:
+        said = there.messages()
+        first, second = there.send(TakeNote(text="hangs")), there.send(Pause())
+        assert next(m for m in said if isinstance(m, Reply)) == Reply(id=second, taken=True, words="at once")
+        session.view = View(study="small", trial=7)
+        listening.wake()
+        assert next(m for m in said if isinstance(m, View) and m.trial == 7)
+        waits.set_result((True, "on disk"))
+        assert next(m for m in said if isinstance(m, Reply)) == Reply(id=first, taken=True, words="on disk")
+
+
+def test_who_waits_for_a_disk_hears_of_it_before_the_session_is_gone(tmp_path: Path) -> None:
+    waits: Future[tuple[bool, str]] = Future()
+
+    class Waiting(Session):
+        def take(self, hello: Hello, deed: Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
+            self.consoles.release()
+            return waits
+
+    session = Waiting()
+    listening = Link(tmp_path / "s", session)
+    with closing(Line(tmp_path / "s", ME)) as there:
+        assert session.consoles.acquire(timeout=10)
+        there.send(TakeNote(text="hangs"))
+        assert session.consoles.acquire(timeout=10)
+        closes = threading.Thread(target=listening.close)
+        closes.start()
+        waits.set_result((True, "on disk"))
+        assert [m.words for m in there.messages() if isinstance(m, Reply)] == ["on disk"]
+        closes.join(10)
 
 
 @pytest.mark.parametrize(

@@ -34,7 +34,8 @@ from palpate.experiment.desk.messages import (
     Write,
 )
 from palpate.experiment.desk.port import Remark
-from palpate.experiment.errors import LinkError, PauseAsked
+from palpate.experiment.errors import JournalError, LinkError, PauseAsked
+from tests.experiment.desk.attended import Desk, Inline
 
 ME = Hello(role="console", by="test")
 ANSWERS, OTHERS = {"c": "copy paper", "p": "polypropylene"}, {"n": "no answer", "r": "do this trial again"}
@@ -82,7 +83,7 @@ class Bench:
     """A session's thread that asks, and a console's that answers."""
 
     def __init__(self, alone_s: float = 600.0, *, screen: bool = False) -> None:
-        self.linked = LinkedConsole(View(study="small"), alone_s=alone_s, screen=screen)
+        self.linked = Desk(View(study="small"), alone_s=alone_s, screen=screen)
         self.attending = Attending(self.linked)
         self._pool = ThreadPoolExecutor(1)
         self._woken = threading.Event()
@@ -137,7 +138,7 @@ def test_an_answer_is_chosen_then_confirmed_each_by_its_own_question(bench: Benc
     assert shown(bench.linked).question is None
 
 
-QUESTIONS: dict[str, Callable[[LinkedConsole], object]] = {
+QUESTIONS: dict[str, Callable[[Desk], object]] = {
     "agree": lambda one: one.agree(text="Is it 01?", yes="yes", no="no"),
     "familiarise": lambda one: one.familiarise(instruction="Feel.", min_s=0, max_s=60, handled={}),
     "level": lambda one: one.level(level_db_a=50, limit_db_a=80, criterion="Nothing.", keys={"+": "louder"}),
@@ -394,6 +395,61 @@ def test_a_choice_is_timed_when_it_comes_and_not_when_it_is_on_record(
     bench.attending.commanded = recorded  # type: ignore[method-assign]
 
 
+def test_a_pause_takes_effect_while_the_disk_hangs_and_the_key_before_it_counts_once_it_is_on_record(
+    bench: Bench,
+) -> None:
+    linked = LinkedConsole(View(study="small"))
+    linked.came(1, 0)
+    attending, disk = Attending(linked), threading.Event()
+    recorded = attending.commanded
+
+    def hang(**what: Any) -> None:
+        assert disk.wait(10)
+        recorded(**what)
+
+    attending.commanded = hang  # type: ignore[method-assign]
+    linked.attend(attending)
+    said = bench.asks(lambda: linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    while (asked := shown(linked).question) is None:
+        time.sleep(0.001)
+    pressed = linked.take(ME, Choose(question=asked.number, key="c"))
+    again = linked.take(ME, Choose(question=asked.number, key="p"))
+    paused = linked.take(ME, Pause())
+    assert isinstance(paused, tuple)
+    assert paused[0]
+    assert attending.pauses == [port.BY_EXPERIMENTER]
+    assert isinstance(pressed, Future)
+    assert isinstance(again, Future)
+    assert not said.done()
+    assert not pressed.done()
+    assert shown(linked).question == asked
+    ended = threading.Thread(target=linked.attend, args=(None,))
+    ended.start()
+    disk.set()
+    assert said.result(10) == "c"
+    assert (pressed.result(10), again.result(10)) == ((True, ""), (False, CLOSED))
+    ended.join(10)
+    # Everything that was asked of the session is on record before another is attended.
+    assert [command for _, command, _, _ in attending.record] == ["choose 1 c", "choose 1 p", "pause"]
+    with pytest.raises(PauseAsked):
+        linked.confirm(key="c", meaning="copy paper")
+
+
+def test_a_key_whose_record_fails_does_not_count(bench: Bench) -> None:
+    recorded = bench.attending.commanded
+
+    def fail(**_: Any) -> None:
+        raise JournalError("full")
+
+    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    asked = bench.question("answer")
+    bench.attending.commanded = fail  # type: ignore[method-assign]
+    assert bench.do(Choose(question=asked.number, key="c")) == (False, "full")
+    bench.attending.commanded = recorded  # type: ignore[method-assign]
+    assert bench.do(Choose(question=asked.number, key="p"))[0]
+    assert said.result(10) == "p"
+
+
 def test_what_is_repeated_after_a_key_is_refused_and_nothing_of_it_is_left(bench: Bench) -> None:
     said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
     asked = bench.question("answer")
@@ -458,11 +514,14 @@ def test_the_participant_stops_while_another_deed_waits_for_the_disk(
         freed.set()
 
     monkeypatch.setattr(Attending, "pause", pauses)
+    bench.linked._recorder = ThreadPoolExecutor(1)
     noting = threading.Thread(target=bench.do, args=(TakeNote(text="coughs"),))
     noting.start()
     assert writes.wait(60)
     assert bench.linked.take(Hello(role="screen", by="the participant's screen"), Pause())[0]
     noting.join()
+    bench.linked._recorder.shutdown()
+    bench.linked._recorder = Inline()
     assert bench.attending.pauses == [port.BY_PARTICIPANT]
     assert [one[:3] for one in bench.attending.record][-1] == ("the participant's screen", "pause", True)
     with pytest.raises(PauseAsked) as paused:
@@ -669,7 +728,7 @@ def test_whoever_arms_is_told_that_somebody_had_to_be_waited_for(monkeypatch: py
 
 @pytest.mark.parametrize(("pairs", "state"), [(False, "armed"), (True, "answering")])
 def test_a_pair_that_is_rendered_can_be_felt_at_once(pairs: bool, state: str) -> None:
-    one = LinkedConsole(View(pairs=pairs))
+    one = Desk(View(pairs=pairs))
     one.came(1, 0)
     one.arm(trial=1, attempt=1, trials=4)
     assert shown(one).state == state

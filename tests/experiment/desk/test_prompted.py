@@ -10,7 +10,6 @@ import pytest
 
 from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import linked
-from palpate.experiment.desk.linked import LinkedConsole
 from palpate.experiment.desk.messages import (
     ENTER,
     Choose,
@@ -30,7 +29,7 @@ from palpate.experiment.desk.messages import (
 )
 from palpate.experiment.desk.prompts import Theirs
 from palpate.experiment.errors import PauseAsked
-from tests.experiment.desk.attended import Recorded
+from tests.experiment.desk.attended import Desk, Recorded
 
 SCREEN = Hello(role="screen", by="the participant's screen")
 CONSOLE = Hello(role="console", by="console")
@@ -43,32 +42,32 @@ def session() -> Recorded:
 
 
 @pytest.fixture
-def desk(session: Recorded) -> LinkedConsole:
-    made = LinkedConsole(View(study="study", participant="01"), theirs=Theirs(frozenset({"level"})), screen=True)
+def desk(session: Recorded) -> Desk:
+    made = Desk(View(study="study", participant="01"), theirs=Theirs(frozenset({"level"})), screen=True)
     made.came(1, 1)
     made.attend(session)
     return made
 
 
 @pytest.fixture
-def aside(desk: LinkedConsole) -> Iterator[ThreadPoolExecutor]:
+def aside(desk: Desk) -> Iterator[ThreadPoolExecutor]:
     with ThreadPoolExecutor(1) as pool:
         yield pool
         # Whatever still waits for a key, after a test that failed, ends.
         desk.take(CONSOLE, Stop())
 
 
-def level(desk: LinkedConsole) -> str:
+def level(desk: Desk) -> str:
     return desk.level(level_db_a=50, limit_db_a=80, criterion="Nothing is heard.", keys=KEYS)
 
 
-def prompt(desk: LinkedConsole) -> Prompt:
+def prompt(desk: Desk) -> Prompt:
     told = desk.tell("screen")
     assert isinstance(told, Prompt)
     return told
 
 
-def asked(desk: LinkedConsole, show: str, after: int = 0) -> Prompt:
+def asked(desk: Desk, show: str, after: int = 0) -> Prompt:
     """Wait until the desk shows this, for a question after the one with this number, and return it."""
     shown = threading.Event()
     desk.wake = shown.set
@@ -78,13 +77,13 @@ def asked(desk: LinkedConsole, show: str, after: int = 0) -> Prompt:
     return told
 
 
-def view(desk: LinkedConsole) -> View:
+def view(desk: Desk) -> View:
     told = desk.tell("console")
     assert isinstance(told, View)
     return told
 
 
-def test_the_participant_sets_the_masker(desk: LinkedConsole, session: Recorded, aside: ThreadPoolExecutor) -> None:
+def test_the_participant_sets_the_masker(desk: Desk, session: Recorded, aside: ThreadPoolExecutor) -> None:
     chosen: Future[str] = aside.submit(level, desk)
     told = asked(desk, "masker")
     assert told.keys == ("+", "-", ENTER)
@@ -93,7 +92,7 @@ def test_the_participant_sets_the_masker(desk: LinkedConsole, session: Recorded,
     assert session.commands == [("the participant's screen", f"choose {told.question} +", True)]
 
 
-ORDER: tuple[tuple[str, Callable[[LinkedConsole], object], str, str], ...] = (
+ORDER: tuple[tuple[str, Callable[[Desk], object], str, str], ...] = (
     (
         "agree",
         lambda desk: desk.agree(text="Is it 01?", yes="yes", no="no"),
@@ -119,18 +118,18 @@ ORDER: tuple[tuple[str, Callable[[LinkedConsole], object], str, str], ...] = (
     ("confirm", lambda desk: desk.confirm(key="c", meaning="copy paper"), "answer", "answer"),
     ("", lambda desk: desk.confirmed(trial=1, answer="copy paper"), "wait", "wait"),
     ("", lambda desk: desk.arm(trial=2, attempt=1, trials=4), "ready", "ready"),
-    ("", LinkedConsole.waiting, "wait", "wait"),
+    ("", Desk.waiting, "wait", "wait"),
     ("rest", lambda desk: desk.rest(why=""), "rest", "wait"),
     ("", lambda desk: desk.arm(trial=2, attempt=2, trials=4), "ready", "ready"),
     ("", lambda desk: desk.attend(None), "wait", "wait"),
     ("continue", lambda desk: desk.goes_on(why="It paused."), "break", "wait"),
-    ("debrief", LinkedConsole.debrief, "finished", "finished"),
+    ("debrief", Desk.debrief, "finished", "finished"),
 )
 """What a session asks of its desk, in a real order: what the participant sees meanwhile, and afterwards."""
 
 
 def test_the_participants_screen_tells_what_is_so_through_a_whole_session(
-    desk: LinkedConsole, aside: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
+    desk: Desk, aside: ThreadPoolExecutor, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(linked, "PATIENCE_NS", 0)
     for kind, step, meanwhile, afterwards in ORDER:
@@ -143,7 +142,7 @@ def test_the_participants_screen_tells_what_is_so_through_a_whole_session(
         assert prompt(desk).show == afterwards, kind
 
 
-def test_headphones_may_come_off_after_the_tasks_that_had_a_masker(desk: LinkedConsole, session: Recorded) -> None:
+def test_headphones_may_come_off_after_the_tasks_that_had_a_masker(desk: Desk, session: Recorded) -> None:
     assert not view(desk).masked
     with pytest.raises(PauseAsked):
         desk.take(CONSOLE, Pause())
@@ -155,7 +154,7 @@ def test_headphones_may_come_off_after_the_tasks_that_had_a_masker(desk: LinkedC
     assert not view(desk).masked
 
 
-def open_question(desk: LinkedConsole, kind: str) -> Question:
+def open_question(desk: Desk, kind: str) -> Question:
     changed = threading.Event()
     desk.wake = changed.set
     while (asked := view(desk).question) is None or asked.kind != kind:
@@ -165,7 +164,7 @@ def open_question(desk: LinkedConsole, kind: str) -> Question:
 
 
 def test_between_two_presses_for_the_masker_the_screen_stays_after_familiarisation_too(
-    desk: LinkedConsole, aside: ThreadPoolExecutor, now: list[int]
+    desk: Desk, aside: ThreadPoolExecutor, now: list[int]
 ) -> None:
     familiar = aside.submit(desk.familiarise, instruction="Feel.", min_s=0, max_s=60, handled={})
     question = open_question(desk, "familiarise")
@@ -183,7 +182,7 @@ def test_between_two_presses_for_the_masker_the_screen_stays_after_familiarisati
 
 
 def test_what_the_participant_presses_too_late_is_nothing_that_the_experimenter_typed(
-    desk: LinkedConsole, session: Recorded
+    desk: Desk, session: Recorded
 ) -> None:
     assert not desk.take(SCREEN, Choose(question=7, key=ENTER))[0]
     assert session.commands == [("the participant's screen", "choose 7 enter", False)]
@@ -193,7 +192,7 @@ def test_what_the_participant_presses_too_late_is_nothing_that_the_experimenter_
 
 
 def test_softer_at_the_participants_screen_changes_nothing_that_is_not_theirs_to_answer(
-    desk: LinkedConsole, aside: ThreadPoolExecutor
+    desk: Desk, aside: ThreadPoolExecutor
 ) -> None:
     answered = aside.submit(desk.ask, trial=1, answers={"c": "copy paper"}, others={"-": "masker softer"})
     asked = open_question(desk, "answer")
@@ -210,9 +209,7 @@ def now(monkeypatch: pytest.MonkeyPatch) -> list[int]:
     return moment
 
 
-def test_between_two_questions_the_screen_stays_as_it_is(
-    desk: LinkedConsole, aside: ThreadPoolExecutor, now: list[int]
-) -> None:
+def test_between_two_questions_the_screen_stays_as_it_is(desk: Desk, aside: ThreadPoolExecutor, now: list[int]) -> None:
     chosen = aside.submit(level, desk)
     told = asked(desk, "masker")
     desk.take(SCREEN, Choose(question=told.question or 0, key="-"))
@@ -224,9 +221,7 @@ def test_between_two_questions_the_screen_stays_as_it_is(
     assert prompt(desk).show == "wait"
 
 
-def test_the_same_look_keeps_its_number_and_another_gets_its_own(
-    desk: LinkedConsole, aside: ThreadPoolExecutor
-) -> None:
+def test_the_same_look_keeps_its_number_and_another_gets_its_own(desk: Desk, aside: ThreadPoolExecutor) -> None:
     numbers = []
     for before in (0, 1):
         chosen = aside.submit(level, desk)
@@ -239,9 +234,7 @@ def test_the_same_look_keeps_its_number_and_another_gets_its_own(
     assert prompt(desk).number == numbers[0][0] + 1
 
 
-def test_an_answer_to_a_trial_is_not_the_participants(
-    desk: LinkedConsole, session: Recorded, aside: ThreadPoolExecutor
-) -> None:
+def test_an_answer_to_a_trial_is_not_the_participants(desk: Desk, session: Recorded, aside: ThreadPoolExecutor) -> None:
     said = aside.submit(desk.ask, trial=3, answers={"c": "copy paper"}, others={"n": "no answer"})
     told = asked(desk, "answer")
     assert (told.question, told.keys) == (None, ())
@@ -260,20 +253,19 @@ def test_an_answer_to_a_trial_is_not_the_participants(
         TakeNote(text="a"),
         Correct(trial=1, key="c", reason="a"),
         Repeat(trial=1, reason="a"),
-        Pause(),
         Stop(),
         Typed(keys="c"),
         Write(question=1, text="a"),
     ],
     ids=lambda deed: deed.do,
 )
-def test_a_screen_may_ask_for_nothing_else(desk: LinkedConsole, session: Recorded, deed: Deed) -> None:
+def test_a_screen_may_ask_for_nothing_else(desk: Desk, session: Recorded, deed: Deed) -> None:
     assert desk.take(SCREEN, deed) == (False, "The participant's screen may not ask for that.")
     assert [(by, taken) for by, _, taken in session.commands] == [("the participant's screen", False)]
     assert desk.ignored() == ""
 
 
-def test_what_is_shown_goes_on_record_with_its_time(desk: LinkedConsole, session: Recorded) -> None:
+def test_what_is_shown_goes_on_record_with_its_time(desk: Desk, session: Recorded) -> None:
     desk.arm(trial=1, attempt=1, trials=4)
     told = prompt(desk)
     assert desk.take(SCREEN, Shown(number=told.number, t_ns=monotonic_ns() - 1_000_000)) == (True, "")
@@ -283,7 +275,7 @@ def test_what_is_shown_goes_on_record_with_its_time(desk: LinkedConsole, session
     assert session.commands == []
 
 
-def test_what_cannot_have_been_shown_is_refused(desk: LinkedConsole, session: Recorded) -> None:
+def test_what_cannot_have_been_shown_is_refused(desk: Desk, session: Recorded) -> None:
     number = prompt(desk).number
     refused = (False, "The participant's screen cannot have shown that.")
     assert desk.take(SCREEN, Shown(number=number, t_ns=monotonic_ns() + 10**12)) == refused
@@ -294,7 +286,7 @@ def test_what_cannot_have_been_shown_is_refused(desk: LinkedConsole, session: Re
     assert session.shows == []
 
 
-def test_a_screen_that_comes_late_hears_where_the_session_is(desk: LinkedConsole) -> None:
+def test_a_screen_that_comes_late_hears_where_the_session_is(desk: Desk) -> None:
     desk.arm(trial=1, attempt=1, trials=4)
     assert prompt(desk).show == "ready"
     desk.attend(None)
@@ -302,7 +294,7 @@ def test_a_screen_that_comes_late_hears_where_the_session_is(desk: LinkedConsole
     assert prompt(desk).show == "thanks"
 
 
-def test_the_console_has_a_lamp_for_the_screen(desk: LinkedConsole) -> None:
+def test_the_console_has_a_lamp_for_the_screen(desk: Desk) -> None:
     def lamp() -> tuple[bool | None, str]:
         gauges = view(desk).gauges
         assert gauges is not None
@@ -316,7 +308,7 @@ def test_the_console_has_a_lamp_for_the_screen(desk: LinkedConsole) -> None:
 
 
 def test_a_rig_without_a_screen_has_no_lamp_until_one_comes(session: Recorded) -> None:
-    desk = LinkedConsole(View())
+    desk = Desk(View())
     desk.attend(session)
     assert view(desk).gauges == session.measured
     desk.came(1, 1)

@@ -125,7 +125,7 @@ class ScriptedActuator:
         self._prepared = None
 
     def withdraw(self) -> bool:
-        self.withdrawn += 1
+        self.withdrawn += self._prepared is not None
         self._prepared = None
         return not self.sounds_anyway
 

@@ -105,6 +105,10 @@ class Lines:
         self.clock = clock
         self.lines: list[Line] = []
         self.failing = False
+        self.waiting_s = 0.0
+
+    def free_bytes(self) -> int:
+        raise OSError
 
     @property
     def done(self) -> Progress:
@@ -158,6 +162,7 @@ def looking(exposed: Exposed, clock: ManualClock, duration_ns: int) -> None:
     while (left_ns := until_ns - clock.now_ns()) > 0:
         clock.sleep_ns(min(int(LOOK_S * 1e9), left_ns))
         exposed.look()
+        exposed.record()
 
 
 @settings(max_examples=60)
@@ -189,7 +194,7 @@ def test_the_dose_is_that_of_every_session_whatever_ends_it_and_whatever_the_clo
             logs[-1].write(Resumed(torn="", remaining=()))
         exposed, _, masking = watched(clock, logs[-1], before=dose_before([log.contents for log in logs], clock))
         assert masking is not None
-        exposed.look()
+        exposed.record()
         masking.choose("it hides all", None)
         looking(exposed, clock, plays_ns)
         truth += played(plays_ns)
@@ -315,7 +320,7 @@ def test_the_masker_is_silent_when_the_session_is_over(monkeypatch: pytest.Monke
     looking(exposed, clock, 10 * 10**9)
     assert (exposed.over(), masker.level_db_a) == ("", LEVEL_DB_A)
     looking(exposed, clock, 1)
-    assert (exposed.over(), masker.level_db_a) == ("it is over", None)
+    assert (masker.level_db_a, exposed.over()) == (None, "it is over")
 
 
 def test_the_exposure_is_on_disk_every_few_seconds_with_or_without_a_masker() -> None:
@@ -323,7 +328,7 @@ def test_the_exposure_is_on_disk_every_few_seconds_with_or_without_a_masker() ->
         clock = Machine()
         log = Lines(clock)
         exposed, _, masking = watched(clock, log, before=before)
-        exposed.look()
+        exposed.record()
         if masking is not None:
             masking.choose("it hides all", None)
         looking(exposed, clock, 60 * 10**9)
@@ -347,7 +352,7 @@ def test_what_the_watching_thread_cannot_write_is_raised_where_the_session_asks_
     masking.choose("", None)
     exposed.begin(Felt())
     log.failing = True
-    exposed._thread.join(60)
+    wait_until(lambda: exposed._failed is not None and masker.level_db_a is None)
     assert masker.level_db_a is None, "nobody watches it any longer"
     with pytest.raises(JournalError, match="the disk is full"):
         exposed.over()
@@ -366,7 +371,7 @@ def test_the_experimenter_is_told_that_the_session_is_over(monkeypatch: pytest.M
 
     monkeypatch.setattr(exposed._console, "show", gone)
     exposed.begin(Felt())
-    exposed._thread.join(60)
+    wait_until(lambda: exposed._failed is not None)
     exposed.close()
     assert told == ["\nNothing more will be felt: it is over. Answer what is asked; then the session ends or pauses."]
     with pytest.raises(ScreenGone):
