@@ -68,6 +68,9 @@ FALLS_NS = 300_000_000
 STAYS = 5
 """So many fifths of a second the foot stays on the panel."""
 
+OVERRUN_NS = 3 * HOUR_NS
+"""Whoever is asked answers before; a session that goes on for so long after its end will not end, and is cut off."""
+
 RUNNERS = 8
 """Of a history: of one task, then of the other."""
 
@@ -88,7 +91,8 @@ class Machine:
         self.boot, self._booted_ns = 0, START_NS - HOUR_NS
         self.watchers: list[Callable[[], None]] = []
         self.dies_ns: int | None = None
-        self.dead = False
+        self.given_up_ns: int | None = None
+        self.dead = self.overran = False
 
     def restart(self) -> None:
         self.boot, self._booted_ns = self.boot + 1, self.now_ns
@@ -101,7 +105,8 @@ class Machine:
         ends_ns = self.now_ns + round(seconds * SECOND_NS)
         while self.now_ns < ends_ns:
             self.now_ns = min(ends_ns, self.now_ns + SECOND_NS)
-            if self.dies_ns is not None and self.now_ns >= self.dies_ns:
+            self.overran = self.given_up_ns is not None and self.now_ns >= self.given_up_ns
+            if self.overran or (self.dies_ns is not None and self.now_ns >= self.dies_ns):
                 self.dead = True
                 raise Killed
             for look in self.watchers:
@@ -385,6 +390,11 @@ class History:
         self._protocol = shown.model_copy(update={"exposure": shown.exposure.model_copy(update=limits)})
         self._spent_ns: dict[str, int] = defaultdict(int)
 
+    @property
+    def overran(self) -> bool:
+        """Whether a session did not end."""
+        return self._machine.overran
+
     def run(self) -> Iterator[tuple[str, bool, float, str]]:
         """Yield what was attacked, whether it was survived, what was lost, and where.
 
@@ -406,11 +416,13 @@ class History:
                 if number:
                     yield f"dose after {before}", abs(believed - known) <= 0.01 * known + 1e-6, 0.0, where
                 ended, late = self._session(task, place + 1, clock, believed)
-            if task == "virtual":
+            if task == "virtual" or machine.overran:
                 yield "stimuli after a session's end", late == 0, late, f"runner {number}: {ended}"
             if self._session_min == SESSION_MIN:
                 beyond = beyond_s(self._played)
                 yield "seconds of masker after dose 1", beyond == 0, beyond, f"runner {number}: {beyond:.3f} s"
+            if machine.overran:
+                return
             before = self._meanwhile(ended)
 
     def _session(self, task: str, place: int, clock: MachineClock, believed: float) -> tuple[str, int]:
@@ -418,6 +430,7 @@ class History:
         begun_ns = machine.now_ns
         machine.dies_ns = begun_ns + round(dice.uniform(1500, 9000) * SECOND_NS) if dice.random() < 0.5 else None
         ends_ns = begun_ns + self._session_min * 60 * SECOND_NS - self._spent_ns[task]
+        machine.given_up_ns = max(ends_ns, begun_ns) + OVERRUN_NS
         heard, panel = Heard(machine, clock, self._played), Panel(clock)
         noise = MaskerNoise(np.ones(8, np.float32), FULL_SCALE_DB_A, LIMIT_DB_A)
         virtual = task == "virtual"
@@ -446,14 +459,14 @@ class History:
             )
             ended = f"a session that was {footer.reason}"
         except Killed:
-            ended = "a kill"
+            ended = "a session that did not end" if machine.overran else "a kill"
         machine.watchers.clear()
-        machine.dies_ns = None
+        overran, machine.dies_ns, machine.given_up_ns = machine.overran, None, None
         heard.ends()
         panel.settle()
         self._spent_ns[task] += machine.now_ns - begun_ns
         ahead_ns = clock.now_ns() - machine.now_ns
-        return ended, sum(sounded_ns - ahead_ns > ends_ns for sounded_ns in panel.sounded_ns)
+        return ended, overran + sum(sounded_ns - ahead_ns > ends_ns for sounded_ns in panel.sounded_ns)
 
     def _meanwhile(self, ended: str) -> str:
         """Let time pass until the next session; return what happened last that a dose must survive."""
@@ -480,8 +493,12 @@ def attacks(size: Size) -> Iterator[Count]:
     with tempfile.TemporaryDirectory() as folder:
         lasting = [SESSION_MIN] * size.of(2, 80) + [SHORT_MIN] * size.of(8, 120)
         for seed, session_min in enumerate(lasting):
-            for what, survived, lost, where in History(Path(folder) / str(seed), seed, session_min).run():
+            history = History(Path(folder) / str(seed), seed, session_min)
+            for what, survived, lost, where in history.run():
                 tallies[what].append((survived, lost, f"history {seed}, {where}"))
+            if history.overran:
+                # Its journals are long, and the others would not end either.
+                break
     os.environ.pop("TZ") if zone is None else os.environ.update(TZ=zone)
     time.tzset()
     for what, tried in sorted(tallies.items()):

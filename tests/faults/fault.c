@@ -2,7 +2,10 @@
 
    fault_arm(folder, n, how): how is 0 to count alone, SIGKILL for a kill, or an errno that the call fails with. A write
    that a kill meets is half done, in whole pages, as the kernel does it. After ENOSPC the disk stays full: whatever needs room fails from then on.
-   fault_seen(): how many such calls there were. */
+   fault_seen(): how many such calls there were.
+
+   With FAULT_HANG and FAULT_BELOW in the environment, a call of the name that a file in the folder FAULT_HANG has
+   (write, fsync, open, rename, stat) hangs below FAULT_BELOW for as long as that file is there. */
 
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -12,8 +15,10 @@
 #include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/statvfs.h>
 #include <sys/types.h>
 #include <sys/uio.h>
 #include <unistd.h>
@@ -35,6 +40,22 @@ void fault_arm(const char *path, long n, int fault) {
 }
 
 long fault_seen(void) { return seen; }
+
+static const char *hanging;
+
+__attribute__((constructor)) static void begin(void) {
+    const char *below = getenv("FAULT_BELOW");
+    hanging = getenv("FAULT_HANG");
+    if (hanging && below) fault_arm(below, 0, 0);
+}
+
+/* Stand still for as long as calls of this name do. */
+static void hang(int is_below, const char *call) {
+    char flag[PATH_MAX];
+    if (!hanging || !is_below) return;
+    snprintf(flag, sizeof flag, "%s/%s", hanging, call);
+    while (access(flag, F_OK) == 0) usleep(5000);
+}
 
 static int inside(int at, const char *path) {
     char whole[2 * PATH_MAX + 2], from[PATH_MAX] = "", link[64];
@@ -83,6 +104,7 @@ static int due(int needs_room) {
             va_end(rest);                                                                     \
         }                                                                                     \
         int is_below = inside(at, path);                                                      \
+        hang(is_below, "open");                                                               \
         FAIL_IF(is_below && ((flags) & (O_WRONLY | O_RDWR | O_CREAT | O_TRUNC)), 1, )         \
         int file = REAL(name)(__VA_ARGS__, mode);                                             \
         if (file >= 0 && file < FILES) below[file] = (char)is_below;                          \
@@ -103,6 +125,7 @@ int close(int file) {
 
 #define ON_FILE(type, name, needs_room, half, file, parameters, ...) \
     type name parameters {                                           \
+        hang(ON(file), #name);                                       \
         FAIL_IF(ON(file), needs_room, half)                          \
         return REAL(name)(__VA_ARGS__);                              \
     }
@@ -130,7 +153,9 @@ ON_FILE(ssize_t, sendfile64, 1, , file, (int file, int from, off64_t *at, size_t
 
 #define ON_PATH(name, needs_room, at, path, parameters, ...)   \
     int name parameters {                                      \
-        FAIL_IF(inside(at, path), needs_room, )                \
+        int is_below = inside(at, path);                       \
+        hang(is_below, #name);                                 \
+        FAIL_IF(is_below, needs_room, )                        \
         return REAL(name)(__VA_ARGS__);                        \
     }
 
@@ -147,3 +172,18 @@ ON_PATH(symlink, 1, AT_FDCWD, path, (const char *target, const char *path), targ
 ON_PATH(symlinkat, 1, at, path, (const char *target, int at, const char *path), target, at, path)
 ON_PATH(chmod, 0, AT_FDCWD, path, (const char *path, mode_t mode), path, mode)
 ON_PATH(fchmodat, 0, at, path, (int at, const char *path, mode_t mode, int flags), at, path, mode, flags)
+
+#define STAT(name, at, path, parameters, ...)      \
+    int name parameters {                          \
+        hang(hanging && inside(at, path), "stat"); \
+        return REAL(name)(__VA_ARGS__);            \
+    }
+
+STAT(stat, AT_FDCWD, path, (const char *path, struct stat *into), path, into)
+STAT(lstat, AT_FDCWD, path, (const char *path, struct stat *into), path, into)
+STAT(fstatat, at, path, (int at, const char *path, struct stat *into, int flags), at, path, into, flags)
+STAT(stat64, AT_FDCWD, path, (const char *path, struct stat64 *into), path, into)
+STAT(lstat64, AT_FDCWD, path, (const char *path, struct stat64 *into), path, into)
+STAT(fstatat64, at, path, (int at, const char *path, struct stat64 *into, int flags), at, path, into, flags)
+STAT(statvfs, AT_FDCWD, path, (const char *path, struct statvfs *into), path, into)
+STAT(statvfs64, AT_FDCWD, path, (const char *path, struct statvfs64 *into), path, into)

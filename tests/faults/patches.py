@@ -97,7 +97,7 @@ PATCHES = (
         "experiment/session/exposure.py",
         "        if not self._over and self._clock.now_ns() + ahead_ns > self.ends_ns:\n",
         "        if not self._over and ahead_ns < 0:\n",
-        (f"{_SESSION}test_exposure.py",),
+        ("campaign:exposure",),
     ),
     Patch(
         "session time ignored in the masker",

@@ -30,18 +30,20 @@ PRELOADED = (
     "tests.rig.visited",
 )
 
-_servers = multiprocessing.get_context("forkserver")
-_servers.set_forkserver_preload(list(PRELOADED))
+servers = multiprocessing.get_context("forkserver")
+servers.set_forkserver_preload(list(PRELOADED))
 
 
-def _palpate(folder: Path, words: tuple[str, ...], simulated: bool) -> None:
-    """Give the command in this process, which has its own folder and log."""
+def give_command(folder: Path, words: tuple[str, ...], simulated: bool, terminal: str = "") -> None:
+    """Give the command in this process, which has its own folder and log, or a `terminal` of its own."""
     os.setsid()
     os.chdir(folder)
     os.environ["XDG_RUNTIME_DIR"] = str(folder)
-    log = os.open("log", os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    for descriptor in (1, 2):
+    log = os.open(terminal or "log", os.O_RDWR | os.O_CREAT | os.O_APPEND)
+    for descriptor in (0, 1, 2) if terminal else (1, 2):
         os.dup2(log, descriptor)
+    if terminal:
+        sys.stdin = os.fdopen(0, "r", 1, closefd=False)
     if simulated:
         from tests.rig import in_the_room
 
@@ -86,7 +88,7 @@ class Desk:
         if self.process is None or not self.process.is_alive():
             words = (*self.words, "--dataset", "data", "--session-at", str(self.socket))
             # Not a daemon, which may have no processes of its own.
-            self.process = _servers.Process(target=_palpate, args=(self.folder, words, self.simulated), daemon=False)
+            self.process = servers.Process(target=give_command, args=(self.folder, words, self.simulated), daemon=False)
             self.process.start()
         ends_s = time.monotonic() + PATIENCE_S
         while not link.answers(self.socket):
