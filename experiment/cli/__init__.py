@@ -31,7 +31,7 @@ COMMANDS = {
     "Run sessions": {
         "enrol": ("laboratory", "Enrol the next participant of a study."),
         "consent": ("laboratory", "Record the consent of an enrolled participant."),
-        "person": ("laboratory", "Keep who a participant is, outside of every dataset."),
+        "person": ("laboratory", "Ask for a participant's name, and store it outside of every dataset."),
         "schedule": ("laboratory", "Print the trials of one participant, in order."),
         "run": ("session", "Run a participant's visit, or the rest of one."),
         "desk": ("desk", "Open the desk of a study, from which sessions are begun."),
