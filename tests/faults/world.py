@@ -25,11 +25,12 @@ import numpy as np
 from palpate.experiment.apparatus import rig
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep.foot import Foot, trajectory
-from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.rehearsal.wires.sound_card import SoundCard
+from tests.plugged import PluggedLine
 
 REST_MM = 46.0
 """The foot waits just above where it may, so that steps take little time."""
+
 
 RATE_HZ, BLOCK = 48_000, 1024
 
@@ -93,7 +94,7 @@ def main() -> None:
     card = SoundCard(rate_hz=RATE_HZ, block=BLOCK, inputs=2, outputs=3, exact=False) if sys.argv[2:] else None
     settings = rig.load(shipped("rigs/rehearsal.toml")).tracker
     panel = Panel()
-    line = SerialLine(link=folder / "tracker")
+    line = PluggedLine(link=folder / "tracker")
     foot = Foot(line, settings, real_time=True, rest_mm=REST_MM)
     say(address=panel.address, port=line.url, server=card.name if card else None)
     for command in sys.stdin:

@@ -13,7 +13,7 @@ from palpate.experiment.apparatus import rig
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep.foot import Foot, trajectory
 from palpate.experiment.rehearsal.footstep.panel import Panel
-from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from tests.plugged import PluggedLine
 from tests.rig.faults import Faults
 
 NOISE_MM = 0.1
@@ -60,7 +60,7 @@ HURRIED = {"READY_S": (0.05, 0.1), "SPEAKS_LOG_S": (-2.0, 0.1)}
 class Laboratory:
     """What stands there: a panel, and a line to a foot that steps when the tracker is drained, as it is when armed."""
 
-    def __init__(self, panel: Panel, line: SerialLine) -> None:
+    def __init__(self, panel: Panel, line: PluggedLine) -> None:
         self.panel = panel
         self.line = line
         self.settings = rig.load(shipped("rigs/rehearsal.toml")).tracker

@@ -25,8 +25,8 @@ from palpate.experiment.records.entries import Footer
 from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.rehearsal.footstep.panel import Panel
-from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
+from tests.plugged import PluggedLine
 from tests.rig.faults import Faults
 from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory, write_rig
 
@@ -40,7 +40,7 @@ def laboratory(
     """A sealed study of one trial a material, a rig file, an enrolled participant; the foot steps when armed."""
     simulated_rig = rigs.load(shipped("rigs/rehearsal.toml"))
     panel = Panel(simulated_rig.actuator)
-    with SerialLine(link=tmp_path / "tracker") as line:
+    with PluggedLine(link=tmp_path / "tracker") as line:
         write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address=f'"{panel.address}"')
         study = (
             shipped("okamoto2012.toml")

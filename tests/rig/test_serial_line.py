@@ -22,6 +22,7 @@ from palpate.experiment.errors import TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
+from tests.plugged import PluggedLine
 from tests.rig.faults import Faults
 
 pytestmark = pytest.mark.alone
@@ -181,7 +182,7 @@ def test_a_tracker_goes_on_where_its_line_is_plugged_in_again(
     kind: Kind, tmp_path: Path, settings: TrackerRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("serial.urlhandler.protocol_socket.time.sleep", lambda _s: None)
-    with SerialLine(kind, link=tmp_path / "tracker" if kind == "pty" else None) as line:
+    with PluggedLine(kind, link=tmp_path / "tracker") as line:
         tracker = SerialTracker(line.url, settings)
         line.write(frames(70_000, 5))
         read_until(tracker, 70_004_000)

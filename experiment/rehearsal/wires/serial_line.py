@@ -7,9 +7,7 @@ import os
 import select
 import socket
 import threading
-from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Literal, Self
 
 Kind = Literal["pty", "tcp"]
@@ -28,16 +26,9 @@ class UnpluggedError(OSError):
 class SerialLine:
     """A line that stays usable from one opening of its port to the next, until it is unplugged."""
 
-    def __init__(self, kind: Kind = HERE, *, link: Path | None = None) -> None:
-        """Lay a pseudo-terminal, or a TCP server on the loopback interface.
-
-        `link` gives a pseudo-terminal a name that outlasts unplugging, as Linux does under /dev/serial/by-id.
-        """
-        self._lay: Callable[[], _PseudoTerminal | _Server]
-        self._lay = (lambda: _PseudoTerminal(link)) if kind == "pty" else (lambda: _Server(self._tcp_port))
-        self._tcp_port = 0
-        self._end = self._lay()
-        self._tcp_port = self._end.tcp_port
+    def __init__(self, kind: Kind = HERE) -> None:
+        """Lay a pseudo-terminal, or a TCP server on the loopback interface."""
+        self._end = PseudoTerminal() if kind == "pty" else Server()
         self._lock = threading.Lock()
         self._unplugged = False
         self.url = self._end.url
@@ -71,14 +62,6 @@ class SerialLine:
                 self._unplugged = True
                 self._end.close()
 
-    def replug(self) -> None:
-        """Bring the device's end back after `unplug`, on an empty line; without a link a pseudo-terminal moves."""
-        with self._lock:
-            if self._unplugged:
-                self._end = self._lay()
-                self.url = self._end.url
-                self._unplugged = False
-
     def _check(self) -> None:
         if self._unplugged:
             raise UnpluggedError("the line is unplugged")
@@ -90,10 +73,10 @@ class SerialLine:
         self.unplug()
 
 
-class _PseudoTerminal:
-    tcp_port = 0
+class PseudoTerminal:
+    """The device's end of a pseudo-terminal."""
 
-    def __init__(self, link: Path | None) -> None:
+    def __init__(self) -> None:
         import pty
         import tty
 
@@ -101,11 +84,7 @@ class _PseudoTerminal:
         # Held open, so that the line outlives each reader and keeps raw mode.
         tty.setraw(self._port)
         os.set_blocking(self._device, False)
-        self._link = link
         self.url = os.ttyname(self._port)
-        if link is not None:
-            link.symlink_to(self.url)
-            self.url = str(link)
 
     def take(self, data: memoryview) -> int:
         with suppress(BlockingIOError):
@@ -116,19 +95,18 @@ class _PseudoTerminal:
         select.select([], [self._device], [], timeout_s)
 
     def close(self) -> None:
-        if self._link is not None:
-            self._link.unlink()
         os.close(self._device)
         os.close(self._port)
 
 
-class _Server:
-    def __init__(self, port: int) -> None:
+class Server:
+    """The device's end of a line over TCP; port 0 is any that is free."""
+
+    def __init__(self, port: int = 0) -> None:
         self._server = socket.create_server(("127.0.0.1", port))
         self._server.setblocking(False)
         self._reader: socket.socket | None = None
-        self.tcp_port = int(self._server.getsockname()[1])
-        self.url = f"socket://127.0.0.1:{self.tcp_port}"
+        self.url = f"socket://127.0.0.1:{self._server.getsockname()[1]}"
 
     def take(self, data: memoryview) -> int:
         self._accept()
