@@ -1,32 +1,4 @@
-"""Every error that palpate raises on purpose; each says what it got, what is allowed and what to do.
-
-PalpateError                exit code 2, one line for the experimenter
-├── ProtocolError           a protocol file that cannot be used; holds every problem at once
-├── ScheduleError           an order that no arrangement of trials satisfies
-├── RosterError             an unknown participant, or one that may not run
-├── RigError                a rig file that cannot be used
-├── PublishedError          a file of printed numbers that cannot be used
-├── RecordingError          a recording or manifest that cannot be used
-├── SynthesisError          input that no equation of synthesis/ accepts
-├── TrackerError            the foot's serial port
-│   └── TrackerStopped      no frame within the limit, or the port has gone
-├── ActuatorError           the stimulus could not be handed to the device
-├── ServoError              the device that pushes the hand, or the process that drives it
-├── AudioError              the audio device cannot be opened, or has stopped
-│   └── DoseUsedUp          the masker may play no longer in these 24 hours
-├── VoiceError              a recording of the microphone, or an enrolment, that no answer can be heard with
-├── JournalError            a journal that cannot be trusted or continued
-│   └── SessionLocked       another runner holds this participant
-├── SessionError            a step that the session's state does not allow
-├── ScreenGone              the experimenter's screen takes nothing more
-├── DisplayError            the participant's screen cannot be opened
-├── PauseAsked              the experimenter has the session pause
-├── LinkError               a session and its console cannot reach one another
-├── Interrupted             ended at the keyboard; exit code 130
-├── PowerError              a choice model, a number or a cluster that simulated studies cannot be run with
-├── OtherFormat             a whole file, of a format that this palpate does not read
-└── DatasetError            a dataset that cannot be read, or would be overwritten
-"""
+"""Every error that palpate raises on purpose; each says what it got, what is allowed and what to do."""
 
 from __future__ import annotations
 

@@ -1,29 +1,6 @@
 """The process of a session on its machine: priority, core, memory and collections, for as long as the session runs.
 
-**Priority.** On Linux the thread that asks, and every thread and process it starts meanwhile, gets the lowest real-time
-priority (`SCHED_RR`): ordinary work waits for it, and sound servers and drivers, which run higher, do not. Where the
-system refuses that, the thread is made as little nice as the system allows. Where the system allows neither, and on
-other systems, it stays as it is: a session works at any priority, and says which it has. Of the threads that a library
-starts some inherit the priority and some are ordinary all the same. One that runs our code takes part (`joining`), one
-step above: the session would wait for an ordinary thread whenever that holds the interpreter, and a thread on the
-session's own step would wait for its turn behind it. A real-time thread that never rests must not lock the machine. The
-kernel leaves ordinary work a twentieth of each core (`sched_rt_runtime_us`); where that has been switched off, no
-real-time priority is taken.
-
-**Core.** A thread that wakes another on the same core hands over in one switch; one on another core has to be called
-there, which takes longer, on a virtual machine by far. The session waits for its tracker's thread, so in real time both
-share a core (`pinned`). What is started `elsewhere`, such as the audio callback, takes nothing from them but its turn
-at the interpreter. The core is the fastest that no other session keeps to; of equals the last, for systems give most of
-their own work to the first. One is left to all else: a session that finds none, that the system does not let go there,
-or that runs elsewhere than on Linux, stays where it is.
-
-**Memory and computing.** Linear algebra stays in the thread that asks for it: the threads of numpy's library are
-ordinary, and a session that waits for them does so at full speed, for as long as other work keeps them from their turn.
-The product of two vectors of 48,000 samples took up to 0.2 s. From the first session on the process keeps the memory
-that arrays give back: otherwise each stimulus would have a page fault for every 4 kB of every array that it passes
-through. Nothing is collected while a foot falls.
-
-**Sound servers.** What begins at one takes turns with palpate's other processes (`taking_turns`).
+`experiment/decisions.md` says why. What begins at a sound server takes turns with palpate's others (`taking_turns`).
 """
 
 import ctypes

@@ -7,13 +7,7 @@ A pair of materials is presented half of the time in either order; which of its 
 
 An order with a constraint is drawn uniformly from all orders that satisfy it: they are counted, a rank is drawn below
 that count, and the order of that rank is built. Nothing is tried and thrown away.
-
-The count. Write u for the series of (z + ... + z^r) / (1 + z + ... + z^r) in z, where r is the longest run allowed.
-Cut the n trials of one material into k chunks, where a chunk of length l has the weight u_l, and put the chunks of
-all materials in any order. Summed over all ways to cut, every sequence with a run longer than r cancels, and each
-other is counted once (Goulden and Jackson's cluster method for words without r + 1 equal letters in a row):
-
-    count = sum over k_1..k_m of  (k_1 + ... + k_m)! / (k_1! ... k_m!)  *  product of [z^n_i] u(z)^k_i
+The count is in `experiment/decisions.md`.
 """
 
 from __future__ import annotations

@@ -2,28 +2,7 @@
 
 Prepared, they are a weighted sum of two waveforms, those at the two neighbouring knots of the foot's speed.
 
-By (3) and (4) a bin's amplitude is a straight line of the speed between two measured speeds, with one sign up to the
-middle and one beyond; extrapolated lines go on and are floored at zero. By (7), on straight lines between the measured
-values, its voltage is made of straight lines of its amplitude, limits of the gain and of the levels among them
-(`shaping.py`); and so is the acceleration that this voltage brings about. So both are made of straight lines of the
-speed, which bend at knots: where the bin reaches a level of the response, where a limit begins or ends to hold it back,
-where the voltage that it is left with passes a level, and where it is floored. The waveform at each knot of any bin is
-held. Between two of them lies their weighted sum: nothing is approximated.
-
-Two weights that add up to 1 lift no magnitude above the larger of the two, be it of volts or of the acceleration that
-they bring about. So where both knots keep the limits of amplifier and panel, what lies between them does.
-
-Where the limits have a stimulus taken down as a whole, to a part 1 / o of it, o is taken to be a straight line between
-two knots. Then what is asked for, a(v) / o(v), lies on the straight line between what is asked for at the knots, and
-all of the above holds with other weights: the part of the way is t o_2 / ((1 - t) o_1 + t o_2) where it would be t. The
-least o that the limits ask for is, like the magnitudes they are set on, nowhere above such a line. Where it is lower by
-more than `WASTE` in the middle, nothing is held; as below the slowest measured speed, where bins are floored by the
-hundred and the foot leaves time enough, beyond `FASTEST`, and of a material with too many knots for `MOST_BYTES`. There
-`shaping.drive` does the work.
-
-Error: between knots a bin keeps its sign, so that the rms of neither term is above that of their sum. Each brings the
-error of its own transform, and three roundings come on top. A knot is as exact as its place: where a response is so
-steep that the rounding of a place tells, more than `MISSED` in the middle of two knots, nothing is held between them.
+`experiment/decisions.md` has why nothing is approximated, and why every limit is kept.
 """
 
 from bisect import bisect_right

@@ -18,15 +18,10 @@ both by Parseval: `rms` of the bins that the output rate carries. In extrapolati
 there the divisor is at least the rms at the nearest measured speed. Rounding of numbers below 1e-307 comes on top: at
 most `denormal_error_m_s2`.
 
-How the two terms compare with the result, in rms: let L_j, L_l, D and W be the rms of C'(v_j), of C'(v_l), of their
-difference and of C'(v). No amplitude is negative, so D^2 <= L_j^2 + L_l^2 and, where 0 <= t <= 1/2,
-W^2 >= (1 - t)^2 L_j^2 + t^2 L_l^2. Hence t D <= W and L_j <= 2 W: between measured speeds the terms are at most 3 W.
-Beyond them D <= L_j + L_l, and `_steps_out` keeps L_j + |t| (L_j + L_l) within `CANCELLATION` L_j, and so |t| within
-`CANCELLATION` - 1. A term's error, as a part of the term, is that of the transform, and eight roundings: three of t,
-one of the difference of two amplitudes, and those of the sample held, its weight, their product and the sum.
-
 Frequency shaping (7) is not linear in amplitude, so shaped waveforms are not weighted: `voltages.py` says what is done
 for a device that takes volts.
+
+`experiment/decisions.md` has how large the two terms are beside their sum.
 """
 
 from __future__ import annotations

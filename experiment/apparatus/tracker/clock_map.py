@@ -13,20 +13,10 @@ lower edge of what is seen, and late arrivals say nothing:
 - the offset is the largest that puts no kept read, nor any read since, before its own sample. Where drift is not known
   yet or beyond the limit, old reads would hold the line back: then only those of the last two `FINE_US` count.
 
-So what drift is wrong by moves the newest sample by at most twice `FINE_US` of it: 1 ms in the first half second of a
-resonator that is 5000 ppm off, and 2 ms for every 10 000 ppm beyond the limit. With reads every 4 ms and stalls of
-31 ms the newest sample is within 2 ms after 0.1 s and within 0.1 ms after 5 s, up to 5000 ppm.
-
-Hence the newest sample is never put later than its arrival. A stall that leaves any read of its second untouched moves
-nothing; only while every read so far was held up is the map late, by the least of their delays. A delay that every
-read has, such as the device's own and its cable's, cannot be told from an offset: it is part of the rig's latency.
-
-Simulated time may stand still while samples arrive. Then samples seem to come before they were taken, and the map puts
-the newest one at the time of its arrival, and all others so much earlier. Who simulates the device knows its clock, and
-says so with a `ClockMap` of their own.
-
 A map takes the device at its word. `Pace` does not: it says whether a clock that drifts by no more than `PACE_PART` can
 have brought the reads before and after a step. The least delay before it, and that after it, may differ by `PACE_US`.
+
+`experiment/decisions.md` has what a map can be wrong by.
 """
 
 from collections import deque

@@ -16,15 +16,6 @@ A `Gate` is given when a sample lies `SETTLED_MM` below the bottom, so that nois
 at the first sample at `NEAR_MM` or lower, and is given once the next one confirms it, at twice `NEAR_MM` or lower: a
 single false reading is no contact.
 
-Contact cannot be read off as a crossing: a foot at rest is near contact height, and noise decides when it crosses. As
-long as the foot has only just landed, contact is the root of a straight line, fitted by least squares to the samples
-between `NEAR_MM` and `FAR_MM` above contact in the last `APPROACH_US` before a sample lies at `NEAR_MM` or lower; its
-time may be a few milliseconds ahead. Where frames are missing and fewer than three samples are left, the line runs from
-the bottom of the gate to that sample. A foot that slows down lands later than the line says, by at most d^2 a / (7 v^3)
-with d = FAR_MM, speed v and deceleration a at contact: 0.16 ms at 200 mm/s and 1000 mm/s^2. Noise of 0.1 mm rms at
-1 kHz adds up to 0.12 mm / v rms: 0.6 ms at 200 mm/s. Contact is never put more than `LATEST_US` after its sample. What
-goes on record of a session is the contact of landing.py, which is better and comes later.
-
 A tracker may be wrong, so `Scrutiny` stands on either side of this. It drops a lone reading that no foot could reach,
 and a passage counts only if heights and times agree with what a foot, the rig's rate and the frames counted as missing
 allow.

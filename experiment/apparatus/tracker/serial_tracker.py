@@ -4,18 +4,6 @@ A thread of its own takes what comes, stamps it at once and decodes it (frames.p
 the system's small buffer loses a frame. Time comes from the device's counter; arrivals only tell which session time
 that is (clock_map.py). One thread at a time may read. In a session it runs just above the session's, so that no
 computation keeps it from the line.
-
-A read costs the process waking up, and code that meets cold caches. So it makes few calls, reader and thread share a
-queue and no condition, and the thread pauses after a read that found no backlog, up to 12 ms. While the foot falls, in
-the gate and before it, predictions of contact rest on the newest samples: the thread then blocks on the line and has
-each frame when it comes, or what came in a millisecond where frames come faster. For feet of 300 mm/s with 0.1 mm of
-noise at 1 kHz, predictions 12 ms ahead have an SD of 0.69 ms so, against 0.73 ms with a pause of 1.6 ms and 0.85 ms
-with one of 4 ms (300 simulated falls each). A line has to hold what comes in a pause: 720 bytes at 5 kHz, where systems
-hold 4096 or more.
-
-A foot falls if a read found it `FALLEN_MM` below its reference, the highest or latest height of the last `LOOKBACK_US`,
-and for that long afterwards. A foot that falls faster than 20 to 40 mm/s is therefore noticed after a millimetre or two
-and one long pause: from rest 30 mm above the gate, long before the gate.
 """
 
 from __future__ import annotations

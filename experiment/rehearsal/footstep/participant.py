@@ -10,20 +10,7 @@ it remembers by equation (6) of Okamoto et al., and answers by the similarity-ch
 probability of an answer falls exponentially with the dissimilarity. The rule knows no material by name: which materials
 are confused follows from the waveforms alone.
 
-The parameters are few and the same for all materials:
-
-- bands of a third of an octave, 10 to 500 Hz: the Weber fraction of frequency is 0.18 to 0.25 (Israr and Tan 2006,
-  index finger), and the paper sums to 500 Hz;
-- `NOTICEABLE`: 2.5 dB, the threshold of amplitude discrimination (same source). What was felt counts as more than the
-  bare panel when its sum exceeds the remembered panel's by that; otherwise the participant guesses;
-- `MEMORY_NOISE`: remembered bands are off by half a decibel, drawn again before each task; - `SENSITIVITY`: of the
-choice, per unit of the largest dissimilarity between two remembered materials, as Table 3 is
-  normalised; `SPREAD` is the standard deviation of its logarithm among participants;
-- `CONCURRENCE` lowers the sensitivity in task `virtual`, by a factor that spreads by `CONCURRENCE_SPREAD` in its
-  logarithm: participants said that feeling the panel and the stimulus at once impeded them (section 6.2).
-
-Noise, sensitivity, concurrence and the two spreads were chosen so that simulated accuracies and their standard
-deviations among participants are about those that Tables 1 and 2 print.
+The parameters are few and the same for all materials; `experiment/decisions.md` says what each rests on.
 """
 
 from collections.abc import Sequence

@@ -10,29 +10,12 @@ with exponents of 1.3 to 1.6 for paper (Houle and Sethna, Acoustic emission from
   energy from pulse to pulse but not from take to take: the energies of a take are scaled to their expected sum;
 - each pulse rings through the modes of the structure, damped sinusoids.
 
-Pulses come per millimetre of crushing, so their rate is linear in speed; their amplitude grows as v^(6/5), as the
-peak of a Hertzian impact does (Johnson, Contact Mechanics, 1985, section 11.4). The mode frequencies, exponents and
-rates are plausible choices too. Two choices were made with section 3.3 of Okamoto et al. in view, which says that takes
-of all materials are most like syntheses of their own speed or one close to it:
-
-- The power 6/5. Where amplitudes grow more slowly than linearly, equation (6) cannot tell the speeds of single takes
-  apart. Its sum of absolute differences is least at the median of a random spectrum's magnitude, 16 % below the mean
-  that syntheses are made of, so takes look slower than they were, the more so the less amplitudes depend on speed.
-- The thump's strength, of which the paper prints nothing. The thump comes 10 mm after first contact with an object and
-  at once without, so |C_k| of the two do not cancel in equation (2), and what they leave differs from speed to speed.
-  Where that outweighs the crackle of polypropylene, the weakest, its takes are put on other speeds.
-
-The weights of the modes were fitted by least squares so that the mean over many seeds of equation (6) at 200 mm/s is
-Table 3. Three takes scatter about that mean by up to 0.017, so sessions are chosen: where a plan asks for recordings as
-the paper made them (its rate, length, takes, four materials, and 200 mm/s among the speeds), sessions are drawn until
-equation (6) at 200 mm/s gives Table 3 within `TABLE_3_TOLERANCE` for all six pairs. Nothing else is chosen: on which
-speeds takes are put (Figure 7) is left to chance. The table is met by takes as they are drawn; recorded ones begin 2 ms
-before their trigger, which moves it by about 0.01.
-
 Any other material gets a generic crackle, drawn from its id between the parameters of the four: it resembles nothing.
 
 `palpate record --simulated` has the takes of a session pass through the ports, `make_recordings` writes them at once,
 and fresh takes are drawn alike. The first attempt at a take that is on target is kept.
+
+`experiment/decisions.md` has what was chosen, and with which table of the paper in view.
 """
 
 import hashlib

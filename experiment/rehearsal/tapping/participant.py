@@ -5,13 +5,7 @@ samples are felt with an error of their own, and the harder one is chosen. A liv
 feels; what the height of a virtual one of Table 1 says of its hardness is FITTED to Table 3 of Wellman and Howe
 (`surfaces.virtual_hardness`). A pair that feels nearly alike is thus called by chance, and takes longer.
 
-Further parameters are few, and none of them was fitted to percentages of right answers:
-
-- `DISCRIMINATION`: the standard deviation of a judged height, in logarithms, is the Weber fraction of frequency, 0.18
-  to 0.25 (Israr and Tan 2006); `SPREAD` is the standard deviation of its own logarithm among participants. Ours;
-- `LEANING`: the standard deviation among participants of what being first adds, in the same unit. Ours;
-- `NEARLY`: two heights that differ by less than this part of the discrimination feel the same, where ties are allowed.
-  Ours.
+Further parameters are few, none of them fitted to percentages of right answers; `experiment/decisions.md` has them.
 """
 
 from collections import Counter

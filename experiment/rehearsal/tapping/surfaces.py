@@ -9,12 +9,6 @@ displacement falls by 12 dB an octave up to about 300 Hz (Bolanowski, Gescheider
 a constant threshold in acceleration, and rises steeply above; ours is a Butterworth filter of fourth order there. How
 high a vibration feels is the mean frequency of the power that passes. So the 4000 Hz of aluminum hardly arrive, and it
 feels no higher than plastic: no number of Table 2 is used for that.
-
-That alone answers for live taps; it correlates with Table 2 by 0.90 to 0.96 over three seeds. No scale of frequency has
-Table 3, whatever the filter: 43 and 50 Hz are told there as well as others an octave apart, which ends at a correlation
-of 0.82, and plastic is taken for softer surfaces more often than any other, though aluminum never is. **So what a felt
-height says of hardness in virtual taps is FITTED to Table 3** (`FITTED`): that rehearsed choices resemble it, by 0.95
-to 0.98 over three seeds, is no evidence of anything (`tests/experiment/rehearsal/tapping/test_observer.py`).
 """
 
 from collections.abc import Mapping, Sequence
