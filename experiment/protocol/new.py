@@ -139,9 +139,9 @@ def text(study: NewStudy) -> str:
         "no_answer": toml(NO_ANSWER),
         "redo": toml(REDO),
         "pause": toml(PAUSE),
-        "shortest_min": str(_up_to(5, shortest_s / 60)),
-        "longest_min": str(_up_to(5, longest_s / 60)),
-        "session_min": f"{min(240, _up_to(5, 1.2 * session_s / 60)):<24}",
+        "shortest_min": str(_in_fives(shortest_s / 60)),
+        "longest_min": str(_in_fives(longest_s / 60)),
+        "session_min": f"{min(240, _in_fives(1.2 * session_s / 60)):<24}",
         "order": f"{toml('counterbalanced' if len(tasks) > 1 else 'fixed'):31}",
         "break_s": str(BREAK_S),
         "answers": str(max(1, trials * 9 // 10)),
@@ -224,9 +224,9 @@ def _check(made: str, of: Sequence[NewMaterial] = ()) -> None:
         raise PalpateError(f"got {got}; allowed: {allowed}") from error
 
 
-def _up_to(step: int, value: float) -> int:
-    """Return the next multiple of `step` from `value` on."""
-    return -int(-value // step) * step
+def _in_fives(value: float) -> int:
+    """Return the next multiple of 5 from a value on."""
+    return -int(-value // 5) * 5
 
 
 _INSTRUCTIONS = {

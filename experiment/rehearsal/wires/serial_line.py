@@ -28,7 +28,7 @@ class SerialLine:
 
     def __init__(self, kind: Kind = HERE) -> None:
         """Lay a pseudo-terminal, or a TCP server on the loopback interface."""
-        self._end = PseudoTerminal() if kind == "pty" else Server()
+        self._end = PseudoTerminal() if kind == "pty" else Server(port=0)
         self._lock = threading.Lock()
         self._unplugged = False
         self.url = self._end.url
@@ -102,7 +102,7 @@ class PseudoTerminal:
 class Server:
     """The device's end of a line over TCP; port 0 is any that is free."""
 
-    def __init__(self, port: int = 0) -> None:
+    def __init__(self, port: int) -> None:
         self._server = socket.create_server(("127.0.0.1", port))
         self._server.setblocking(False)
         self._reader: socket.socket | None = None
