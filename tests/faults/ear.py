@@ -16,7 +16,7 @@ LOUD = 1e-6
 
 
 def main() -> None:
-    """Say channel and time of each loud block, and -1 once there is something to hear."""
+    """Say channel and time of each loud block, -1 once it can hear, and -2 for each output."""
     jack.set_error_function(lambda _text: None)
     jack.set_info_function(lambda _text: None)
     client = jack.Client("ear", servername=sys.argv[1], no_start_server=True)
@@ -31,13 +31,14 @@ def main() -> None:
 
     client.set_process_callback(heard)
     client.activate()
+    loud.append((-1, time.monotonic()))
     while True:
         outputs = sorted(client.get_ports("^PortAudio:out_[0-9]+$"), key=lambda port: port.name)
         for place, output in enumerate(outputs[len(entries) :], len(entries)):
             entry = client.inports.register(f"in_{place}")
             client.connect(output, entry)
             entries.append(entry)
-            loud.append((-1, time.monotonic()))
+            loud.append((-2, time.monotonic()))
         while loud:
             sys.stdout.write("{} {}\n".format(*loud.popleft()))
         sys.stdout.flush()

@@ -38,6 +38,9 @@ PR_SET_PDEATHSIG = 1
 """Of Linux's prctl: the signal at the end of the parent."""
 
 BLOCK = 512
+EAR_S = 10.0
+"""An ear that the server keeps waiting for so long is begun anew, s."""
+
 QUIET_S = 0.1
 """What stops for less goes on: a force device on a busy machine drops its force for some ms, s."""
 
@@ -128,36 +131,42 @@ def press(rig: Path) -> None:
 class Ear:
     """A process that hears every output of the session's sound card: when each was loud last, and when it began to be.
 
-    A block alone does not count: one that was under way when its process was stopped comes when that goes on.
+    What lasts for less than `QUIET_S` only begins: blocks that were under way when their process was stopped come when
+    it goes on.
     """
 
     def __init__(self, server: str) -> None:
         # A client of a server that has stood still may wait for it for ever, and is killed.
         self._process = subprocess.Popen([sys.executable, "-m", "tests.faults.ear", server], stdout=subprocess.PIPE)
         self.last_s: dict[int, float] = {}
-        """By channel, from 0: when the last loud block was heard, but for one alone."""
+        """By channel, from 0: when the last loud block was heard of what lasted for `QUIET_S` or more."""
         self.began_s: list[tuple[int, float]] = []
         """Channel, and time at which it was loud after a silence of `QUIET_S` or more."""
         self.listens = False
+        self._begins, self._begun_s = True, time.monotonic()
         threading.Thread(target=self._read, daemon=True).start()
 
     def _read(self) -> None:
         before_s: dict[int, float] = {}
+        begun_s: dict[int, float] = {}
         for line in self._process.stdout or ():
             channel, at_s = int(line.split()[0]), float(line.split()[1])
-            self.listens = True
+            self._begins = False
             if channel < 0:
+                self.listens = channel == -2
                 continue
             if at_s - before_s.get(channel, 0.0) > QUIET_S:
                 self.began_s.append((channel, at_s))
-            else:
+                begun_s[channel] = at_s
+            elif at_s - begun_s[channel] >= QUIET_S:
                 self.last_s[channel] = at_s
             before_s[channel] = at_s
 
     @property
-    def lives(self) -> bool:
-        """Whether it hears; a server that has not begun yet is tried again."""
-        return self._process.poll() is None
+    def failed(self) -> bool:
+        """Whether another has to be tried: the server had not begun yet, or keeps this one waiting."""
+        late = self._begins and time.monotonic() > self._begun_s + EAR_S
+        return late or self._process.poll() is not None
 
     def close(self) -> None:
         self._process.kill()
@@ -214,7 +223,8 @@ class Session:
         if self._hand is not None:
             self._hand.press()
         while time.monotonic() < ends_s and self.process.is_alive():
-            if self.ear is not None and not self.ear.lives:
+            if self.ear is not None and self.ear.failed:
+                self.ear.close()
                 self.ear = None
             if self.ear is None and (server := self._server()):
                 self.ear = Ear(server)
