@@ -264,7 +264,7 @@ def test_a_disk_that_stands_still_holds_up_neither_silence_nor_the_dose() -> Non
 
     def write(entry: MaskerSet | Note) -> None:
         hangs.set()
-        assert goes_on.wait(60)
+        assert goes_on.wait(10)
         written.append(entry)
 
     one = Masking(masker, ScriptedConsole(clock, ""), write, clock)
