@@ -1,4 +1,4 @@
-"""The subset of the fault campaign that every change has to survive."""
+"""The subset of the fault campaign that every change has to survive; that of `stalls` is in `tests/rig`."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from tests.faults.campaign import BEGIN, END, PARTS, Count, Size
 from tests.faults.inputs import STARTED
 
 
-@pytest.mark.parametrize("part", PARTS)
+@pytest.mark.parametrize("part", [part for part in PARTS if part != "stalls"])
 def test_every_fault_is_survived(part: str) -> None:
     counts = list(campaign.attacks(part, Size.SUBSET))
     assert counts

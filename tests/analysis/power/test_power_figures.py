@@ -28,7 +28,9 @@ def test_letters_stand_clear_of_one_another(sizes: tuple[int, ...]) -> None:
 def test_long_names_and_many_materials_stand_clear_too() -> None:
     study = protocol()
     named = [study.materials[0].model_copy(update={"id": f"a sheet of thin and crackling foil {n}"}) for n in range(4)]
-    renamed = _planned(study.model_copy(update={"materials": tuple(named)}))
+    pair = tuple(one.id for one in named[:2])
+    tests = tuple(one.model_copy(update={"materials": pair if one.materials else ()}) for one in study.analysis)
+    renamed = _planned(study.model_copy(update={"materials": tuple(named), "analysis": tests}))
     check([report.plot(run(renamed, guess(study), participants=(4, 15)))])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import threading
 from collections.abc import Callable
 from contextlib import nullcontext
 from datetime import date
@@ -185,6 +186,7 @@ def test_shaping_is_opened_for_volts_and_for_nothing_else(write: Write) -> None:
         opening.open_actuator(rigs.load(write(GOOD)), limit_m_s2=10.0, drive=drive)
     with socket.create_server(("127.0.0.1", 0)) as server:
         where = f"127.0.0.1:{server.getsockname()[1]}"
+        threading.Thread(target=lambda: server.accept()[0].close(), daemon=True).start()
         opened = opening.open_actuator(rigs.load(write(VOLTS)), limit_m_s2=10.0, drive=drive, address=where)
     assert opened.rate_hz == 48_000
 

@@ -52,7 +52,8 @@ def test_what_is_wrong_is_refused_by_name(made: MadeStudy, wrong: Wrong, tmp_pat
 def test_a_journal_presents_what_its_task_presents(tmp_path: Path) -> None:
     some = '["copy paper", "typing paper"]'
     further = {f'stimulus = "{kind}"': f'stimulus = "{kind}"\nmaterials = {some}' for kind in ("virtual", "real")} | {
-        "limit = 4": "limit = 2"
+        "limit = 4": "limit = 2",
+        'materials = ["aluminum foil", "typing paper"]': f"materials = {some}",
     }
     study = make_study(tmp_path / "study", further=further, enrolled=3, sessions=1, keys="cp")
     assert len(beliefs.believed(study.root).sessions) == 1

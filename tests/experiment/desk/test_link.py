@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import stat
+import tempfile
 import threading
 from collections.abc import Iterator
 from concurrent.futures import Future
@@ -110,10 +111,18 @@ def test_only_its_owner_may_open_it(listening: Link, tmp_path: Path, monkeypatch
     assert (other != folder, stat.S_IMODE(other.stat().st_mode)) == (True, 0o700)
 
 
+@pytest.fixture
+def short_path() -> Iterator[Path]:
+    """A folder whose path leaves room for a socket's name, which may have some hundred characters."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
 @pytest.mark.parametrize("taken", ["a folder of others", "a file", "a link"])
 def test_a_name_that_another_user_took_locks_nobody_out(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taken: str
+    short_path: Path, monkeypatch: pytest.MonkeyPatch, taken: str
 ) -> None:
+    tmp_path = short_path
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     usual = tmp_path / f"palpate-{os.getuid()}"
     mine = tmp_path / "elsewhere"
