@@ -265,7 +265,9 @@ def test_every_number_that_a_public_function_takes_is_tried() -> None:
         for node in ast.parse(inspect.getsource(module)).body:
             if isinstance(node, ast.FunctionDef) and not node.name.startswith("_"):
                 taken = ((one.arg, one.annotation) for one in (*node.args.args, *node.args.kwonlyargs))
-                wanted |= {f"{node.name}: {name}" for name, of in taken if of is not None and ast.unparse(of) in NUMBERS}
+                wanted |= {
+                    f"{node.name}: {name}" for name, of in taken if of is not None and ast.unparse(of) in NUMBERS
+                }
     assert wanted <= tried
     assert len(wanted) > 40
 
