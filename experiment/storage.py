@@ -168,7 +168,7 @@ def write(path: Path, content: bytes) -> None:
 
     Raises `OSError` if the file system refuses; nothing is left behind.
     """
-    with temporary(path.parent, lambda partial: create(partial, content)) as partial:
+    with named(path), temporary(path.parent, lambda partial: create(partial, content)) as partial:
         partial.replace(path)
     sync_folder(path.parent)
 
@@ -176,10 +176,79 @@ def write(path: Path, content: bytes) -> None:
 def create(path: Path, content: bytes) -> None:
     """Put `content` into a new file, on disk when this returns. Raises `OSError`, also if there is such a file."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("xb") as file:
+    with named(path), path.open("xb") as file:
         file.write(content)
         file.flush()
         os.fsync(file.fileno())
+
+
+REMEDIES = {
+    errno.ENOSPC: "make room on that disk",
+    errno.EDQUOT: "make room within your quota",
+    errno.EFBIG: "allow larger files (ulimit -f), or use another file system",
+    **dict.fromkeys((errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP), "use a local disk, whose file system locks files"),
+}
+"""What to do about what a system refuses, by its number."""
+
+
+def remedy(error: OSError) -> str:
+    """Return what to do about it."""
+    return REMEDIES.get(error.errno or 0, "mend that")
+
+
+@contextmanager
+def named(path: Path) -> Iterator[None]:
+    """Have what the system refuses in this block name a file, as it will be called, unless it names one."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None and not TEMPORARY.fullmatch(path.name):
+            error.filename = str(Path(*(part for part in path.parts if not TEMPORARY.fullmatch(part))))
+        raise
+
+
+@contextmanager
+def locked(path: Path, timeout_s: float = -1) -> Iterator[None]:
+    """Hold a lock file; its folder is made. Raises `filelock.Timeout`, and `OSError` where nothing can be held."""
+    from filelock import FileLock
+
+    # A file beside it would not be let go where the process is killed.
+    lock = FileLock(path, timeout_s, fallback_to_soft=False)
+    with named(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock.acquire()
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+CLOSING = "take that from them (chmod -R go-rwx), or use a file system that has modes or is mounted for you alone"
+
+
+def readable_by_others(dataset: Path) -> tuple[Path, ...]:
+    """Return which of a dataset's folder of people, seed and roster others on this machine can read."""
+    source = dataset / "sourcedata"
+    if (
+        sys.platform == "win32"
+        or not source.is_dir()
+        or not all(_is_open(one, 0o11) for one in source.resolve().parents)
+    ):
+        return ()
+    places = (source, seed_path(dataset), roster_path(dataset)) if _is_open(source, 0o11) else (source,)
+    return tuple(one for one in places if one.exists() and _is_open(one, 0o44))
+
+
+def _is_open(path: Path, bits: int) -> bool:
+    """Return whether others have one of these bits; a group that may write shares the files."""
+    mode = path.stat().st_mode
+    return bool(mode & bits & (0o07 if mode & 0o20 else 0o77))
+
+
+def readers_warning(dataset: Path) -> str:
+    """Return in words what `readable_by_others` found, and what to do; empty for nothing."""
+    shown = ", ".join(map(str, readable_by_others(dataset)))
+    return f"Others on this machine can read {shown}; {CLOSING}." if shown else ""
 
 
 @contextmanager

@@ -4,6 +4,7 @@ LaTeX is one `table` environment a table, for `\input` into a paper, and needs t
 """
 
 import csv
+import html
 import io
 import math
 import re
@@ -242,8 +243,8 @@ def _markdown_row(cells: Sequence[str]) -> str:
 
 
 def _markdown(text: str) -> str:
-    """Return text on one line in which no character makes a cell, a tag, a link or emphasis."""
-    return re.sub(r"([\\`|*<\[\]])", r"\\\1", " ".join(text.split()))
+    """Return text on one line in which no character makes a cell, a tag, a link or emphasis, by any reader's rules."""
+    return re.sub(r"([\\`|*\[\]])", r"\\\1", html.escape(" ".join(text.split()), quote=False))
 
 
 SPECIAL = {

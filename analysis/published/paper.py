@@ -335,7 +335,11 @@ def _text(path: Path) -> str:
     try:
         data = storage.read_bytes(path, LARGEST)
     except OSError as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else f"a file that cannot be read ({error})"
+        reason = (
+            "no such file"
+            if isinstance(error, FileNotFoundError)
+            else f"a file that cannot be read ({storage.why(error)})"
+        )
         raise PublishedError(f"{path}: got {reason}; allowed: an HTML page or a CSV file; give its path") from error
     try:
         return data.decode("utf-8-sig")

@@ -112,8 +112,10 @@ def _run() -> None:
         sys.stderr.close()
         raise SystemExit(1) from None
     except OSError as error:
+        from palpate.experiment import storage
+
         where = plain(f"{error.filename}: ", keep="") if error.filename else ""
-        tell(f"palpate: {where}{error.strerror or error}; mend that, then run the command again")
+        tell(f"palpate: {where}{error.strerror or error}; {storage.remedy(error)}, then run the command again")
         raise SystemExit(2) from None
     except MemoryError:
         tell("palpate: this takes more memory than there is; give smaller files or numbers, or close other programs")

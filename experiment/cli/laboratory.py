@@ -76,11 +76,14 @@ def enrol(
     --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
     before completing, in the same order of tasks.
     """
+    from palpate.experiment import storage
     from palpate.experiment.study import enrolment
 
     _check_roster(protocol_file, dataset, pilot=pilot)
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
+    if warning := storage.readers_warning(path.parent.parent):
+        options.say(f"palpate: {warning}", err=True)
     if told := enrolment.unsealed(protocol_file):
         options.say(f"palpate: {told}", err=True)
 

@@ -263,7 +263,7 @@ def _check_table(root: Path, path: Path, content: bytes) -> None:
                 raise DatasetError(f"{path}: {differing[0]} is not what the journals give: {remedy}")
             return
     except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: cannot be read ({error}): {remedy}") from error
+        raise DatasetError(f"{path}: cannot be read ({storage.why(error)}): {remedy}") from error
     lines = zip_longest(found.split(b"\n"), content.split(b"\n"))
     for number, (on_disk, given) in enumerate(lines, start=1):
         if on_disk != given:

@@ -339,6 +339,8 @@ def _reminders(root: Path, dataset: Believed, people: list[Person]) -> Iterator[
                 f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
                 f"Unless it is running now, it was cut off; {again} goes on with it."
             )
+    if warning := storage.readers_warning(root):
+        yield warning
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:
         yield f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."
 

@@ -283,7 +283,7 @@ def _recordings(root: Path, named: set[str | None]) -> str:
         data = storage.read_bytes(manifest)
         takes = [(str(take["file"]), str(take["sha256"])) for take in tomllib.loads(data.decode())["takes"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordingError(f"{manifest}: cannot be read ({error}); restore it from a backup") from error
+        raise RecordingError(f"{manifest}: cannot be read ({storage.why(error)}); restore it from a backup") from error
     if named != {hashlib.sha256(data).hexdigest()}:
         raise RecordingError(f"{manifest}: is not the one that the journals name; restore it from a backup")
     broken = [name for name, sha256 in takes if _sha256(folder / name) != sha256]

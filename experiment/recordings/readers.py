@@ -2,17 +2,6 @@
 
 The content of a file decides which it is, not its name. The sampling rate is that of the column of times wherever there
 is one: the rate in a header may be wrong, and is only reported beside it.
-
-Text columns are separated by tabs, semicolons, commas or blanks, with decimal points or decimal commas; the first line
-that reads as two numbers or more decides how all later lines are read. Lines before it are headings; blank lines and
-comments (#, %, ;, //) may stand anywhere.
-
-A LabVIEW file holds a file header, then segments, each with a header of its own and rows of cells. According to the
-manufacturer's specification and to files in the wild, tags stand in the first cell of a line, in any order, and unknown
-tags are to be passed over; `***End_of_Header***` ends a header; `***Start_Special***` to `***End_Special***` is a block
-of another kind. Every segment names its channels in a line that begins with `X_Value` and may end with `Comment`. There
-is one column of times, or one before each channel, or one whose cells are empty. Version 1 files have no
-`Decimal_Separator`. A channel with fewer samples has empty cells.
 """
 
 import re
@@ -32,10 +21,14 @@ from palpate.experiment.recordings.wav import wav_samples
 LARGEST_STEP_ERROR = 0.5
 """How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""
 
+LARGEST = 64 * 2**20
+"""No recording is read that is larger, bytes: 11 minutes of 16 bits at 48 kHz. Its samples take eight times that."""
+
 _LVM_TAG = re.compile(r"(?!nan$|inf$|infinity$)[A-Za-z]\w*", re.IGNORECASE)
 _DIALECTS = [(separator, decimal) for separator in ("\t", ";", ",", None) for decimal in ".," if separator != decimal]
-_COMMENT = re.compile(r"\s*(#|%|;|//)")
-_UNIT = re.compile(r"(?P<name>.*?)\s*[\(\[](?P<unit>[^()\[\]]*)[\)\]]\s*")
+# No match begins inside of blanks, so that many of them take no longer than as many letters.
+_COMMENT = re.compile(r"(?<!\s)\s*(#|%|;|//)")
+_UNIT = re.compile(r"(?P<name>.*?)(?<!\s)\s*[\(\[](?P<unit>[^()\[\]]*)[\)\]]\s*")
 _SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
 _TIME = re.compile(r"(?:t|(?:.*[\s_.-])?(?:times?|timestamp|zeit|x_value))(?:[\s_.-].*)?", re.IGNORECASE)
 _UNIT_SUFFIX = re.compile(r".*[\s_](s|ms|us|ns)", re.IGNORECASE)
@@ -95,10 +88,11 @@ def read(path: Path, *, channel: str | None = None) -> Recording:
     there is no column of times, or times do not rise in even steps. The error names the line where there is one.
     """
     try:
-        content = storage.read_bytes(path)
+        content = storage.read_bytes(path, LARGEST)
     except OSError as error:
         raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}); allowed: a WAV, .lvm or text file; name another file"
+            f"{path}: cannot be read ({error.strerror}); allowed: a WAV, .lvm or text file of at most "
+            f"{LARGEST // 2**20} MiB; cut it, or name another file"
         ) from error
     if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
         return _from_wav(path, *wav_samples(content, file=str(path)), channel)
@@ -123,7 +117,9 @@ def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | Non
     samples, unit = table[:, place].astype(np.float64), ""
     if stored.dtype.kind != "f":
         zero = 128.0 if stored.dtype == np.uint8 else 0.0
-        samples, unit = (samples - zero) / 2.0 ** (8 * stored.dtype.itemsize - 1), "full scale"
+        samples -= zero
+        samples /= 2.0 ** (8 * stored.dtype.itemsize - 1)
+        unit = "full scale"
     if not np.all(np.isfinite(samples)):
         at = int(np.flatnonzero(~np.isfinite(samples))[0])
         raise RecordingError(f"{path}: sample {at}: got {samples[at]}; allowed: finite numbers; record it again")

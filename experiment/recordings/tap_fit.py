@@ -6,10 +6,6 @@ The model is equation (2) of Wellman and Howe with a phase, and a baseline that 
 
 It is fitted by least squares from the largest sample on to where the envelope has fallen to `UNTIL`. Samples that the
 recorder has clipped are left out, and told. What rings in more than one mode, or in none, is called a misfit.
-
-Residuals of neighbouring samples are alike, which standard errors take in: the covariance is a sandwich of the
-sensitivity matrix with Bartlett's weights (Newey and West, Econometrica 55, 1987, p. 703) over the lags that Andrews
-gives for an autoregression of first order (Econometrica 59, 1991, p. 817: equations (6.2) and (6.4)).
 """
 
 import csv

@@ -7,14 +7,15 @@ import errno
 import os
 import shlex
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
-from filelock import FileLock, Timeout
+from filelock import Timeout
 from pydantic import Field, TypeAdapter, ValidationError
 
+from palpate.experiment import storage
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import JournalError, SessionLocked, other_format
 from palpate.experiment.records import chain, entries
@@ -323,15 +324,11 @@ def locked(folder: Path, participant: str) -> Iterator[None]:
 
     Raises `SessionLocked` if another runner holds the participant.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(folder / f".sub-{participant}.lock")
     refused = f"a session of participant {participant} is running; end it at its console, or wait until it ends"
-    try:
-        lock.acquire(blocking=False)
-    except Timeout as error:
-        raise SessionLocked(refused) from error
-    try:
-        with _held_folder(folder, refused):
-            yield
-    finally:
-        lock.release()
+    with ExitStack() as held:
+        try:
+            held.enter_context(storage.locked(folder / f".sub-{participant}.lock", 0))
+        except Timeout as error:
+            raise SessionLocked(refused) from error
+        held.enter_context(_held_folder(folder, refused))
+        yield

@@ -18,7 +18,6 @@ from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
 
-from filelock import FileLock
 from pydantic import Field, ValidationError
 
 from palpate.experiment import storage
@@ -336,8 +335,7 @@ def settle(
     kept, lock = storage.protocol_path(root), root / "sourcedata" / LOCK
     if not kept.exists() and any(_of_something_else(path.relative_to(root)) for path in root.rglob("*")):
         raise DatasetError(f"{root}: this folder holds something else; choose another folder with --dataset")
-    lock.parent.mkdir(parents=True, exist_ok=True)
-    with FileLock(lock):
+    with storage.locked(lock):
         if not kept.exists():
             storage.people_folder(root)
             drawn = secrets.randbelow(2**31) if seed is None else seed

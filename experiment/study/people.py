@@ -12,7 +12,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
-from filelock import FileLock
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from palpate.experiment import storage
@@ -138,7 +137,7 @@ def _held(protocol: Protocol, dataset: Path) -> Iterator[Path]:
             f"{path} lies in the dataset {inside[0]}; names stand in no dataset; have XDG_DATA_HOME name another folder"
         )
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-    with FileLock(path.with_suffix(".lock")):
+    with storage.locked(path.with_suffix(".lock")):
         yield path
 
 

@@ -15,9 +15,9 @@ from datetime import date
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
 
-from filelock import FileLock
 from pydantic import Field, TypeAdapter, ValidationError
 
+from palpate.experiment import storage
 from palpate.experiment.clock import wall_ns
 from palpate.experiment.errors import RosterError, other_format
 from palpate.experiment.protocol.models import Protocol
@@ -295,11 +295,11 @@ class Roster:
     def _writing(self) -> Iterator[None]:
         """Keep other writers out. Raises `RosterError` if the roster cannot be written."""
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with FileLock(self.path.with_name(f".{self.path.name}.lock")):
+            with storage.locked(self.path.with_name(f".{self.path.name}.lock")):
                 yield
         except OSError as error:
-            raise RosterError(f"{self.path}: cannot write the roster ({error.strerror}); mend that first") from error
+            told = f"{self.path}: cannot write the roster ({error.strerror}); {storage.remedy(error)}, then try again"
+            raise RosterError(told) from error
 
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant

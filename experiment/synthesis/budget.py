@@ -13,10 +13,6 @@ it last, so the squares of the shares add up:
   this is an estimate: how far the cubic through the four nearest values lies from the lines, in frequency and in level;
 - `rounding`: of the transforms, the weights and the float32 samples, taken from the samples themselves. Voltages are
   weighed with the steepest response in the table, so theirs is a bound.
-
-Beside the budget, and in no total, stand what the recordings themselves leave uncertain (`interpolation`, `averaging`),
-for the equations ask for what these give; the other reading of equation (7) (`other_reading`); and timing, which moves
-all of a stimulus and changes none of its spectrum.
 """
 
 from collections.abc import Iterator

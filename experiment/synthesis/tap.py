@@ -4,11 +4,6 @@
     Q(t) = A(V) exp(-B t) sin(W t)       (2)
     W = 2 pi f                           (3)
 
-L is the amplitude at 0.2 m/s of Table 1, which is printed as a part of aluminum's; D says how the amplitude grows with
-the speed V. The amplitude is linear in V through the origin, so D is 1 / (0.2 m/s) for each of the five. The paper
-prints no unit of amplitude, so how strong aluminum is at 0.2 m/s is an argument. Q's own largest value is less than
-A. B was 100 /s for all.
-
 Table 1 gives aluminum's stiffness as more than 160,000 N/m; here it is 160,000 N/m.
 """
 

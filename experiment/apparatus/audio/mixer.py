@@ -3,12 +3,6 @@
 Everything that `fill` touches was allocated before the stream began, or by the session's thread when it handed over a
 stimulus; what `fill` itself allocates are views.
 
-The callback and the session's thread share no lock. A stimulus that waits lies in a deque of at most one place, and
-whoever pops it owns it: the callback to start it, the session's thread to move or withdraw it. So a stimulus either
-starts at the frame that was asked for last, or the session knows that it can no longer be moved. Whether it sounds at
-all is settled once, in the same way: whoever pops the one entry of `Cue.unsettled`, the callback to start it or the
-session's thread to withdraw it, has its way, wherever the stimulus lies meanwhile.
-
 Everything ends at a frame, and so does a loop: the callback itself fades there, whatever the session's threads do.
 """
 

@@ -4,13 +4,6 @@ Frames count from 0 at the stream's first sample. A block's samples are made by 
 What is scheduled before `lead_frames` have to be made leaves at its very frame; what comes too late is never played
 belatedly: its cue says so.
 
-`Timeline` says which session time a frame is, from the times at which callbacks came. A callback may come late and
-never early, so of the last callbacks those that came soonest after their frame tell the time of it: the timeline is the
-line of the stream's rate that touches them from below. Where several callbacks in a row all come late by more than a
-quarter of a block, frames were lost, or the device stood still: that is a gap, and the line begins anew with the first
-of them. A frame of the past stands on the line that held when it was taken, so that a gap after a stimulus does not
-move it.
-
 Devices are known by host API and name; what PortAudio says against one becomes an `AudioError`.
 """
 

@@ -21,6 +21,7 @@ from typing import Literal
 
 import numpy as np
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import response_table as response
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
@@ -343,6 +344,12 @@ def writing(folder: Path, clock: Clock) -> Check:
         allowed=f"at most {BUDGET_MS:g} ms, so that no participant waits",
         remedy="keep the dataset on a local disk, not a network's or a memory stick; close what else writes",
     )
+
+
+def privacy(folder: Path) -> Iterator[Check]:
+    """Yield what others on this machine can read of a dataset's people, seed and roster; nothing where they cannot."""
+    if shown := storage.readable_by_others(folder):
+        yield Check("privacy", "red", f"others can read {', '.join(map(str, shown))}", remedy=storage.CLOSING)
 
 
 def _there(folder: Path) -> Path:

@@ -79,6 +79,7 @@ def examine(
         for check in _devices(rig, protocol, clock, simulate) if rig is not None else ():
             yield replace(check, measured=f"SIMULATED: {check.measured}") if rig and rig.rig.simulated else check
         yield checks.writing(folder, clock)
+        yield from checks.privacy(folder)
         yield checks.resolution(clock)
         yield checks.waking(clock)
     yield checks.wall(begun, checks.mark(clock))

@@ -1,15 +1,4 @@
-"""Takes out of the microphone what we play ourselves: the masker, which is known sample by sample.
-
-The way from the stream's output through headphones and room to the microphone is taken for linear and steady. Its
-impulse response h is the least-squares filter from played x to microphone y, over the seconds in which nobody speaks:
-the h that makes sum over t of (y[t] - sum over k of h[k] x[t - k])^2 least (S. Haykin, Adaptive Filter Theory, chapter
-on the method of least squares, covariance windowing). Its normal equations are nearly Toeplitz, so conjugate gradients
-that are preconditioned by the Toeplitz matrix of x's autocorrelation solve them in a few turns (R. H. Chan and M. K.
-Ng, SIAM Review 38 (1996) 427-482), and no matrix of them is ever built.
-
-What is left is what the room adds of its own, what comes later than `TAPS`, and an error of estimation: noise of power
-s in the microphone leaves about s TAPS / n of its own over n samples.
-"""
+"""Takes out of the microphone what we play ourselves: the masker, which is known sample by sample."""
 
 import numpy as np
 from numpy.typing import NDArray

@@ -3,12 +3,6 @@
 The band reaches up to 8 kHz, at 16,000 samples a second, without what lies below 30 Hz. One Fourier transform takes the
 band and its rate at once, so no frequency is folded and nothing is delayed.
 
-The coefficients' definition is that of S. B. Davis and P. Mermelstein (IEEE Transactions on Acoustics, Speech, and
-Signal Processing 28 (1980) 357-366): energies of triangular bands, equally wide on the mel scale, their logarithms, and
-of these a cosine transform. The scale is 2595 lg(1 + f / 700 Hz) (D. O'Shaughnessy, Speech Communication, 1987). The
-coefficient of the level is left out, and each other one's mean over the utterance is taken off, so neither how loudly
-nor through which microphone somebody speaks matters.
-
 Differences in time, and taking off the noise's energies, changed nothing that was measured, and are left out.
 """
 

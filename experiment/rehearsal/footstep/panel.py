@@ -3,15 +3,6 @@
 `Panel` listens to a raw PCM port; `CardPanel` sits behind a simulated sound card and listens to what the actuator's
 channel really carries. Where the actuator takes volts, the panel answers them with a simulated response, of the kind
 that Figure 9 of Okamoto et al. shows; no rig was measured.
-
-The figure has a peak near 360 Hz at 1.0 Vrms, and the text says that acceleration follows the voltage almost linearly
-at a fixed frequency. Both hold here by closed form: springs and voice coils pass what lies above `SUSPENSION_HZ`, the
-panel resonates at `PANEL_HZ`, and the drive saturates softly,
-
-    A(f, e) = G(f) E asinh(e / E),
-
-2.8 % below its tangent at 1.5 Vrms. The numbers are plausible choices. The simulated panel moves by this form itself,
-never by the table, so what shaping makes of the table meets a response that is independent of it.
 """
 
 import queue

@@ -6,10 +6,6 @@ hand touches,
 
     F = -K r - C dr/dt    (4)        M d2r/dt2 = F    (5)        -F pushes the hand out    (6)
 
-(5) is an equation for r because the hand moves on a straight line, at constant speed, from one sample to the next: r''
-is then minus the acceleration of the block. A constant force may be added to (5), which presses the block and the hand
-together. The spring along the face begins where the hand touched.
-
 Two laws say when the force acts:
 
 - `clamped`, the default: it never pulls. It acts while r > 0 and K r + C dr/dt > 0. With damping it ends while the

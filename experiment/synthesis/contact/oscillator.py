@@ -4,15 +4,6 @@ Every function of time here is an entire function of d = a^2 - b. So nothing hap
 difference of two exponentials loses its digits, and each such difference is written as what it is there: a sine, a
 `expm1`, or a series where all rates are slow. `Oscillator.split_per_s2` is d, rounded once from the exact C^2 - 4 K M.
 
-s(t) is the response to a unit of speed, s(0) = 0 and s'(0) = 1; w(t) is its integral, the response to a unit of push.
-From any y and y', with s and w alone:
-
-    y(t)  = y (1 - b w) + y' s + p w
-    y'(t) = y' (1 - b w - 2 a s) - b s y + p s
-
-For slow steps the change is computed, and added to what was there: its rounding has no direction that repeated steps
-could add up, as that of factors near 1 has.
-
 The zeros of y' and of its derivatives, which solve the equation without p, have closed forms (`first_zero`).
 """
 

@@ -2,19 +2,6 @@
 
 In contact a stepper multiplies (r, h dr/dt) by one matrix a step, its amplification matrix. It is stable while no
 eigenvalue of it is larger than 1. All matrices are written in K h^2 / M and C h / M, h being the step.
-
-Passivity is another matter: a force that is held for a period T, and comes late, gives energy to the hand whichever way
-it was computed. A sampled wall H(z) in front of a device with the damping b is passive where, for 0 < w <= pi / T,
-
-    b > (T / 2) / (1 - cos w T) Re{(1 - exp(-j w T)) H(exp(j w T))}
-
-(Colgate and Schenkel, "Passivity of a class of sampled-data systems: application to haptic interfaces", Journal of
-Robotic Systems 14, 1997). For a spring and a damper by backward difference, H = (K + C (1 - 1/z) / T) exp(-j w d) with
-a delay d, the right side is
-
-    (K T / 2) sin((1/2 + n) q) / sin(q / 2) - C cos((1 + n) q),    q = w T, n = d / T
-
-which without delay is largest at q = pi: b > K T / 2 + |C|. The wall is held: a block that gives way asks for less.
 """
 
 from collections.abc import Callable

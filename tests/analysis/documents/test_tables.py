@@ -160,7 +160,7 @@ def test_a_text_that_a_spreadsheet_would_compute_stands_behind_an_apostrophe(hel
 def test_markdown_holds_no_tag_link_or_second_line_of_a_name() -> None:
     name = "a\n| b <script> [c](d) `e`"
     shown = markdown(Section("s", name, (name,), (Table(name, ("a",), ((name,),), notes=(name,)),)), "")
-    wanted = r"a \| b \<script> \[c\](d) \`e\`"
+    wanted = r"a \| b &lt;script&gt; \[c\](d) \`e\`"
     assert shown == f"## {wanted}\n\n{wanted}\n\n### {wanted}\n\n| a |\n|:--|\n| {wanted} |\n\n{wanted}\n"
 
 

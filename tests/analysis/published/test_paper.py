@@ -291,3 +291,13 @@ def test_one_bare_number_of_percent_among_ratios_stays_as_it_is(tmp_path: Path) 
     text = ",glass,sand,snow\nglass,50 ± 0.1,0.2 ± 0.1,0.3 ± 0.1\nsand,0.2 ± 0.1,0.6 ± 0.1,0.2 ± 0.1\nsnow,0.1,0.1,0.8"
     (table,) = _read(tmp_path, text, Stated((15,), 10), "paper.csv").printed.table
     assert [one.mean.text for one in table.cells][:3] == ["50", "0.2", "0.3"]
+
+
+def test_a_page_that_is_too_large_is_refused_without_a_number_of_the_system(tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+    with page.open("wb") as file:
+        file.truncate(2**31)
+    with pytest.raises(PublishedError) as caught:
+        paper.read(page, Stated())
+    assert str(page) in str(caught.value)
+    assert "Errno" not in str(caught.value)

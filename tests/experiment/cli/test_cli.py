@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import fcntl
 import importlib.abc
 import io
 import json
@@ -19,6 +21,7 @@ import numpy as np
 import pytest
 from scipy.io import wavfile
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.tracker.serial_port import SerialDevice
 from palpate.experiment.dataset import build
@@ -659,3 +662,33 @@ def test_errors_of_a_rig_file_stand_in_lines_of_their_own(palpate: Palpate, tmp_
     rig.write_text(text.replace("rate_hz = ", "rate_hz = -"), "utf-8")
     code, _, err = palpate("plan", "okamoto2012", "--rig", rig)
     assert (code, "<U+000A>" in err, len(lines(err)) > 1) == (2, False, True)
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.ENOSYS, errno.ENOSPC])
+def test_what_a_disk_refuses_at_the_start_is_told_with_the_file_and_a_remedy(
+    palpate: Palpate, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def refuses(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", refuses)
+    monkeypatch.setattr(fcntl, "lockf", refuses)
+    code, out, err = palpate("enrol", protocol, "-p", "01", "--dataset", tmp_path / "data")
+    assert (code, out) == (2, "")
+    assert str(tmp_path / "data" / "sourcedata") in err
+    assert os.strerror(number) in err
+    assert storage.REMEDIES[number] in err
+
+
+def test_who_enrols_is_told_what_others_can_read(
+    palpate: Palpate, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[Path] = []
+
+    def warning(root: Path) -> str:
+        asked.append(root)
+        return "SHOWN"
+
+    monkeypatch.setattr(storage, "readers_warning", warning)
+    code, _, err = palpate("enrol", protocol, "-p", "01", "--dataset", tmp_path / "data")
+    assert (code, asked, "SHOWN" in err) == (0, [tmp_path / "data"], True)

@@ -323,3 +323,10 @@ def test_a_figure_replaces_a_figure_of_palpate_and_nothing_else(
         True,
         "<svg>made with palpate</svg>",
     )
+
+
+def test_what_others_can_read_is_a_reminder(made: MadeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
+    before = status(made.root, DAY).reminders
+    monkeypatch.setattr(storage, "readers_warning", lambda root: f"Others can read {root}.")
+    after = status(made.root, DAY).reminders
+    assert [one for one in after if one not in before] == [f"Others can read {made.root}."]

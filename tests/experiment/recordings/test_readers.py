@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.readers import read
+from palpate.experiment.recordings.readers import LARGEST, read
 
 ON_DISK = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 SAMPLES = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)
@@ -361,3 +362,22 @@ def test_any_body_of_an_lvm_gives_a_recording_or_one_error(tmp_path: Path, noise
     at = text.index("X_Value")
     for body in (text[:at] + noise, text + noise, text[:at] + noise + text[at:]):
         check_outcome(written(tmp_path, body))
+
+
+@pytest.mark.parametrize(
+    "heading", ["time (s){}signal (g)", "{}time\tsignal", "time # {}x", "time{}(s)(\tsignal", "a{}"]
+)
+def test_blanks_in_a_heading_take_no_time(heading: str, tmp_path: Path) -> None:
+    path = written(tmp_path, heading.format(" " * 100_000) + "\n0\t1\n1\t2\n2\t1\n")
+    begun_s = time.monotonic()
+    check_outcome(path)
+    assert time.monotonic() - begun_s < 2.0
+
+
+def test_a_recording_that_is_too_large_is_refused_before_it_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "long.wav"
+    path.write_bytes(b"RIFF")
+    with path.open("ab") as file:
+        file.truncate(LARGEST + 1)
+    with pytest.raises(RecordingError, match=f"at most {LARGEST // 2**20} MiB"):
+        read(path)

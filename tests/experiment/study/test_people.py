@@ -112,7 +112,7 @@ def test_two_who_write_at_once_lose_nobody(monkeypatch: pytest.MonkeyPatch) -> N
             pass
 
     data, here = os.environ["XDG_DATA_HOME"], Path.cwd()
-    monkeypatch.setattr(people, "FileLock", Held)
+    monkeypatch.setattr(storage, "locked", Held)
     people.keep(STUDY, HERE, "01", ANN)
     assert people.known(STUDY, HERE) == {"01": ANN, "02": Person(name="Ben")}
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+from palpate.experiment import storage
 from palpate.experiment.apparatus.doctor import checks
 from palpate.experiment.clock import ManualClock, MonotonicClock
 
@@ -73,3 +74,10 @@ def test_a_disk_that_fills_up_meanwhile_is_red(tmp_path: Path, monkeypatch: pyte
     monkeypatch.setattr(os, "fsync", full)
     assert "No space left on device" in checks.writing(tmp_path, ManualClock(0)).measured
     assert list(tmp_path.iterdir()) == []
+
+
+def test_what_others_can_read_is_red(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert list(checks.privacy(tmp_path)) == []
+    monkeypatch.setattr(storage, "readable_by_others", lambda folder: (folder / "sourcedata",))
+    (found,) = checks.privacy(tmp_path)
+    assert (found.verdict, str(tmp_path / "sourcedata") in found.measured) == ("red", True)
