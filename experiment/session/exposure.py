@@ -128,7 +128,7 @@ class Exposed:
         return thread
 
     def _run(self, join: Callable[[], None], loop: Callable[..., None], *given: object) -> None:
-        """Run a loop; what fails there is raised where the session asks next, and silence does not wait for that."""
+        """Run a thread; what fails is raised where the session asks next, and silence does not wait for that."""
         try:
             join()
             loop(*given)
@@ -216,13 +216,7 @@ class Exposed:
 
     def _tell(self, text: str) -> None:
         """Show a line; a terminal that stands still holds up a thread of its own."""
-        threading.Thread(target=self._show, args=(text,), name="lines", daemon=True).start()
-
-    def _show(self, text: str) -> None:
-        try:
-            self._console.show(text)
-        except PalpateError as gone:
-            self._failed = gone
+        self._opened.callback(self._start("lines", self._console.show, text).join, 1.0)
 
     def _watch(self, woken: socket.socket) -> None:
         while not self._closing:
@@ -231,6 +225,8 @@ class Exposed:
             with suppress(TimeoutError, BlockingIOError):
                 if set(woken.recv(64)).intersection(interrupts.SIGNALS):
                     self._asked = self._asked or INTERRUPTED
+                    self._silence()
+                    self._tell(f"\n{nothing_more(INTERRUPTED)} The session pauses.")
         self._silence()
 
     def _write(self) -> None:

@@ -20,6 +20,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -62,12 +63,18 @@ PROGRAMS = {
 """The processes of a session by what their command holds."""
 
 
+def pushes_file(folder: Path) -> Path:
+    """Return where the force device keeps what it pushed: beside everything that hangs."""
+    return folder.parents[1] / f"pushes-{folder.name}"
+
+
 def give(folder: Path, words: tuple[str, ...], port: str, terminal: str) -> None:
     """Give the command in this process, on a card that waits for nobody and with the hand at `port`; at a `terminal`
     if one is named.
     """
     # A session that stands still must not outlive whoever watches it.
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    from palpate.experiment.desk import interrupts
     from palpate.experiment.rehearsal import session
     from palpate.experiment.rehearsal.wires import force_device, sound_card
 
@@ -80,7 +87,9 @@ def give(folder: Path, words: tuple[str, ...], port: str, terminal: str) -> None
         own, clock = tracked(self, opened)
         return port or own, clock
 
-    vars(session)["ForceDeviceProcess"] = lambda: force_device.ForceDeviceProcess(folder / "pushes")
+    vars(session)["ForceDeviceProcess"] = lambda: force_device.ForceDeviceProcess(pushes_file(folder))
+    # It is no worker here: a signal is for the session to take.
+    vars(interrupts)["multiprocessing"] = SimpleNamespace(parent_process=lambda: None)
     sound_card.SoundCard.__init__ = card  # type: ignore[method-assign]
     session.SimulatedEnds.tracker = tracker  # type: ignore[method-assign]
     visited.give_command(folder, words, simulated=False, terminal=terminal)
@@ -265,7 +274,7 @@ class Session:
 
     def pushed_until_s(self) -> float:
         """Return when the force fell to zero last, monotonic s; infinity while it pushes, 0 if it never did."""
-        record = self.folder / "pushes"
+        record = pushes_file(self.folder)
         pushes = np.fromfile(record, PUSHES) if record.exists() else np.zeros(0, PUSHES)
         last = np.flatnonzero((pushes["out"] != 0) | (pushes["along"] != 0))[-1:]
         if not last.size:
