@@ -9,6 +9,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import settings
+from syrupy.assertion import SnapshotAssertion
+
+from tests.approved import Approved
 
 # As in the command, and before any test imports numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -46,6 +49,12 @@ LONGEST = (
 
 NO_RECORDINGS = "needs the real recordings in ../shared/recordings, which are not in the repository"
 """The one reason for which a test may be skipped under PALPATE_REQUIRE=all."""
+
+
+@pytest.fixture
+def approved(snapshot: SnapshotAssertion) -> SnapshotAssertion:
+    """What was approved of the text that a test compares with it."""
+    return snapshot.use_extension(Approved)
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
