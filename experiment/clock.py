@@ -1,8 +1,4 @@
-"""Time as the session sees it: integer nanoseconds since 1970, never going back.
-
-Two clocks: `MonotonicClock` for a participant in the room, `ManualClock` for a rehearsal in simulated
-time. Nothing else in palpate asks the operating system for the time.
-"""
+"""Time as integer nanoseconds since 1970 that never goes back: `MonotonicClock` for a session, `ManualClock` simulated."""
 
 import time
 from dataclasses import dataclass

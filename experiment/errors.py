@@ -134,10 +134,9 @@ class OtherFormat(PalpateError):
 def other_format(
     file: object, what: str, got: object, known: int, *, software: str = "", remedy: str = ""
 ) -> OtherFormat | None:
-    """Return the error of a file whose format `got` is not the `known` one, None where it is.
+    """Return the error of a file of this kind (`what`) whose format `got` is not the `known` one, None where it is.
 
-    `what` names the kind of file, and `software` what wrote it. No release wrote a format below the known one, nor a
-    file without a number.
+    `software` wrote it. No release wrote a format below the known one, nor a file without a number.
     """
     if type(got) is int and got == known:
         return None

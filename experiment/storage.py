@@ -1,7 +1,7 @@
-"""Files that are whole and on disk, or not there, where a study's files stand in its dataset, how Python is started.
+"""Files that are whole and on disk, or not there; where a study's files stand in its dataset; how Python is started.
 
-What is on its way to its place has a name that `TEMPORARY` knows, in the folder that it goes to. Whoever writes there
-next removes what a killed process left of that kind. Modes follow the umask.
+Unfinished files have names that `TEMPORARY` knows, in the folder of their target. Whoever writes there next removes
+what a killed process left. Modes follow the umask.
 """
 
 import errno
@@ -42,10 +42,7 @@ Place = tuple[str | int, ...]
 
 
 def python_command(*arguments: str) -> list[str]:
-    """Return the command that starts Python with `-m` and a module, or `-c` and a text, and then their arguments.
-
-    It looks for no module in the working folder, where a laboratory may have its own `experiment.py` and `random.py`.
-    """
+    """Return the command that starts Python with `-m` or `-c`, without modules of the working folder."""
     return [sys.executable, "-P", *arguments]
 
 
@@ -61,10 +58,7 @@ def safe_path() -> Iterator[None]:
 
 
 def read_bytes(path: Path, most: int = MOST) -> bytes:
-    """Return the content of a file of at most `most` bytes.
-
-    Raises `OSError` if it cannot be read, and for what is no file: devices and pipes have no end, or none that comes.
-    """
+    """Return a file of at most `most` bytes. Raises `OSError`, also for devices and pipes, which may have no end."""
     try:
         found = path.stat()
     except ValueError as error:
@@ -92,10 +86,7 @@ def why(error: Exception) -> str:
 
 
 def json_of(text: str | bytes) -> Any:
-    """Return a JSON document. Raises `ValueError` if it is none, or holds what `extreme` tells, or half a character.
-
-    Bytes are UTF-8, with a byte order mark or without.
-    """
+    """Return a JSON document of UTF-8. Raises `ValueError` if it is none, `extreme`, or has half a character."""
     # Left to itself, `json` takes half a character for one where it stands in bytes.
     text = text.decode("utf-8-sig") if isinstance(text, bytes) else text
     try:
@@ -164,10 +155,7 @@ def _is_plain(document: object) -> bool:
 
 
 def write(path: Path, content: bytes) -> None:
-    """Put `content` at `path`, on disk when this returns: a reader finds the old file or the new one, never a part.
-
-    Raises `OSError` if the file system refuses; nothing is left behind.
-    """
+    """Put `content` at `path`, whole and on disk when this returns. Raises `OSError`, and leaves nothing behind."""
     with named(path), temporary(path.parent, lambda partial: create(partial, content)) as partial:
         partial.replace(path)
     sync_folder(path.parent)
@@ -276,10 +264,7 @@ def remove(path: Path) -> None:
 
 @contextmanager
 def temporary(folder: Path, make: Callable[[Path], object] = Path.mkdir) -> Iterator[Path]:
-    """Give what `make` makes, within `folder`; unless it is moved away, it is removed when the block ends.
-
-    What killed processes left in `folder` is removed before.
-    """
+    """Yield what `make` makes in `folder`, removed unless moved, as is what killed processes left there."""
     folder.mkdir(parents=True, exist_ok=True)
     for left in folder.iterdir():
         if TEMPORARY.fullmatch(left.name):
@@ -299,7 +284,7 @@ def temporary(folder: Path, make: Callable[[Path], object] = Path.mkdir) -> Iter
 
 
 def _held(path: Path, holding: ExitStack, *, surely: bool = False) -> bool:
-    """Hold a file or folder, but no link, until `holding` ends; return False if another process has it.
+    """Lock a file or folder, not a link, until `holding` ends; return False if another process has it.
 
     A network's file system may have no such lock; nothing is held `surely` there.
     """
@@ -341,10 +326,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def write_bytes(path: Path, content: bytes) -> None:
-    """Put `content` at `path`, whole and on disk; a file that holds it already is left as it is.
-
-    Raises `DatasetError` if the file system refuses.
-    """
+    """Put `content` at `path`, whole and on disk, unless it is there. Raises `DatasetError` if the disk refuses."""
     try:
         if path.is_symlink() or not path.is_file() or path.read_bytes() != content:
             write(path, content)
@@ -401,10 +383,7 @@ def people_folder(dataset: Path) -> Path:
 
 
 def owners_alone(path: Path) -> None:
-    """Leave a new file or folder to its owner, and to its group where the umask lets a group write.
-
-    Such an umask says that a laboratory shares its files.
-    """
+    """Restrict a new file or folder to its owner, and to its group where the umask shares with groups."""
     mode = path.stat().st_mode
     path.chmod(mode & ~(0o007 if mode & 0o020 else 0o077))
 
@@ -465,10 +444,7 @@ def foot_path(journal_file: Path) -> Path:
 
 
 def refuse_other_format(root: Path) -> None:
-    """Raise `OtherFormat` for a dataset of another format: nothing else said of it would be true.
-
-    Files that cannot be read, or say nothing of themselves, are left to the checks of their content.
-    """
+    """Raise `OtherFormat` for a dataset of another format; unreadable files are left to later checks."""
     settled = ((seed_path(root), "seed"), (plan_path(root), "participants"))
     stated = [(path, found.get("format")) for path, key in settled if key in (found := _object(path))]
     tables = root / "dataset_description.json"

@@ -1,8 +1,7 @@
 """What must hold before a journal counts: nothing foreign, copied, renamed or made for another purpose enters a table.
 
-A journal's header is held against its path, the protocol in the dataset and its seal, the seed, and the roster, or in a
-rehearsal and in practice the plan, and every file against the anchors in the dataset's log. All of it stands under
-`sourcedata/`.
+Headers are checked against path, protocol, seal, seed and roster (or the plan), and every file against the log's
+anchors.
 """
 
 import hashlib
@@ -45,11 +44,10 @@ OPEN = "no footer ends it: its session is running or was cut off, so tables may 
 
 @dataclass(frozen=True)
 class Believed:
-    """A dataset whose journals were all held against what stands beside them.
+    """A dataset whose journals were all checked.
 
     `tasks` are those of every participant in order, concealed until they begin. `roster` is None in a rehearsal and in
-    practice. `sessions` are the headers of those that began, by journal. Those `under_way` have no footer at their end:
-    they are running, or were cut off and not continued yet.
+    practice. `sessions` are the headers by journal. Those `under_way` have no footer at their end.
     """
 
     protocol: Protocol
@@ -61,10 +59,7 @@ class Believed:
 
 
 class Plan(BaseModel):
-    """What is rehearsed or practised, kept in the dataset, so that what was interrupted continues as it was begun.
-
-    A folder without it is of neither, and neither writes into it. `label` says which of the two it is.
-    """
+    """What is rehearsed or practiced, saved in the dataset, so that an interrupted one continues; `label` says which."""
 
     model_config = ConfigDict(frozen=True, strict=True)
 
@@ -124,10 +119,9 @@ def journals(root: Path) -> list[Path]:
 
 
 def believed(root: Path, each: Each = map) -> Believed:
-    """Read every journal of a dataset and hold it against what stands beside it.
+    """Return a dataset whose every journal was read and checked.
 
-    Raises `DatasetError`, `JournalError`, `ProtocolError` or `RosterError`, which names the first file that does not
-    fit.
+    Raises `DatasetError`, `JournalError`, `ProtocolError` or `RosterError` for the first file that does not fit.
     """
     dataset, doubts = doubted(root, each)
     for doubt in doubts:
@@ -136,22 +130,16 @@ def believed(root: Path, each: Each = map) -> Believed:
 
 
 def doubted(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]]:
-    """Return what `examined` returns, with an error too for whatever is not as an anchor in the dataset's log has it.
-
-    Raises what `examined` raises.
-    """
+    """Return `examined`, with an error too for each difference from an anchor in the log. Raises as `examined`."""
     dataset, doubts = examined(root, each)
     return dataset, [*(doubt for _, doubt in _unlike_anchors(root, dataset.roster)), *doubts]
 
 
 def check_roster(root: Path) -> int:
-    """Return the time of a roster's last line, ns of wall time, 0 without one, if a line may be added to it.
+    """Return the wall time of a roster's last line, ns, 0 without one, if a line may be added to it.
 
-    Nothing in the dataset must know of more than the roster does.
-
-    Anchors in the dataset's log know of its lines, journals of those that they began under, and journals and files of
-    withdrawals. Raises `RosterError` or `DatasetError`: an older roster was put back, it was cut, or nobody can be
-    enrolled, since the participants are simulated.
+    Raises `RosterError` or `DatasetError` if an anchor in the log, a journal or a withdrawal knows lines that the
+    roster lacks, or if the participants are simulated.
     """
     enrolment.refuse_rehearsal(root)
     file = storage.roster_path(root)
@@ -175,10 +163,7 @@ def check_roster(root: Path) -> int:
 
 
 def anchor(root: Path) -> Anchor:
-    """Return the anchor of a dataset as it is now.
-
-    Raises `DatasetError` if it has neither a roster nor a session, and what `believed` raises.
-    """
+    """Return the dataset's anchor. Raises `DatasetError` without roster and session, and as `believed`."""
     dataset = believed(root)
     if dataset.roster is None and not dataset.sessions:
         raise DatasetError(f"{root}: got no session; allowed: one or more; run a session first, then anchor it")
@@ -203,10 +188,9 @@ def seal_sha256(root: Path) -> str | None:
 
 
 def keep_anchor(root: Path) -> tuple[Anchor, bool]:
-    """Anchor a dataset in its own log, and return the anchor, and whether it is a new one.
+    """Anchor a dataset in its log; return the anchor, or the last one if nothing was added, and whether it is new.
 
-    Where nothing was added since the log's last anchor, that is returned. Raises as `anchor`, and if the log cannot be
-    written.
+    Raises as `anchor`, and if the log cannot be written.
     """
     made = anchor(root)
     kept, _ = register.read(root / LOG) if (root / LOG).exists() else ((), ())
@@ -219,8 +203,7 @@ def keep_anchor(root: Path) -> tuple[Anchor, bool]:
 def examined(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]]:
     """Return what can be believed of a dataset, and an error for whatever else does not fit.
 
-    `each` is `map`, or that of a pool of processes, which read several journals at once. Raises what `believed` raises
-    where nothing can: of protocol, seal, seed, roster, or plan.
+    `each` is `map` or that of a pool of processes. Raises as `believed` for protocol, seal, seed, roster or plan.
     """
     study = _study(root)
     sessions: list[tuple[Path, Header]] = []
@@ -270,10 +253,7 @@ def examined(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]
 def _looked_at(
     study: _Study, path: Path
 ) -> tuple[Header | None, Literal["withdrawn", "under way", "ended"], list[PalpateError]]:
-    """Return the header of a journal that is one of this study, and how its session stands.
-
-    There is none where the session has not begun, or with an error.
-    """
+    """Return the header of a journal, None before its session or with an error, its state, and the errors."""
     doubts: list[PalpateError] = []
     with collected(doubts):
         contents = journal.read_if_begun(path)
@@ -365,10 +345,7 @@ def _refuse_erased(root: Path, roster: Roster) -> None:
 
 
 def unfinished(root: Path, roster: Roster) -> dict[str, str]:
-    """Return what finishes each withdrawal that was cut short, by participant.
-
-    Their journals do not say so, files are left, or the table of participants is older.
-    """
+    """Return what finishes each interrupted withdrawal, by participant: in journals, files or the table."""
     table = root / "participants.tsv"
     told = {row.get("participant_id"): row.get("withdrawn") for row in _rows(table)} if table.is_file() else {}
     return {

@@ -1,8 +1,7 @@
 """Writing the files of a BIDS `beh` dataset: plain tables and sidecars, the same bytes for the same content.
 
-Journals and printed counts are both converted with it. Every file is moved to its place whole. The layout is the Brain
-Imaging Data Structure 1.10 for behavioural experiments; the keys `Palpate`, `Materials`, `Answers`, `Rows` and
-`SessionId` are palpate's own, and analysis reads them.
+The layout is BIDS 1.10 for behavioral experiments; `Palpate`, `Materials`, `Answers`, `Rows` and `SessionId` are own
+keys.
 """
 
 import gzip
@@ -44,9 +43,8 @@ Files = dict[Path, bytes]
 class DatasetText:
     """What a dataset says about itself.
 
-    `study` is the study's id, `tasks` stand in the order of the tables, `origin` is what produced the rows, `authors`
-    answer for them, and `readme` is the body of README below title and label. `ordered` is told, unless it is None, and
-    says whether the numbers of trials are the order in which they were done.
+    `study` is an id, `tasks` are in the order of the tables, `origin` produced the rows, and `readme` follows title and
+    label. `ordered`: whether trial numbers are the order of the trials; None says nothing.
     """
 
     study: str
@@ -65,9 +63,8 @@ class DatasetText:
 class TaskText:
     """What the sidecar of a task's events says.
 
-    `materials` maps each id, in order, to its description, and `presented` are those of them that the task presents,
-    None where it presents all; `session_id` is the journal's, None where there is no journal. `answers` are those of a
-    comparison, each with what it names; None in a task of another kind, whose answers are materials.
+    `materials` maps ids to descriptions, `presented` are the task's, None for all; `session_id` is None without a
+    journal. `answers` are those of a comparison, each with what it names; None elsewhere.
     """
 
     id: str
@@ -95,10 +92,7 @@ class PhysioColumn:
 
 @contextmanager
 def new_dataset(out: Path) -> Iterator[Path]:
-    """Give a folder to build a dataset in; it becomes `out` when the block ends well, and vanishes otherwise.
-
-    Raises `DatasetError` if `out` exists and is not an empty folder, or cannot be made.
-    """
+    """Yield a folder that becomes `out` if the block succeeds. Raises `DatasetError` unless `out` can be made anew."""
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise DatasetError(
             f"{out}: exists, and a dataset is never overwritten; allowed: a new or empty folder; choose another, or "
@@ -118,10 +112,9 @@ def write_files(files: Files) -> None:
 
 
 def table(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> bytes:
-    """Return a tab-separated table.
+    """Return a tab-separated table: `n/a` for None, NaN and missing values, 1 and 0 for true and false.
 
-    A value is `n/a` where it is None, not a number, or left out; true and false are 1 and 0. Raises `ValueError` if a
-    key is no column, and `DatasetError` if a text is empty or holds a tab or a line end.
+    Raises `ValueError` for an unknown column, and `DatasetError` for a text that is empty or has tabs or line ends.
     """
     lines = ["\t".join(columns)]
     for row in rows:
@@ -180,10 +173,7 @@ def participants(root: Path, rows: Iterable[Mapping[str, object]], *, origin: Or
 
 
 def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
-    """Return the path of a file of one participant and task: `sub-P/beh/sub-P_task-T_SUFFIX`.
-
-    Raises `DatasetError` if a label is not made of letters and digits alone, as BIDS asks.
-    """
+    """Return `sub-P/beh/sub-P_task-T_SUFFIX`. Raises `DatasetError` for a label that is not letters and digits."""
     for what, label in (("participant", participant), ("task", task)):
         if not re.fullmatch(r"[0-9A-Za-z]+", label):
             raise DatasetError(f"{what}: got {label!r}; allowed: letters and digits, as BIDS asks; rename it")
@@ -191,10 +181,9 @@ def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
 
 
 def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[str, object]]) -> Files:
-    """Return the events of one session, and the sidecar that describes every column.
+    """Return the events of one session, a row an attempt, and the sidecar that describes every column.
 
-    `participant` is a label without `sub-`; a row is one attempt. Its keys are the columns of a footstep, or
-    of a comparison where the task has `answers`, and further ones, which stand in the table where some row has them.
+    `participant` is a label without `sub-`. Further columns are in the table where some row has them.
     """
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
@@ -239,11 +228,10 @@ def write_physio(
     description: str,
     origin: Origin,
 ) -> None:
-    """Write a continuous recording as `_physio.tsv.gz`, and its sidecar.
+    """Write a continuous recording as `_physio.tsv.gz`, without a header as BIDS asks, and its sidecar.
 
-    The table has no header line, as BIDS asks; stretches without a recording are rows of `n/a`. `columns` are all of
-    one length, `rate_hz` is in samples a second, and `start_s` is the first sample's time on the events' clock. Raises
-    `ValueError` if the lengths differ.
+    Gaps are rows of `n/a`. `columns` have one length, or `ValueError` is raised; `rate_hz` is in samples a second, and
+    `start_s` is the first sample's time on the events' clock.
     """
     lengths = {column.values.shape for column in columns.values()}
     if len(lengths) != 1 or any(len(shape) != 1 for shape in lengths):

@@ -30,8 +30,7 @@ from palpate.experiment.records.stimulus import Onset, Stimulus
 from palpate.experiment.storage import foot_path, rig_path
 
 LONGEST_GAP_S = 600.0
-"""After a longer pause the foot trace continues in a recording of its own, instead of that many rows of n/a. The same
-happens where time goes back by more than a frame."""
+"""After a longer pause, or where time goes back by more than a frame, the foot trace continues in a new recording."""
 
 FOOT_COLUMNS = {
     "foot_height": "Height of the sole above the panel.",
@@ -68,9 +67,8 @@ class _Session:
 class Placed:
     """A step on the session's clock.
 
-    `at_us` is the device time of its contact, or of its end where it was broken off, and `at_s` the same in s from the
-    first frame of the session's tracker; the session's clock ran faster than the device's by `drift_ppm`. `zero_mm` is
-    how far from contact the foot rested when it was last zeroed.
+    `at_us` is the device time of its contact or break, `at_s` the same in s from the tracker's first frame; `drift_ppm`
+    is the session's clock against the device's. `zero_mm` is how far from contact the foot rested when last zeroed.
     """
 
     step: FootStep | BrokenOff
@@ -88,9 +86,8 @@ class Placed:
 def build(root: Path, each: Each = map) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
-    `each` is as for `believed`, and writes the files of several sessions at once. A journal without a header is one of
-    a session which never started: it is left out. Raises what `believed` raises,
-    and `DatasetError` if there is no journal and none was erased, or a foot trace is not the one its journal names.
+    `each` is as for `believed`. Journals without a header are omitted. Raises as `believed`, and `DatasetError` without
+    journals (unless erased) or if a foot trace is not the one its journal names.
     """
     dataset = believed(root, each)
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
@@ -104,10 +101,7 @@ UNMADE = "a rehearsal makes its tables at its end, and not all are there yet; th
 
 
 def unmade(root: Path, dataset: Believed) -> bool:
-    """Return whether tables may be missing because a rehearsal was interrupted, or older because it is not complete.
-
-    A complete one that was analysed, as `derivatives` tells, had all of its tables.
-    """
+    """Return whether a rehearsal without `derivatives` was interrupted, so that its tables may be missing or old."""
     if dataset.purpose != "REHEARSAL":
         return False
     complete = sum(progress(journal.read(path).entries).complete for path, _ in dataset.sessions)
@@ -123,10 +117,9 @@ def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, pat
 
 
 def check_tables(root: Path) -> Believed:
-    """Return what `believed` returns, if the journals give the tables on disk and name the raw frames of the foot.
+    """Return `believed` if journals, tables and raw frames agree, apart from open sessions.
 
-    The journals of open sessions may be newer than the tables. Raises what `believed` raises, and `DatasetError` for
-    the first table or trace that differs, and where no session has ended and none has a table.
+    Raises as `believed`, and `DatasetError` for the first difference, or if no session has ended and none has a table.
     """
     dataset = believed(root)
     doubts = edited(root, dataset, dataset.under_way)
@@ -146,10 +139,10 @@ def check_tables(root: Path) -> Believed:
 def edited(
     root: Path, dataset: Believed, under_way: Collection[Path] = (), *, whole: bool = True
 ) -> list[PalpateError]:
-    """Return an error for each table on disk that the journals do not give, and for frames that they do not name.
+    """Return an error for each table that the journals do not give, and for frames that they do not name.
 
-    The journals `under_way` may also have the tables of any moment since their last footer, or none if there is none.
-    Files of all participants are compared only if the sessions are the `whole` of the dataset.
+    Journals `under_way` may have tables since their last footer. Files of all participants are compared in a `whole`
+    dataset.
     """
     doubts: list[PalpateError] = []
 
@@ -398,10 +391,9 @@ def _played(stimulus: Stimulus | None) -> dict[str, object]:
 
 
 def _write_foot(root: Path, session: _Session, origin: bids.Origin) -> None:
-    """Write the foot's height on a grid of the rig's rate that begins anew with each step; between steps it is n/a.
+    """Write the foot's height (and place, if planar) on a grid of the rig's rate that begins anew with each step.
 
-    Where the tracker was planar, the place along the face stands beside it. A device's clock that drifts leaves a place
-    empty now and then, or puts two of its frames in one.
+    Between steps it is n/a. A device's clock that drifts leaves a place empty now and then, or has two frames in one.
     """
     if not session.steps:
         return

@@ -1,9 +1,7 @@
-"""Single trials that a laboratory measured with other software -> a BIDS dataset, labelled as imported.
+"""Single trials that a laboratory measured with other software -> a BIDS dataset, labeled as imported.
 
-The answers are real and are analysed as such: participants are linked across tasks, and trials have an order. But no
-journal of palpate stands behind them, and everything made of them says so. The files themselves are not copied, for
-they may hold names, addresses and birthdays: the dataset keeps what was read, with the line of each trial and the
-SHA-256 of each file, so that whoever has the files can follow every answer back.
+The answers are real, linked across tasks and in order, but no journal stands behind them. The files are not copied, for
+they may hold names: the dataset has their SHA-256 and the line of each trial.
 """
 
 import csv
@@ -44,10 +42,9 @@ def import_trials(
 ) -> Imported:
     """Build the dataset `out` from files of single trials.
 
-    `study` is its id, `source` says where and with what the answers were measured, and `materials` are as in
-    `read_trials`; for a published study that is known here they are by default the paper's. Raises `DatasetError` as
-    `read_trials` does, and for a text that no dataset may hold, a file that is given twice, participants or
-    tasks that cannot be told apart, and an `out` that would be overwritten.
+    `study` is its id, `source` says where and how the answers were measured; `materials` are as in `read_trials`, by
+    default a known paper's. Raises `DatasetError` as `read_trials`, and for a text that is not allowed, a file given
+    twice, ambiguous participants or tasks, and an existing `out`.
     """
     check_study_id(study)
     check_texts(Path("--source"), {"source": source})
@@ -110,10 +107,7 @@ def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[s
 
 
 def _labels(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> tuple[dict[str, str], bool]:
-    """Return the label of each participant by the cell, and whether labels keep the numbers of the cells.
-
-    They do where all cells are one prefix and a number, such as P01; others, which may be names, are counted.
-    """
+    """Return each participant's label by cell, and whether labels keep the cells' numbers, as for P01, P02."""
     cells = list(dict.fromkeys(row.participant for row in rows))
     matches = [re.fullmatch(r"(.*?)0*([0-9]{1,6})(?:\.0)?", cell) for cell in cells]
     prefixes = {match[1] for match in matches if match}

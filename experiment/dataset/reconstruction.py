@@ -1,11 +1,7 @@
 """Counts per participant, presented and answered material -> a BIDS dataset, one row a trial.
 
-Counts that a laboratory measured itself are labelled as imported, and others as a reconstruction.
-
-A published study seldom comes with its data. Where integer counts have been found that reproduce its printed tables,
-they can stand in the same form as any other dataset, so that the same analysis reads them. Such a dataset says
-throughout that it is a reconstruction: no time, no order of trials and no link between tasks is known, and none is made
-up. A counts file is a CSV of how often each participant gave each answer to each material.
+Counts that a laboratory measured are labeled as imported. Others, integer counts that reproduce a publication's tables,
+are labeled as a reconstruction throughout: it has no times, no order of trials and no link between tasks.
 """
 
 import csv
@@ -47,9 +43,8 @@ def parse_task(text: str) -> tuple[str, Path]:
 def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     """Return the counts in a CSV file with the header of `COLUMNS`; answers are `materials` or `NO_ANSWER`.
 
-    Participants are whole numbers, with or without leading zeros and `sub-` before them as `palpate export` writes it,
-    but each is spelt in one way throughout the file.
-    Raises `DatasetError` if the file is anything else; the error names file and line.
+    Participants are whole numbers, with or without zeros and `sub-`, each spelled in one way. Raises `DatasetError`
+    with file and line otherwise.
     """
     lines = csv.reader(io.StringIO(text_of(path, "counts"), newline=""), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
@@ -152,10 +147,8 @@ FOUND = {
 class StudyText:
     """What is known of a published study: enough to describe its dataset.
 
-    `id` is that of the study's protocol, `source` says where the numbers are printed, `materials` maps ids to
-    descriptions in the order of the tables, `tasks` maps ids to (title, instructions), `authors` answer for the
-    counts, and `notes` say what a reader must know about them. The `origin` is `IMPORTED` where a laboratory measured
-    them.
+    `id` is its protocol's, `source` the publication; `materials` maps ids to descriptions, `tasks` to (title,
+    instructions), in the order of the tables; `notes` are for readers. `origin` is `IMPORTED` for measured counts.
     """
 
     id: str
@@ -213,11 +206,10 @@ def check_study_id(study: str) -> None:
 def study_text(
     study: str, counts: Mapping[str, Path], source: str | None = None, *, measured: bool = False
 ) -> StudyText:
-    """Return the texts of a study: those held here, or for another study the little that its counts files tell.
+    """Return the texts of a study in `STUDIES`, or what the counts files of another tell.
 
-    `counts` maps task ids to counts files; `source` says where they come from, which a study outside `STUDIES` needs.
-    Counts that a laboratory `measured` have no text of a paper but the order of its materials and its tasks' titles.
-    Raises `DatasetError` if the id or a file is bad, or the study has neither texts here nor a source.
+    `counts` maps task ids to counts files; another study needs its `source`. Counts that a laboratory `measured` have
+    only the order of materials and the titles of a paper. Raises `DatasetError` for a bad id or file, or no source.
     """
     if source is not None:
         check_texts(Path("--source"), {"source": source})
@@ -249,9 +241,8 @@ def study_text(
 def import_counts(counts: Mapping[str, Path], out: Path, *, study: StudyText, software: Software | None = None) -> Path:
     """Build the dataset `out` from one counts file a task, and return its folder.
 
-    `counts` maps task ids, in the order of the tables, to counts files; `software` is what `GeneratedBy`
-    states. Raises `DatasetError` if a counts file is bad, there are fewer than two materials, a task is not the
-    study's, or `out` would be overwritten.
+    `counts` maps task ids, in the order of the tables, to files. Raises `DatasetError` for a bad file, fewer than two
+    materials, a task that is not the study's, or an existing `out`.
     """
     if len({path.name for path in counts.values()}) != len(counts):
         raise DatasetError(

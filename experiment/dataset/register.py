@@ -1,9 +1,8 @@
-"""Anchors: what a dataset held at one moment, for a register where nobody who can write to the dataset can write.
+"""Anchors: what a dataset held at one moment, for a register outside the reach of those who can write to the dataset.
 
-Chains of hashes show an accident, and not a person who makes a chain and its head anew. An anchor has the number of
-lines and the hash of the last line of every journal and of the roster. A later dataset has to begin with the same
-lines; it may have more. A register holds one anchor a line, each with its signature where the laboratory signs. The
-dataset keeps every anchor too (`LOG`), so that an anchor's number, written into a lab book, is enough to check it.
+An anchor has the number of lines and the last hash of every journal and of the roster. A later dataset begins with the
+same lines. A register has one anchor a line, with its signature if any. The dataset's `LOG` has every anchor too, so
+that an anchor's number in a lab book is enough to check it.
 """
 
 import hashlib
@@ -84,10 +83,9 @@ class Kept(Record):
 
 
 def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
-    """Add an anchor of the dataset `root` to a register, signed with a private SSH key if there is one; say so.
+    """Add an anchor of `root` to a register, signed if there is an SSH key, and return a sentence about it.
 
-    Raises `DatasetError` if the register stands inside the dataset or cannot be written, if nothing was signed, and
-    what `check_state` raises.
+    Raises `DatasetError` if the register is inside of the dataset or unwritable, signing fails, and as `check_state`.
     """
     if to.resolve().is_relative_to(root.resolve()):
         raise DatasetError(f"{to}: the register would stand inside the dataset; allowed: any other place; choose one")
@@ -101,10 +99,7 @@ def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
 
 
 def check_state(root: Path, register: Path, of: tuple[str, Purpose]) -> None:
-    """Raise `DatasetError` if a register has the dataset `root`, of a study and a purpose, in a state with other lines.
-
-    A register that is not there has none. Anchors that agree with no line are of another dataset.
-    """
+    """Raise `DatasetError` if the register has `root`, of a study and purpose, in a state with other lines."""
     if not register.exists():
         return
     roster = Roster.load(storage.roster_path(root))
@@ -129,10 +124,7 @@ def check_state(root: Path, register: Path, of: tuple[str, Purpose]) -> None:
 
 
 def read(path: Path) -> tuple[tuple[Kept, ...], tuple[int, ...]]:
-    """Return the anchors of a register, oldest first, and the numbers of the whole lines that hold none.
-
-    Raises `DatasetError` if the file cannot be read.
-    """
+    """Return a register's anchors, oldest first, and the numbers of lines without one. Raises `DatasetError`."""
     try:
         lines, torn = chain.split(storage.read_bytes(path))
     except OSError as error:

@@ -1,8 +1,4 @@
-"""How far a study is: who is done, under way and due, and what stands in the way; a screen, and the texts of a figure.
-
-What is concealed stays so: the order of a participant's tasks is told only once their first session has begun, and the
-counts by order hold nobody else.
-"""
+"""A study's progress: who is done, under way and due, and what prevents it. Concealed orders stay concealed."""
 
 import shutil
 from calendar import monthrange
@@ -49,10 +45,7 @@ State = Literal["to begin", "under way", "done", "withdrawn", "doubted"]
 
 @dataclass(frozen=True)
 class Person:
-    """Where one participant stands: their tasks in order, which stay concealed until one has begun, and how far each.
-
-    Of a `doubted` one a journal cannot be believed.
-    """
+    """One participant's tasks in order, concealed until one has begun, and progress; of the `doubted` a journal is bad."""
 
     participant: str
     order: tuple[str, ...]
@@ -86,14 +79,12 @@ class Person:
 
 @dataclass(frozen=True)
 class Status:
-    """How far a study is.
+    """A study's progress on the `day` of which its seal was checked.
 
-    `root` is the folder of its dataset, and `day` the day that its seal was held against. `people` are those enrolled,
-    in a rehearsal all. `seal` says under which approval it runs. `excluded` gives a reason for each participant who is
-    done and left out by the protocol's rules; None if that is not known. `doubts` speak against the evidence,
-    `reminders` only want somebody to act. `to_enrol` is the label that is enrolled next.
-    `revealed` gives the day on which what somebody does was shown (palpate schedule --reveal). `keep_until` gives the
-    last day on which the data of each who has any may be kept, where the protocol states how long.
+    `people` are those enrolled, in a rehearsal all. `seal` is the approval. `excluded` gives a reason for each finished
+    participant whom the rules exclude; None if unknown. `doubts` question the evidence, `reminders` need action.
+    `to_enrol` is the next label. `revealed` gives the days of `palpate schedule --reveal`, `keep_until` the last day on
+    which the data of each may be kept, where the protocol limits it.
     """
 
     root: Path
@@ -250,10 +241,7 @@ MOST_ARMS = 4
 
 
 def status(given: Path, today: date) -> Status:
-    """Return how far the study is in the dataset folder `given`, or in the default folder of that protocol file.
-
-    Raises `DatasetError` if there is no dataset with journals, and what `beliefs.doubted` raises.
-    """
+    """Return the progress in this dataset folder, or in a protocol file's. Raises `DatasetError`, as `doubted`."""
     protocol_file = given if given.is_file() else None
     root = enrolment.default_root(files.load(given)) if protocol_file else given
     storage.refuse_other_format(root)
@@ -305,10 +293,7 @@ def status(given: Path, today: date) -> Status:
 
 
 def _seal(root: Path, protocol_file: Path | None, dataset: Believed, today: date) -> tuple[str, list[str]]:
-    """Return the approval in a sentence, and what is to be done about it: by the seal that `palpate run` would check.
-
-    That is the one beside the protocol's file; the dataset keeps a copy of the seal of its first session.
-    """
+    """Return the approval in a sentence, and what to do about it, by the seal that `palpate run` would check."""
     file = protocol_file or storage.protocol_path(root)
     if protocol_file is None and not approval.seal_path(file).exists():
         return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []

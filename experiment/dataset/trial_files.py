@@ -1,8 +1,7 @@
 """Single trials from the CSV files that other software writes: PsychoPy, jsPsych, OpenSesame, Gorilla, a lab's own.
 
-Such a file has a header and a row for each screen, of which only some are trials: rows whose column of materials is
-empty are instructions, breaks or ends of a file, and are passed over and counted. Which column holds what, and which
-keys stand for which material, is the user's to say; whatever a cell may not be is refused with its line and column.
+Rows whose column of materials is empty (instructions, breaks) are passed over and counted. The user says which column
+holds what; a bad cell is refused with its line and column.
 """
 
 import csv
@@ -35,9 +34,8 @@ TOLD = 12
 class Layout:
     """Which column holds what.
 
-    `answers` and `materials` give what a cell of the columns `answered` and `presented` stands for, where it is no
-    material itself; `where` gives the cell that a row must have in a column to be a trial. Of `time_s` and `time_ms`,
-    one at most names the column of response times.
+    `answers` and `materials` translate cells of `answered` and `presented`; `where` gives the cells that make a row a
+    trial. At most one of `time_s` and `time_ms` names the column of response times.
     """
 
     presented: str
@@ -73,10 +71,7 @@ class Row:
 
 @dataclass(frozen=True)
 class Trials:
-    """The trials of one file or several, and the materials in the order of the tables.
-
-    `passed_over` holds what stands for the material in each row that is no trial.
-    """
+    """Trials, the materials in the order of the tables, and what stands for the material in each row `passed_over`."""
 
     rows: tuple[Row, ...]
     materials: tuple[str, ...]
@@ -96,13 +91,11 @@ def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
 
 
 def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] = ()) -> Trials:
-    """Return the trials in these files.
+    """Return the trials in these files, in the order of files and lines.
 
-    `materials` are those that may be presented and answered, in order; by default those that are presented, in
-    alphabetical order. Trials stand in the order of the files and their lines. Raises `DatasetError` for a file that
-    cannot be read, a column that is missing or there twice, a cell that is not allowed, a trial number that a
-    participant has twice in a task, and without a trial or with less than two materials. It names the file, the line
-    and the column.
+    `materials` may be presented and answered, by default those presented, in alphabetical order. Raises `DatasetError`
+    with file, line and column for an unreadable file, a missing or repeated column, a bad cell, a trial number twice in
+    a participant's task, and without trials or two materials.
     """
     rows: list[Row] = []
     passed_over: list[str] = []

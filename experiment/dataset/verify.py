@@ -1,7 +1,6 @@
 """`palpate verify`: what a dataset shows about itself, and what only a register outside of it can show.
 
-Every finding is told, not only the first. Journals, heads and tables show every accident. Whether somebody made all of
-them anew is shown by anchors that this person could not change (`register.py`).
+Journals, heads and tables show accidents; only anchors (`register.py`) show that somebody made all of them anew.
 """
 
 import hashlib
@@ -76,13 +75,12 @@ class Evidence:
 def verify(
     root: Path, registers: Sequence[Path] = (), numbers: Sequence[str] = (), signer: Signer | None = None
 ) -> Report:
-    """Return what holds of a dataset, and what does not.
+    """Return every finding about a dataset.
 
-    `registers` are files of anchors, `numbers` those of anchors in a lab book, or the whole lines there; with a
-    `signer` only anchors of the registers count that one of its keys signed. Raises `DatasetError` if the folder is no
-    dataset, and for what was typed wrongly, which speaks against no dataset: a register, a number or a key that cannot
-    be read, a number that differs from an anchor's in `MISTYPED` digits at most, or a key other than the one that
-    signed.
+    `registers` are files of anchors, `numbers` those in a lab book, or whole lines of it; with a `signer` only anchors
+    that one of its keys signed count. Raises `DatasetError` if the folder is not a dataset, and for typing mistakes: an
+    unreadable register, number or key, a number that differs from an anchor's in at most `MISTYPED` digits, or another
+    key than the signer's.
     """
     if not root.is_dir():
         raise DatasetError(f"{root}: is no folder; allowed: that of a dataset, which holds sourcedata; give that one")
@@ -184,10 +182,7 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
 
 
 def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
-    """Tell the seal under which the study was begun; each text of it ends its line, so that it reorders nothing.
-
-    What it says of its approval holds where an anchor has it: nothing else would show that it was edited.
-    """
+    """Yield the seal under which the study was begun; only an anchor shows that its approval was not edited."""
     seal, now = approval.read(storage.protocol_path(root)), beliefs.seal_sha256(root)
     word: Word = "holds" if any(one.seal_sha256 == now for place in evidence for one in place.anchors) else "note"
     yield Finding("holds", "seal", "is of the protocol")

@@ -1,8 +1,4 @@
-"""What a protocol file may say and hardly means: told on the board's page, and refused by nothing.
-
-A rule (`rules`) says what cannot be. What stands here can be, so only people decide; and a dataset that was begun with
-such a protocol can still be read.
-"""
+"""Legal but odd settings of a protocol: shown on the board's page, never refused, so that older datasets stay readable."""
 
 from collections.abc import Iterator
 from itertools import pairwise
@@ -61,10 +57,7 @@ def _band(protocol: Protocol) -> Iterator[Problem]:
 
 
 def _orders(protocol: Protocol) -> Iterator[Problem]:
-    """Give those who do the same tasks and cannot be divided equally among the orders of them; as `study.allocation`.
-
-    Whoever enrols first does every task, and whoever comes after the participants of a task does the others.
-    """
+    """Yield each group with the same tasks that cannot be divided equally among their orders."""
     if protocol.task_order.kind != "counterbalanced":
         return
     ends = sorted({0, *(task.participants for task in protocol.tasks)})

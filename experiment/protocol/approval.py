@@ -1,13 +1,10 @@
-"""The one form of a protocol, whatever its file looks like; the hash of that form; and the seal that approves it.
+"""The canonical form of a protocol, the hash of that form, and the seal that approves it.
 
-The form is RFC 8785 JSON of every field, defaults included: what is approved is what is carried out, whether a value
-was written down or left to its default. So comments, the order of keys, inline tables and the way a number is written
-(`20`, `20.0`, `2e1`) do not change it. It has the keys of the format that the protocol's file names, and no younger
-one, so that a key added later breaks no seal.
+The form is RFC 8785 JSON of every field, defaults included, so comments, the order of keys and the way a number is
+written do not change it. It has only the keys of the format that the file names: a key added later breaks no seal.
 
-The seal is a record beside the protocol's file that names the hash of what was approved, and holds that form itself, so
-that a change names its field. It shows that the protocol is the one approved, not who approved it: whoever can write
-the file can write the record. What stands in it can be checked against the board's letter.
+The seal is a record beside the file. It holds the hash and the form, so that a change can name its field. It shows that
+the protocol is the approved one, not who approved it.
 """
 
 import hashlib
@@ -102,10 +99,9 @@ def write(
 ) -> Seal:
     """Record the approval of `protocol`, as loaded from `protocol_path`, beside it.
 
-    `page_sha256` are the first digits of the hash on the page that the board read, None if nobody gives them. `replace`
-    lets the seal take the place of another, whatever that says; datasets begun under it keep their copy. Raises
-    `ProtocolError` if the page was of another version, a field is empty or contradicts the protocol's own ethics block,
-    a text of the protocol is still to be filled in, or a seal exists already.
+    `page_sha256` are the first digits of the hash on the board's copy of the page. `replace` lets the seal replace
+    another; datasets begun under that one keep their copy. Raises `ProtocolError` if the page was of another version, a
+    field is empty, contradicts the ethics block or is still to be filled in, or a seal exists.
     """
     path = seal_path(protocol_path)
     if page_sha256 is not None:
@@ -144,10 +140,7 @@ def replaced(protocol_path: Path, protocol: Protocol) -> str:
 
 
 def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
-    """Return the seal under which `protocol`, as loaded from `protocol_path`, may run `today`.
-
-    Raises `ProtocolError` if the protocol is not sealed, was changed since, or is not approved on this day.
-    """
+    """Return the seal under which `protocol` may run `today`. Raises `ProtocolError` if there is none."""
     seal = read(protocol_path)
     problems = _changed(protocol_path, protocol, seal)
     if today < seal.approved_on:
@@ -160,10 +153,7 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
 
 
 def held(protocol_path: Path, protocol: Protocol) -> Seal:
-    """Return the seal of `protocol`, as loaded from `protocol_path`, whether it has expired since or not.
-
-    Raises `ProtocolError` if the protocol is not sealed, or was changed since.
-    """
+    """Return the seal of `protocol`, expired or not. Raises `ProtocolError` if it is not sealed or was changed."""
     seal = read(protocol_path)
     _refuse(seal_path(protocol_path), _changed(protocol_path, protocol, seal))
     return seal
@@ -193,10 +183,7 @@ def read(protocol_path: Path) -> Seal:
 
 
 def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Seal | None]:
-    """Return in a sentence whether `protocol`, as loaded from `protocol_path`, is approved `today`, and its seal.
-
-    Raises `ProtocolError` if the seal cannot be read.
-    """
+    """Return the state of approval `today` in a sentence, and the seal. Raises `ProtocolError` if it is unreadable."""
     if not seal_path(protocol_path).exists():
         return "NOT SEALED: no approval of this protocol is recorded beside its file.", None
     seal = read(protocol_path)

@@ -11,18 +11,12 @@ PACKAGE = Path(__file__).parent.parent
 
 
 def load(path: Path) -> Protocol:
-    """Return the protocol of the file at `path`.
-
-    Raises `ProtocolError` with every problem of the file, or with the first of its syntax.
-    """
+    """Return the protocol at `path`. Raises `ProtocolError` with all its problems, or its first syntax error."""
     return read(path, Protocol)
 
 
 def shipped(name: str) -> Path:
-    """Return the file `name` under protocols/: of the working folder, of the checkout, or the installed package's copy.
-
-    Raises `PalpateError` if none of them has it.
-    """
+    """Return the file `name` of protocols/: in the working folder, the checkout or the package. Raises `PalpateError`."""
     for folder in (Path("protocols"), PACKAGE.parent / "protocols", PACKAGE / "shipped"):
         if (folder / name).is_file():
             return folder / name
@@ -30,10 +24,7 @@ def shipped(name: str) -> Path:
 
 
 def named(name: str) -> Path:
-    """Return the protocol file of this path, or the one that comes with palpate and has this id.
-
-    Raises `PalpateError` if a word is neither.
-    """
+    """Return the protocol file at this path, or the shipped one with this id. Raises `PalpateError` for neither."""
     path = Path(name)
     if path.is_file() or path.suffix or len(path.parts) > 1:
         return path

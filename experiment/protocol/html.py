@@ -1,9 +1,7 @@
-"""The board's page as one HTML file that needs no other, to be read in a browser and printed on A4.
+"""The board's page as one self-contained HTML file for a browser and for A4.
 
-It is made of the same blocks as the page in plain text, and keeps the same walls. Every text is escaped, and nothing in
-the file may run or be fetched. Free text stands in blocks of its own beside a bar that runs along all of its lines, and
-names stand between double quotes and are never broken. The last line of every printed sheet says which version it is of
-and whether that is approved.
+It is made of the same blocks as the plain text. Every text is escaped, and nothing in the file runs or is fetched. The
+foot of every printed sheet names the version and whether it is approved.
 """
 
 from collections.abc import Iterable
@@ -25,10 +23,7 @@ _NAMES = str.maketrans({page.OPEN: '<span class="name">&quot;', page.CLOSE: "&qu
 def html(
     protocol: Protocol, file: str, state: str, seal: Seal | None, today: date, rig: Iterable[page.Block] = ()
 ) -> str:
-    """Return the page of the protocol in `file`; `state` and `seal` are of `approval.state`, as of `today`.
-
-    What is said of a `rig` stands at its end, for it is no part of what is sealed.
-    """
+    """Return the page of the protocol in `file`, with `state` and `seal` of `approval.state`, and the `rig` at its end."""
     word = state.partition(":")[0]
     until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
     said = page.Said(f"{state} This was so on {today}.")

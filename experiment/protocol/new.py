@@ -1,8 +1,7 @@
 """A new protocol file: from the answers to a few questions, or as a copy of another under an id of its own.
 
-What is written has a comment for every key. What only a laboratory can say stands there as `approval.UNFILLED`: the
-study can be practised and rehearsed with it, the board's page lists it, and no seal is given to it. An answer is
-checked as the file that it would become, so that what refuses an answer is what would refuse the file.
+Every key has a comment. Fields that only a laboratory can complete are `approval.UNFILLED`: such a study can be
+practiced and rehearsed, not sealed. Each answer is checked as the file that it would become.
 """
 
 import re
@@ -64,10 +63,7 @@ class NewMaterial:
 
 
 def materials(typed: Sequence[str]) -> tuple[NewMaterial, ...]:
-    """Return materials from `NAME`, or `NAME, KEY, PHRASE, PHRASE`, each.
-
-    Without a key one is a letter of its name that no other has, and without phrases it is called by its name.
-    """
+    """Return the materials of `NAME` or `NAME, KEY, PHRASE, ...`, by default with a free letter and the name."""
     split = [parts(one) or ("",) for one in typed]
     taken = {NO_ANSWER, REDO, PAUSE, *(given[1] for given in split if len(given) > 1)}
     made = []
@@ -107,10 +103,7 @@ def checked(study: NewStudy) -> NewStudy:
 
 
 def with_material(study: NewStudy, place: int, typed: str) -> NewStudy:
-    """Return a study with another `KEY, PHRASE, PHRASE` of one material; those after it take what keys are left.
-
-    Raises `PalpateError` as `checked`.
-    """
+    """Return the study with another `KEY, PHRASE, PHRASE` for one material. Raises `PalpateError` as `checked`."""
     before = [f"{one.name}, {one.typed}" for one in study.materials[:place]]
     after = [one.name for one in study.materials[place + 1 :]]
     return checked(replace(study, materials=materials([*before, f"{study.materials[place].name}, {typed}", *after])))
@@ -174,10 +167,9 @@ def text(study: NewStudy) -> str:
 
 
 def copied(source: Path, study_id: str, title: str | None = None) -> str:
-    """Return the text of the protocol file `source` under another id, and without the approval of the study there.
+    """Return the text of the protocol `source` under another id and title, without its approval.
 
-    `title` None stands for the title there. Raises `ProtocolError` as `files.load`, and `PalpateError` if the id or the
-    title cannot be taken.
+    Raises `ProtocolError` as `files.load`, and `PalpateError` for a bad id or title.
     """
     known = files.load(source)
     if study_id == known.study.id:
@@ -197,10 +189,7 @@ def copied(source: Path, study_id: str, title: str | None = None) -> str:
 
 
 def free(path: Path) -> Path:
-    """Return where a new protocol file goes, with the ending `.toml`. Raises `PalpateError` for what is no such place.
-
-    A name that ends as a seal's would be taken for one.
-    """
+    """Return where a new protocol file goes, ending in `.toml`. Raises `PalpateError`, also for a seal's name."""
     path = path if path.suffix else path.with_name(f"{path.name}.toml")
     if path.suffix != ".toml" or path.name.endswith(".seal.toml"):
         raise PalpateError(f"got the file {quoted(str(path))}; allowed: a name that ends in .toml, and not .seal.toml")

@@ -1,8 +1,7 @@
 """The page that states every fact of a protocol to an ethics board, and its form as plain text.
 
-Words of the file cannot pass for words of palpate, and so not for a limit or a heading: free text stands behind a bar
-with nothing after it, on lines of its own where letters run from right to left, since these reorder what stands beside
-them; and names stand between double quotes and are never broken.
+No quoted text can pass for words of palpate: free text stands behind a bar, on lines of its own where letters run from
+right to left, and names stand between double quotes and are never broken.
 """
 
 import textwrap

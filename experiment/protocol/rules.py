@@ -1,7 +1,7 @@
 """What must hold between the fields of a protocol file, beyond the type of each.
 
-Every rule reads plain tables (arrays as tuples) and passes over what is missing or of the wrong type. So a file with
-a wrong type in one place still has all its rules checked, and every error is reported at once.
+Rules read plain tables (arrays as tuples) and ignore missing and mistyped values, so that all errors are reported at
+once.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

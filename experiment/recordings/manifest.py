@@ -47,10 +47,10 @@ LARGEST = 8 * 2**20
 
 @dataclass(frozen=True)
 class Recordings:
-    """The takes of the materials asked for, as `crinkle.subtract` needs them.
+    """The takes of the requested materials, in m/s^2, sampled at `rate_hz`.
 
-    `simulated` says whether a simulation made any of them. `speeds_mm_s` are the target speeds, shape (S,); takes of
-    the bare `panel`, and of each of the `objects` on it, are in m/s^2, shape (S, T, N), all sampled at `rate_hz`.
+    `simulated`: a simulation made some of them. `speeds_mm_s` are target speeds, shape (S,); takes of the bare `panel`
+    and of each of the `objects` have shape (S, T, N).
     """
 
     label: str
@@ -95,10 +95,7 @@ class Manifest(Confined):
 
 
 def sha256(directory: Path) -> str:
-    """Return the SHA-256 of a set of recordings: that of its manifest, which holds the hash of every take.
-
-    Raises `RecordingError` if the manifest cannot be read.
-    """
+    """Return the SHA-256 of the manifest, which holds the hash of every take. Raises `RecordingError`."""
     try:
         return hashlib.sha256(storage.read_bytes(directory / MANIFEST)).hexdigest()
     except OSError as error:
@@ -116,10 +113,10 @@ def materials_of(directory: Path) -> frozenset[str]:
 
 
 def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) -> Recordings:
-    """Read and check the takes of the bare panel and of the materials asked for; no others are opened.
+    """Return the checked takes of the bare panel and of the requested materials.
 
-    Raises `RecordingError` if there is no manifest or it is malformed, its rate or length is not the protocol's, or a
-    take is missing, listed twice, changed since, damaged, not float, not mono or not finite.
+    Raises `RecordingError` for a bad manifest, another rate or length than the protocol's, or a take that is missing,
+    listed twice, changed, damaged, not float, not mono or not finite.
     """
     path = directory / MANIFEST
     manifest = _read(path)
@@ -134,10 +131,7 @@ def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) 
 
 
 def load_all(directory: Path) -> Recordings:
-    """Read and check everything that a manifest names: every material, with as many takes at each speed for all.
-
-    Raises `RecordingError` as `load`, or if the manifest names no take of any material.
-    """
+    """Return all checked takes, as many at each speed for every material. Raises `RecordingError`, also for none."""
     path = directory / MANIFEST
     manifest = _read(path)
     materials = dict.fromkeys(take.material for take in manifest.takes if take.material is not None)

@@ -1,7 +1,6 @@
 """Any recording from disk: WAV, text columns with a column of times, or a LabVIEW measurement file (.lvm).
 
-The content of a file decides which it is, not its name. The sampling rate is that of the column of times wherever there
-is one: the rate in a header may be wrong, and is only reported beside it.
+The content decides the format. The rate is that of a column of times if there is one; a header's is only reported.
 """
 
 import re
@@ -40,11 +39,9 @@ _SAYS_NOTHING = ("", "x", "s", "sec", "seconds", "untitled")
 class Recording:
     """One channel of a recording, evenly sampled.
 
-    `channels` are all that hold samples, in the file's order. The `samples` are finite, float64, shape (n,), in the
-    file's `unit`, which is empty where it gives none. `rate_source` is what the rate was taken from; `header_rate_hz`
-    is what the header claims, where the file has both a header and a column of times. `jitter` is the largest departure
-    of a sample from the even grid, in steps; 0 without a column of times. Of the file's `segments` with samples the
-    first is read.
+    `channels` are all with samples, in order. `samples` are finite, float64, shape (n,), in `unit`, empty if unknown.
+    `rate_source` is where the rate is from, `header_rate_hz` what a header claims beside a column of times. `jitter` is
+    the largest departure from the even grid, in steps; 0 without times. The first of `segments` is read.
     """
 
     file: str
@@ -61,10 +58,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class _Column:
-    """One column of a file: its heading, its finite values, and the line of each, from 1.
-
-    A LabVIEW header also gives each channel a time step, NaN where it gives none, and a dimension.
-    """
+    """One column: heading, finite values, their lines from 1; in LabVIEW also a time step (NaN for none) and dimension."""
 
     name: str
     unit: str
@@ -84,8 +78,8 @@ _Table = tuple[list[_Column], Sequence[_Column | None], int]
 def read(path: Path, *, channel: str | None = None) -> Recording:
     """Return one channel of a recording: the one of this name or number (from 1), or the first.
 
-    Raises `RecordingError` if the file cannot be read or understood; it has no such channel; samples are not finite;
-    there is no column of times, or times do not rise in even steps. The error names the line where there is one.
+    Raises `RecordingError`, with a line if any, for an unreadable file, a missing channel, samples that are not finite,
+    and times that are missing or uneven.
     """
     try:
         content = storage.read_bytes(path, LARGEST)

@@ -1,12 +1,11 @@
 """The amplitude spectrum of a recording, its peaks, and a plot of both: what `palpate spectrum` shows.
 
-The mean is removed; the magnitude of the discrete Fourier transform of the whole record, scaled by 2/n, is the
-amplitude of a sinusoid at that frequency. No window is applied: the recordings at hand are transients that begin with
-the record, where a window would hide what matters. (Equation (1) of Okamoto et al. is a cosine transform, which makes
-stimuli; its coefficients depend on phase, and split one ringing into several peaks.)
+It is the magnitude of the discrete Fourier transform of the whole record without its mean, scaled by 2/n, and without a
+window, since transients begin with the record. Equation (1) of Okamoto et al. is a cosine transform, whose coefficients
+depend on phase.
 
-A peak is a local maximum that stands out of its surroundings (prominence) by `PROMINENCE` of the highest amplitude or
-more. Its frequency and amplitude are those of the maximum of the continuous spectrum between the neighbouring bins.
+A peak is a local maximum with a prominence of at least `PROMINENCE` of the highest amplitude. Its frequency and
+amplitude are those of the continuous spectrum's maximum between the neighboring bins.
 """
 
 from collections.abc import Sequence
@@ -40,8 +39,8 @@ class Peak:
 class AmplitudeSpectrum:
     """The spectrum of one channel.
 
-    `frequencies_hz` go from 0 to half the sampling rate, shape (K,), with `amplitudes` in the recording's unit, shape
-    (K,); the `peaks`, at most `MOST_PEAKS`, are strongest first.
+    `frequencies_hz`, shape (K,), go from 0 to half the sampling rate, `amplitudes`, shape (K,), are in the recording's
+    unit; at most `MOST_PEAKS` `peaks`, strongest first.
     """
 
     recording: Recording
@@ -98,10 +97,7 @@ def of_file(path: Path, *, channel: str | None = None) -> AmplitudeSpectrum:
 
 
 def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
-    """Return the amplitude spectrum and its peaks, by the method above.
-
-    Raises `RecordingError` for fewer than `FEWEST_SAMPLES` samples, or samples so large that their sum overflows.
-    """
+    """Return the spectrum and its peaks. Raises `RecordingError` for under `FEWEST_SAMPLES` samples, or overflow."""
     n = recording.samples.size
     if n < FEWEST_SAMPLES:
         raise RecordingError(
@@ -144,10 +140,7 @@ def curve(spectrum: AmplitudeSpectrum) -> tuple[NDArray[np.float64], NDArray[np.
 
 
 def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
-    """Draw the continuous spectrum with its peaks as .png or .svg, as the suffix of `path` says, and return `path`.
-
-    Raises `RecordingError` for another suffix, or a path that cannot be written.
-    """
+    """Draw the spectrum with its peaks as .png or .svg; return `path`. Raises `RecordingError` for a bad path."""
     if path.suffix.lower() not in (".png", ".svg"):
         raise RecordingError(f"{path}: got suffix {path.suffix!r}; allowed: .png, .svg; name the plot otherwise")
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -1,9 +1,8 @@
-"""What is to be recorded, the takes that were kept so far, and the finished recordings.
+"""What is to be recorded, the takes that were saved so far, and the finished recordings.
 
-Until all takes are there, each is kept whole in a folder `.NAME.partial` beside the one asked for, with the plan that
-they belong to: materials, speeds and takes, in the order of the walk. Then the recordings are written, the files that
-`manifest.py` reads, and moved into place in one piece. A folder of recordings is therefore complete or absent, and an
-interrupted recording goes on where it stopped, one process at a time; one with another plan is refused.
+Until all takes are there, each is saved in a folder `.NAME.partial` with its plan (materials, speeds and takes). Then
+the recordings are written and moved into place in one piece. An interrupted recording continues, one process at a time;
+one with another plan is refused.
 """
 
 import hashlib
@@ -48,11 +47,11 @@ class Condition:
 
 @dataclass(frozen=True)
 class Plan:
-    """What is recorded; it is kept on disk while the recording is under way.
+    """What is recorded, saved while the recording is under way.
 
     `source` is the rig, or the simulation with its seed. The hashes are those of the protocol's canonical form and of
-    what the rig file states, empty where no rig records. The bare panel comes before the `materials`, which are ids.
-    Each condition is recorded `takes` times, at target speeds that rise; a take has `samples` at `rate_hz`.
+    the rig, empty without one. The bare panel comes before the `materials`, which are ids. Each condition has `takes`
+    takes at rising target speeds; a take has `samples` at `rate_hz`.
     """
 
     source: str
@@ -84,10 +83,7 @@ def plan(
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
 ) -> Plan:
-    """Return what a protocol has recorded, at other speeds or with another number of takes where these are given.
-
-    Raises `RecordingError` if speeds do not rise or are no foot's, or the number of takes is out of range.
-    """
+    """Return a protocol's plan, with other speeds or takes if given. Raises `RecordingError` if they are not allowed."""
     synthesis = protocol.footsteps.synthesis
     speeds = tuple(float(v) for v in speeds_mm_s) or synthesis.speeds_mm_s
     if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
@@ -115,8 +111,7 @@ def plan(
 class Take(Condition):
     """One recording of a condition: acceleration, m/s^2, shape (N,).
 
-    `achieved_mm_s` is the foot's speed through the gate, None where no tracker saw it; `zero` is where the foot rested
-    before, from which its heights are counted, None where nothing was zeroed.
+    `achieved_mm_s` is the foot's speed through the gate, None without a tracker; `zero` None without zeroing.
     """
 
     samples_m_s2: NDArray[np.float64]
@@ -125,10 +120,9 @@ class Take(Condition):
 
 
 def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bool, label: str, note: str = "") -> Path:
-    """Write takes as float32 WAV files with their manifest, and return the manifest's path once all of it is on disk.
+    """Write takes as float32 WAV files, their manifest last, and return its path.
 
-    The manifest is written last: a directory without one was not finished. Raises `RecordingError` if the directory
-    holds anything, the takes differ in length, or a sample is not finite.
+    Raises `RecordingError` if the directory is not empty, takes differ in length, or a sample is not finite.
     """
     takes = list(takes)
     lengths = sorted({take.samples_m_s2.size for take in takes})
@@ -172,10 +166,7 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
 
 
 def check(out: Path, planned: Plan) -> Path:
-    """Return the folder of the takes that are kept until all are there; it may not exist yet.
-
-    Raises `RecordingError` if the folder is in use, or another plan was begun in it.
-    """
+    """Return the folder of saved takes, which may not exist yet. Raises `RecordingError` if in use or of another plan."""
     # Resolved, so that "." has a name too.
     partial = out.resolve().with_name(f".{out.resolve().name}.partial")
     if partial.is_symlink():
@@ -214,10 +205,7 @@ def check(out: Path, planned: Plan) -> Path:
 
 @contextmanager
 def begun(planned: Plan, out: Path) -> Iterator[Path]:
-    """Hold the folder of kept takes for this process, and give its path; the operating system releases it in any case.
-
-    Raises `RecordingError` as `check`, or if a kept take is damaged, or another process records there.
-    """
+    """Lock the folder of saved takes and yield it. Raises `RecordingError` as `check`, and for a damaged take."""
     partial = check(out, planned)
     partial.mkdir(parents=True, exist_ok=True)
     lock = FileLock(partial / LOCK)
@@ -245,10 +233,7 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
 
 
 def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
-    """Write the recordings from the kept takes, remove those once all is on disk, and return the manifest's path.
-
-    Raises `RecordingError` if a take is missing or damaged.
-    """
+    """Write the recordings, remove the takes, return the manifest's path. Raises `RecordingError` for a bad take."""
     partial = check(out, planned)
     takes = [_kept(take_path(partial, place), condition) for place, condition in enumerate(planned.conditions())]
     identity = f"protocol {planned.protocol_sha256}, rig {planned.rig_sha256}"

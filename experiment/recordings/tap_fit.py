@@ -4,8 +4,8 @@ The model is equation (2) of Wellman and Howe with a phase, and a baseline that 
 
     y(t) = exp(-B t) (s sin(2 pi f t) + c cos(2 pi f t)) + d + e t
 
-It is fitted by least squares from the largest sample on to where the envelope has fallen to `UNTIL`. Samples that the
-recorder has clipped are left out, and told. What rings in more than one mode, or in none, is called a misfit.
+Least squares cover the largest sample until the envelope falls to `UNTIL`, without clipped samples, which are reported.
+A ring with more than one mode, or none, is a misfit.
 """
 
 import csv
@@ -25,8 +25,7 @@ from palpate.experiment.recordings.readers import Recording, read
 from palpate.experiment.synthesis.tap import Exponential, Scaling, frequency_curve, scaling
 
 UNTIL = 0.25
-"""Part of the envelope at which the fit ends: -12 dB. Ours: by then the shock's other modes are small beside it, and
-the frequency of what rings has not yet gone far."""
+"""Part of the envelope at which the fit ends, -12 dB: other modes are small by then, and f has not drifted far."""
 
 LEAST_R2 = 0.9
 """Below this share of the variance the recording is a misfit. Ours."""
@@ -44,9 +43,8 @@ COLUMNS = ("file", "surface", "stiffness_n_m", "speed_m_s")
 class Ring:
     """The ring of one recording; what was not fitted is None, and `misfit` says why.
 
-    `peak` is the fitted envelope at the largest sample, `recorded_peak` that sample's magnitude, both in the file's
-    `unit`; `..._se` are standard errors.
-    `f_drift_hz` is f in the second half of the window less that in the first; `baseline_drift` is e, a second's worth.
+    `peak` is the fitted envelope at the largest sample, whose magnitude is `recorded_peak`, in `unit`; `..._se` are
+    standard errors. `f_drift_hz` is f of the window's second half less the first's; `baseline_drift` is e, per second.
     """
 
     file: str
@@ -170,11 +168,10 @@ _NO_MODE = "There is no single mode that rings and dies away: look at it with `p
 
 
 def clipped_samples(samples: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which samples a recorder has clipped, shape (n,), in the shape of those that came in.
+    """Return which samples a recorder has clipped, in the shape of the samples, (n,).
 
-    They are runs of `CLIPPED_RUN` or more at the largest or the smallest value, into or out of which there is a step:
-    the top of a slow wave is flat as well, and its steps are those of the converter. Where one run was clipped, every
-    sample at that value was.
+    They are all at a largest or smallest value that has a run of `CLIPPED_RUN` or more beside a step; the flat top of a
+    slow wave has only the converter's steps.
     """
     found = np.zeros(samples.size, dtype=np.bool_)
     spread = float(np.ptp(samples))
@@ -257,10 +254,7 @@ def _fitted(
 def _covariance(
     sensitivity: NDArray[np.float64], residual: NDArray[np.float64], kept: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return the covariance of what was fitted, shape (k, k), from its sensitivities, (n, k), and the residuals, (n,).
-
-    What was left out has a score of zero at its place, so that lags are times.
-    """
+    """Return the covariance of the fit, shape (k, k), from sensitivities, (n, k), and residuals, (n,), by lags in time."""
     sizes = np.maximum(np.linalg.norm(sensitivity, axis=0), 1e-300)
     scaled = sensitivity / sizes
     scores = np.zeros((kept.size, sizes.size))
@@ -280,9 +274,9 @@ def _covariance(
 
 @dataclass(frozen=True)
 class TapSet:
-    """Taps at several speeds: L and D of each surface, in the order of the table, and f over stiffness.
+    """Taps at several speeds: L and D of each surface, in order, and f over stiffness (`curve`).
 
-    `unscaled` holds a sentence for each surface without L and D; `curve` is None where `no_curve` says why.
+    `unscaled` has a sentence for each surface without L and D, `no_curve` says why there is no `curve`.
     """
 
     surfaces: tuple[str, ...]
@@ -326,10 +320,7 @@ class Tapped:
 
 
 def read_taps(path: Path) -> tuple[Tapped, ...]:
-    """Return the table of taps: a CSV file with the columns `COLUMNS`; files are named as they are beside the table.
-
-    Raises `RecordingError` for a table that cannot be read, other columns, or numbers that are not above zero.
-    """
+    """Return a CSV table of taps with `COLUMNS`, its files relative to it. Raises `RecordingError` for bad cells."""
     try:
         reader = csv.DictReader(StringIO(storage.read_bytes(path).decode("utf-8-sig")))
         rows, header = list(reader), reader.fieldnames or ()
@@ -360,9 +351,8 @@ def read_taps(path: Path) -> tuple[Tapped, ...]:
 
 
 def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
-    """Return L, D and the curve of frequency over stiffness from the fits, as the paper derives them.
-
-    Raises `RecordingError` for a recording that the table does not name, or a surface with two stiffnesses.
+    """Return L, D and f over stiffness as the paper derives them. Raises `RecordingError` if recordings and table
+    differ.
     """
     by_name = {Path(one.file).name: one for one in taps}
     found: dict[str, list[tuple[Tapped, Ring]]] = {}

@@ -14,8 +14,7 @@ from palpate.experiment.errors import RecordingError
 def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
     """Return a WAV file's sampling rate in Hz, and its samples in their own type, shape (n,) or (n, channels).
 
-    Raises:
-        RecordingError: `content` is no WAV file, is damaged or cut off, or holds no samples; the error names `file`.
+    Raises `RecordingError`, naming `file`, for content that is not WAV, damaged, cut off or without samples.
     """
     try:
         with warnings.catch_warnings():

@@ -1,12 +1,9 @@
 """Recording a protocol's materials: the walk through materials, speeds and takes, each step shown beside its target.
 
-A take that is kept is on disk at once; the same call goes on with an interrupted recording.
-
-The vibration of a take is the foot's own: it begins where the panel first shakes after the foot reached what lies
-there, not at a knock before. An object on the panel is lower than the gate's top, so with an object the stretch begins
-when the foot passes that; on the bare panel it begins at contact. Both times come from the tracker's counter, which is
-tied to the host's clock by the frame that was delayed least, as the accelerometer's samples are. `SOONER_NS` and
-`LATER_NS` say how far the stretch reaches on either side.
+A take begins where the panel first shakes after the foot reached what lies there. An object is lower than the gate's
+top, so the stretch begins when the foot passes that; on the bare panel it begins at contact. Both times come from the
+tracker's counter, tied to the host's clock by the least delayed frame, as the accelerometer's samples are. `SOONER_NS`
+and `LATER_NS` are the margins.
 """
 
 from collections import deque
@@ -32,12 +29,10 @@ SPEED_TOLERANCE = 0.10
 """A step is on target when its speed is off by this part at most: less than half the way to the next recorded speed."""
 
 SOONER_NS = 50_000_000
-"""How much earlier than the tracker says a take may begin, ns: both streams stall for up to 31 ms on a busy host, and
-contact, which may be predicted, is a few milliseconds uncertain (see gate.py)."""
+"""How much earlier a take may begin, ns: streams stall by up to 31 ms, and a predicted contact is some ms uncertain."""
 
 LATER_NS = 150_000_000
-"""How much later than contact a take may begin, ns: for the same reasons, and because an accelerometer's server may
-delay every sample, by up to 100 ms in a sound server."""
+"""How much later than contact a take may begin, ns: also for up to 100 ms of delay in a sound server."""
 
 REST_NS = 20_000_000
 """A take that begins this soon after a knock may be its remainder, ns."""
@@ -48,11 +43,10 @@ RECENT_FRAMES = 1000
 
 @dataclass(frozen=True)
 class Step:
-    """A step that was recorded, before it is kept.
+    """A recorded step.
 
-    `achieved_mm_s` is the foot's mean speed through the gate. `window` is what the accelerometer recorded, None if the
-    panel did not shake. A knock that is not part of the take came `knock_ms` before contact, None for no knock; if
-    `restless`, the panel may still have shaken from it.
+    `achieved_mm_s` is the foot's mean speed through the gate; `window` is None if the panel did not shake. A knock came
+    `knock_ms` before contact, None for none; if `restless`, the panel may still have shaken from it.
     """
 
     condition: Condition
@@ -122,11 +116,10 @@ def record_on_rig(
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
 ) -> Path:
-    """Record on a real rig, or continue such a recording, and return the manifest's path.
+    """Record on a real rig, or continue, and return the manifest's path.
 
-    The rig file needs a table `[accelerometer]`; nothing is played, so actuator and response table are not opened.
-    `out` is new or empty. `speeds_mm_s` and `takes` are used instead of the protocol's, unless empty or None. Raises
-    `PalpateError` if a file or a part cannot be used; the same call goes on where it stopped.
+    The rig file needs a table `[accelerometer]`; nothing is played. `out` is new or empty. `speeds_mm_s` and `takes`
+    replace the protocol's unless empty or None. Raises `PalpateError` if a file or a part cannot be used.
     """
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if rig.rig.simulated:
@@ -174,10 +167,9 @@ def record(
     clock: Clock,
     note: str = "",
 ) -> Path:
-    """Record what is not recorded yet, write the finished recordings, and return the manifest's path.
+    """Record what is missing, write the recordings, and return the manifest's path.
 
-    `note` is added to the manifest. Raises `RecordingError` as `store.check`, or if the accelerometer failed, and
-    `TrackerError` if the tracker failed.
+    `note` is for the manifest. Raises `RecordingError` as `store.check` or of the accelerometer, and `TrackerError`.
     """
     conditions = planned.conditions()
     with store.begun(planned, out) as folder:

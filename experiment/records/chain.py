@@ -1,12 +1,11 @@
 """Lines that nobody changes unseen: each has its number, its time and the hash of the line before it.
 
-A line is `{"n": 3, "t_ns": ..., "prev": "<SHA-256 of line 2>", "entry": {...}}`. What stands after the last newline is
-torn: a write that never finished, so nothing that was confirmed. It is reported and dropped; whatever else does not fit
-is refused.
+A line is `{"n": 3, "t_ns": ..., "prev": "<SHA-256 of line 2>", "entry": {...}}`. Bytes after the last newline are torn:
+a write that never finished and was not confirmed. They are reported and dropped; anything else that does not fit is
+refused.
 
-A chain alone cannot show that its end was cut off. So beside the file stands its head: the number of its lines and the
-hash of the last, written after each line. A file that is shorter than its head says is refused, and so is one that is
-longer by more than the one line that a kill can leave between the two.
+A head beside the file shows a cut end: the number of lines and the hash of the last, written after each line. A file
+that is shorter than its head says, or longer by more than one line, is refused.
 """
 
 import hashlib
@@ -34,9 +33,8 @@ ENVELOPE = re.compile(
 
 @dataclass(frozen=True)
 class Link:
-    """One line: when it was written, ns since 1970-01-01T00:00Z, its entry, its bytes, and its SHA-256.
-
-    `problem` is why the entry cannot be read, and is empty where it can.
+    """One line: its time, ns since 1970-01-01T00:00Z, its entry (or the `problem` with it), its bytes, and their
+    SHA-256.
     """
 
     t_ns: int
@@ -53,10 +51,7 @@ class Link:
 
 @dataclass(frozen=True)
 class End:
-    """Where a file of chained lines ends: after `count` lines and `size` bytes; what follows is `torn`.
-
-    `last` is the SHA-256 of the last line, the `prev` of the next.
-    """
+    """Where a file of chained lines ends, with the SHA-256 of the last line; what follows is `torn`."""
 
     count: int = 0
     last: str = GENESIS
@@ -88,8 +83,8 @@ def head_path(path: Path) -> Path:
 def read(path: Path, error: type[PalpateError], *, strict: bool = True) -> Chain:
     """Read and verify a file of chained lines; one that was never begun is empty.
 
-    Raises `error` if the file or its head cannot be read, is gone, or does not fit; unless `strict`, not for a line
-    that follows the one before it and that the next one follows, and whose entry alone is no JSON.
+    Raises `error` if the file or its head is unreadable, missing, or does not fit; unless `strict`, an entry that is
+    not JSON between fitting lines is allowed.
     """
     # The head first: read the other way round, a file that is being written would seem cut off.
     head, data = _head(path, error), _bytes(path, error)
@@ -187,18 +182,14 @@ def _line(number: int, t_ns: int, last: str, entry: dict[str, object]) -> bytes:
 
 
 class Writer:
-    """A file of chained lines that is open for appending, and held against other writers.
+    """A file of chained lines that is open for appending, and locked against other writers.
 
-    `whole` tells whether a line may follow: no write was interrupted halfway. `waits` tells whether each line is on
-    disk when `append` returns; otherwise all are when it is closed, and only a power cut can take what came since.
-    `descriptors` are those of the file and of its head.
+    `whole`: no write was interrupted halfway. `waits`: each line is on disk when `append` returns, otherwise when the
+    file is closed. `descriptors` are those of the file and of its head.
     """
 
     def __init__(self, path: Path, end: End) -> None:
-        """Continue `path` after the end of what `read` returned, dropping its torn end.
-
-        Raises `SessionLocked` if another writer has it open, and `OSError`.
-        """
+        """Continue `path` after `end`, without its torn end. Raises `SessionLocked` if it is open, and `OSError`."""
         self._count, self._last, self._size = end.count, end.last, end.size
         self.whole = self.waits = True
         # Without a buffer, which would be written after all once a full disk has room again.

@@ -1,8 +1,4 @@
-"""Models of the journal entries that every kind of trial shares.
-
-A journal is one session, which is one participant doing one task: a `Header`, then entries, then a `Footer`. What a
-kind of trial leaves on record of an attempt stands in a module of its own (`footstep.py`).
-"""
+"""Models of the journal entries that every kind of trial shares: a `Header`, then entries, then a `Footer`."""
 
 from datetime import datetime
 from hashlib import sha256
@@ -51,13 +47,11 @@ class PlannedTrial(Record):
 
 
 class Header(Entry):
-    """What this session is; written before the first trial, never again.
+    """What this session is; the first entry.
 
-    `software` is palpate's version, and `source_sha256` the hash of its source, as `software.this` gives both.
-    `session_id` are 32 hexadecimal digits that no other session has: copies of one in two datasets are told by it.
-    `recordings_sha256` is that of the recordings' manifest, which holds the hash of every take; None without synthesis.
-    `order` falls into blocks of `block_trials`; a trial that is put off is run again at the end of its block.
-    `roster_sha256` is the hash of the roster's last line when the session began; None in a rehearsal, which has none.
+    `software` and `source_sha256` are those of `software.this`. `session_id` are 32 unique hexadecimal digits, which
+    identify copies. `recordings_sha256` is that of the manifest; None without synthesis. `order` falls into blocks of
+    `block_trials`. `roster_sha256` is the hash of the roster's last line at the start; None in a rehearsal.
     """
 
     kind: Literal["header"] = "header"
@@ -108,11 +102,11 @@ LOUDEST_DB_A = 200.0
 
 
 class MaskerSet(Entry):
-    """The masker's level from now on, dB(A), None for silence; the dose so far, and L_EX,8h of that dose.
+    """The masker's level from now on, dB(A), None for silence; the dose so far, and L_EX,8h of that dose, None for
+    none.
 
-    `dose` is what the participant's sessions used up in the 24 hours before the runner began, and what this runner's
-    masker played since; the masker's own is thus the difference of two entries of one runner. A dose of 1 is 80 dB(A)
-    for eight hours (Directive 2003/10/EC, lower action value). A level is None for no dose.
+    `dose` is of all the participant's sessions in the 24 hours before the runner began, and of this runner's masker. A
+    dose of 1 is 80 dB(A) for eight hours (Directive 2003/10/EC, lower action value).
     """
 
     kind: Literal["masker"] = "masker"
@@ -122,11 +116,10 @@ class MaskerSet(Entry):
 
 
 class Exposure(Entry):
-    """What a session in real time has done to the participant so far, every few seconds while it is under way.
+    """What a session in real time has done to the participant so far, written every few seconds.
 
-    `dose` is that of `MaskerSet`; None without a masker. `stimuli` counts the steps on record with a stimulus, by all
-    runners of the session, and `vibration_s` is how long these lasted together, s. `boot` and `up_ns` are the machine's
-    uptime, from which the age of an entry is known whatever its clock is set to; None where it tells neither.
+    `dose` is that of `MaskerSet`; None without a masker. `stimuli` and `vibration_s` (s together) are of all runners of
+    the session. `boot` and `up_ns` are the machine's uptime, which dates an entry whatever the clock; None if unknown.
     """
 
     kind: Literal["exposure"] = "exposure"
@@ -153,10 +146,9 @@ class Armed(OfAttempt):
 
 
 class Answer(OfAttempt):
-    """A confirmed answer: one of those that the kind of trial allows, or None where the participant gave none.
+    """A confirmed answer, None where the participant gave none.
 
-    `response_time_s` is from the moment from which it could be given to the choice of its key, `confirmed_s` to the
-    confirmation. When the voice began is in `Spoken`, which may follow later: no key waits for it.
+    `response_time_s` is from when it could be given to the choice of its key, `confirmed_s` to the confirmation.
     """
 
     kind: Literal["answer"] = "answer"
@@ -168,12 +160,11 @@ class Answer(OfAttempt):
 
 
 class Spoken(OfAttempt):
-    """What the microphone heard until the answer to an attempt was chosen; it decided nothing.
+    """What the microphone heard until the answer to an attempt was chosen; it decides nothing, and may follow later.
 
-    `onset_s` is from the moment from which an answer could be given to where the voice began, None where nobody was
-    heard. `proposed` is the answer that was proposed, None if what was said was taken for none; `agreement` and `lead`
-    are those of `desk.voice.hearing.Heard`. `sound` is the file that was kept of it, beside the journal, with its
-    SHA-256; None if protocol or participant keeps none. `problem` says why nothing could be heard.
+    `onset_s` is from when an answer could be given to the voice, None for no voice. `proposed` is the proposed answer,
+    None for none; `agreement` and `lead` are those of `desk.voice.hearing.Heard`. `sound` is the file beside the
+    journal with its SHA-256, None if none is saved. `problem` says why nothing could be heard.
     """
 
     kind: Literal["spoken"] = "spoken"
@@ -212,10 +203,7 @@ class Note(Entry):
 
 
 class Commanded(Entry):
-    """What was asked for at a console or at the participant's screen, by whom, and what was replied.
-
-    The words of a note, a correction or a repeat stand in its own entry.
-    """
+    """A request at a console or at the participant's screen, who made it, and the reply, apart from entries of its own."""
 
     kind: Literal["command"] = "command"
     by: str
@@ -261,8 +249,7 @@ class Resumed(Entry):
 class Footer(Entry):
     """Why the session ended. Only `paused` and `error` can be resumed.
 
-    `silent`: whether nothing that the session played sounds any more; if False, its last stimulus may still play. It is
-    None where a session plays nothing, and in a journal from before.
+    `silent`: nothing that the session played sounds any more; None where it plays nothing, and in older journals.
     """
 
     kind: Literal["footer"] = "footer"
@@ -273,10 +260,7 @@ class Footer(Entry):
 
 
 class Withdrawal(Entry):
-    """The participant withdrew after this session: an old roster put back in place does not undo it.
-
-    `torn` is what stood after the last whole line.
-    """
+    """The participant withdrew after this session, also under an older roster; `torn` followed the last whole line."""
 
     kind: Literal["withdrawal"] = "withdrawal"
     reason: str

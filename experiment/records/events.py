@@ -15,12 +15,10 @@ Columns = Mapping[str, Mapping[str, object]]
 
 @cache
 def columns_of(kind: Literal["footstep", "comparison", "further", "imported", "participants"]) -> Columns:
-    """Return the columns of one kind, as events.json describes them and a sidecar does.
+    """Return the columns of one kind, as events.json and sidecars describe them.
 
-    `footstep` and `comparison` are those of `_events.tsv`, by the kind of trial. `further` are left out where a session
-    knows nothing of them, as simulated time of durations. `imported` is what is said otherwise of answers that were
-    measured elsewhere, and `participants` are the columns of `participants.tsv`. Where the name of
-    another kind stands for a description, it is the one given there.
+    `further` are absent where a session does not know them, `imported` replace descriptions of imported answers, and
+    `participants` are those of `participants.tsv`. Another kind's name as a description stands for its description.
     """
     known: dict[str, dict[str, Any]] = json.loads(Path(__file__).with_suffix(".json").read_text("utf-8"))
     return {name: known[text][name] if isinstance(text, str) else text for name, text in known[kind].items()}

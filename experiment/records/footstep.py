@@ -18,10 +18,9 @@ WholeUs = Annotated[int, Field(ge=-MOST_US, le=MOST_US)]
 
 
 class Zeroed(Entry):
-    """Heights count from where the foot rested on the panel, from now on.
+    """From now on heights count from where the foot rested on the panel.
 
-    `offset_mm`: how far above the protocol's contact the calibration had it, median of `samples`; `spread_mm`: their
-    standard deviation.
+    `offset_mm`: how far above the protocol's contact that was, median of `samples`; `spread_mm`: standard deviation.
     """
 
     kind: Literal["zeroed"] = "zeroed"
@@ -49,10 +48,7 @@ class Link(Record):
 
 
 class TrackerClock(Record):
-    """Which session time a device time is, as it was known at the end of a step: a straight line.
-
-    `anchor_us` was at `anchor_ns`, and since then the session's clock ran ahead of the device's by `drift_ppm`.
-    """
+    """A line from device to session time at the end of a step: `anchor_us` was at `anchor_ns`, with a drift in ppm."""
 
     anchor_us: WholeUs
     anchor_ns: int
@@ -60,13 +56,12 @@ class TrackerClock(Record):
 
 
 class FootStep(OfAttempt):
-    """One step of the foot, in device time, with the stimulus it set off.
+    """One step of the foot, in device time, with its stimulus.
 
-    `contact_us`: when the foot met the panel, as all its readings until then have it; `contact_standard_error_ms`: the
-    standard error of that, by the sensor's noise and what is not known of the movement. It is None in a journal from
-    before, whose contact is the root of a straight line through the last 3 mm.
-    `dead_time_ms`: from the confirmed answer to the trial before until this one was armed, without the time in which
-    its object was laid out; None where no answer came just before, and in simulated time.
+    `contact_us`: when the foot met the panel, by all readings until then; `contact_standard_error_ms` covers noise and
+    movement, None in an older journal, whose contact is the root of a line through the last 3 mm. `dead_time_ms`: from
+    the confirmed answer to the trial before until arming, less the laying out of the object; None without such an
+    answer, and in simulated time.
     """
 
     kind: Literal["step"] = "step"
@@ -85,13 +80,12 @@ class FootStep(OfAttempt):
 
 
 class BrokenOff(OfAttempt):
-    """A step that ended before the foot had landed, or before its landing was on file; its stimulus was withdrawn
-    where it still could be.
+    """A step that ended before the foot had landed, or before its landing was saved; its stimulus was withdrawn if
+    possible.
 
     `gate_top_us`, `gate_bottom_us` and `speed_mm_s` are None where the foot had not passed the gate, `at_us` (device
-    time of the newest sample) and `clock` where none had come. `felt`: something may have been felt, so the trial is
-    put off to the end of its block; otherwise it is armed again at once. `silent`: as in `Footer`, when the step was
-    written down. `dead_time_ms`: as in `FootStep`.
+    time of the newest sample) and `clock` before any sample. `felt`: something may have been felt, so the trial moves
+    to the end of its block; otherwise it is armed again. `silent` and `dead_time_ms` are as in `Footer` and `FootStep`.
     """
 
     kind: Literal["broken-off"] = "broken-off"

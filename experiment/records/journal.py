@@ -1,7 +1,4 @@
-"""The journal of one session: append-only JSON lines, each on disk before the session moves on.
-
-Its lines are chained, so that nobody changes or cuts it unseen; `chain.py` tells how, and what a torn line does.
-"""
+"""The journal of one session: append-only chained JSON lines, each on disk before the session moves on."""
 
 import errno
 import os
@@ -74,10 +71,7 @@ class Unreadable:
 
 @dataclass(frozen=True)
 class Contents:
-    """A journal as read from disk: its whole lines, oldest first, and where they end.
-
-    There are no lines when not even the header was finished. What is `unreadable` is not among the lines.
-    """
+    """A journal as read from disk: its whole lines, oldest first, without the `unreadable`, and where they end."""
 
     lines: tuple[Line, ...]
     end: End = chain.START
@@ -111,8 +105,8 @@ class Contents:
 def read(path: Path, *, strict: bool = True) -> Contents:
     """Read and verify a journal.
 
-    Raises `JournalError` if the file cannot be read, or if a whole line is broken, missing or changed; unless `strict`,
-    not for an entry behind the header that cannot be read, while no line is missing or changed.
+    Raises `JournalError` if it is unreadable, or a whole line is broken, missing or changed; unless `strict`, entries
+    behind the header may be unreadable.
     """
     if not path.is_file():
         raise JournalError(f"{path}: cannot read the journal: it is no file; give the path of a journal")
@@ -120,10 +114,7 @@ def read(path: Path, *, strict: bool = True) -> Contents:
 
 
 def read_if_begun(path: Path, *, strict: bool = True) -> Contents:
-    """Return what `read` returns, without any lines if the session has not begun.
-
-    Raises `JournalError` as `read`, and if the journal is gone although its head is there.
-    """
+    """Return `read`, without lines if the session has not begun. Raises `JournalError`, also for a head alone."""
     found = chain.read(path, JournalError, strict=False)
     lines, unreadable = list[Line](), list[Unreadable]()
     for number, link in enumerate(found.links, start=1):
@@ -185,16 +176,10 @@ def _refused(where: str, why: str, remedy: str) -> JournalError:
 
 
 class Journal:
-    """A journal open for appending; `append` returns when the entry is on disk.
-
-    Of a rehearsal, which can be made again, all entries are on disk when it is closed.
-    """
+    """A journal open for appending. Entries are on disk when `append` returns, in a rehearsal when it is closed."""
 
     def __init__(self, path: Path, clock: Clock, contents: Contents) -> None:
-        """Continue `path` after what `read` returned, dropping its torn end, or begin it.
-
-        Raises `SessionLocked` if another runner has it open, whatever became of the participant's lock.
-        """
+        """Begin `path`, or continue it after its torn end. Raises `SessionLocked` if another runner has it open."""
         self._path = path
         self._paths = path, chain.head_path(path)
         self._clock = clock
@@ -219,10 +204,9 @@ class Journal:
         return self._writer.whole and self._begun
 
     def append(self, entry: AnyEntry) -> int:
-        """Write one entry, and return the session time written with it, ns.
+        """Write one entry, and return its session time, ns.
 
-        Raises `JournalError` if `read` would refuse the entry (nothing is written), if the disk does not take it, or if
-        the journal no longer stands where it was begun.
+        Raises `JournalError`, before writing if `read` would refuse it, if the disk fails or the journal was moved.
         """
         if not self._writer.whole:
             raise JournalError(f"{self._path}: an earlier entry was interrupted; run the same command again")
@@ -259,10 +243,9 @@ class Journal:
 
 
 def settle(path: Path, contents: Contents) -> None:
-    """Bring the head of a journal that is complete up to its last line: a kill leaves it one line behind.
+    """Write the head of a complete journal, which a kill leaves one line behind: else a cut would not show.
 
-    Until then nobody would notice if that line were cut off. Raises `SessionLocked`, and `JournalError` if the disk
-    does not take it.
+    Raises `SessionLocked`, and `JournalError` if the disk does not take it.
     """
     if chain.is_behind(path, contents.end, JournalError):
         try:
@@ -320,10 +303,7 @@ def check_free(folder: Path, participant: str) -> None:
 
 @contextmanager
 def locked(folder: Path, participant: str) -> Iterator[None]:
-    """Hold a participant for this runner; the operating system lets go when the process ends, however it ends.
-
-    Raises `SessionLocked` if another runner holds the participant.
-    """
+    """Lock a participant until this process ends. Raises `SessionLocked` if another runner has the lock."""
     refused = f"a session of participant {participant} is running; end it at its console, or wait until it ends"
     with ExitStack() as held:
         try:

@@ -1,7 +1,6 @@
 """What a journal says is done and what remains; the same answer while a session runs and after any kill.
 
-Trials are run in the realised order. One that is put off comes again at the end of its block: after the other trials of
-the block, and after those that were put off before it.
+A postponed trial comes again at the end of its block, after those postponed before it.
 """
 
 from __future__ import annotations
@@ -21,13 +20,11 @@ from palpate.experiment.records.tapping import PairLaidOut, Tapped
 class Progress:
     """Where a session stands.
 
-    `said` are the answers that count, each with its trial and None for no answer, in order; those of the trials in
-    `corrected` are other ones than were given first. `put_off` are the trials that were put off to the end of their
-    blocks, in order. `attempts` counts the attempts begun by trial. Trial and attempt are given of what was armed
-    without its end on disk (`armed`), and of a step or a pair on disk without its answer (`unanswered`). `footer` is
-    the last one, if the session has ended since it was last resumed; what is noted in a pause stands behind it.
-    `masker_db_a` is the level chosen last, dB(A). `visited` are the steps of the visit that are on record beside the
-    trials. `stimuli` were played in steps and probes on record, `vibration_s` together, s.
+    `said` are the answers that count, in order, each with its trial and None for no answer; `corrected` those trials
+    whose answers were changed. `put_off` are the trials moved to the end of their blocks, in order. `attempts` counts
+    the begun attempts by trial. `armed` has no end on disk, `unanswered` no answer, each as trial and attempt. `footer`
+    is the last one if the session has ended since. `masker_db_a` is the latest level, dB(A). `visited` are steps beside
+    the trials. `stimuli` were played in steps and probes, `vibration_s` together, s.
     """
 
     header: entry_kinds.Header

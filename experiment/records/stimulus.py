@@ -8,12 +8,11 @@ from palpate.experiment.records.entries import Record
 
 
 class Shaping(Record):
-    """What frequency shaping could not reach: bins by cause, and the sum over them of amplitude asked minus reached.
+    """What frequency shaping could not reach: bins by cause, and their sum of amplitudes requested minus reached.
 
-    Asked is what the stimulus asked for, before `scale`; what `scale` alone takes from a bin is in no sum.
-    `saturated`: above the highest drive level measured. `outside`: beyond the measured frequencies. `bounded`: held
-    back by the rig's limit of volts per m/s^2. `scale`: factor by which the whole stimulus was taken down, so that what
-    the rig's response makes of it stays within the limit of vibration; 1 where it need not be.
+    Requested is before `scale`, whose own effect is in no sum. `saturated`: above the highest drive level measured.
+    `outside`: beyond the measured frequencies. `bounded`: limited by the rig's volts per m/s^2. `scale`: factor that
+    keeps the whole stimulus within the limit of vibration, at most 1.
     """
 
     saturated_bins: int
@@ -26,15 +25,12 @@ class Shaping(Record):
 
 
 class Computed(Record):
-    """How the samples that a device was handed were computed, and how far they are from what was asked for.
+    """How the samples handed to a device were computed, and how far they are from equations (1) to (5).
 
-    `method`: what made them, with the band where bins outside it are left out. What equations (1) to (5) ask for is the
-    measure: `relative_error` is the rms of the difference, and `left_out` that of what the rig did not carry, bins that
-    got nothing and what others were held back by, both as parts of the rms asked for; `dissimilarity_m_s2` is that of
-    equation (6) between the two. Where the device takes volts, what they make of the panel is what the rig's response
-    says, with an estimate of what its table misses.
-
-    In a journal from before, `left_out` and `dissimilarity_m_s2` are None, and `relative_error` is rounding alone.
+    `method`: what made them, with the band where bins outside are omitted. `relative_error` is the rms of the
+    difference and `left_out` that of what the rig omits or limits, as shares of the rms requested; `dissimilarity_m_s2`
+    is equation (6). Acceleration from volts follows the rig's response, with an estimate of its table's error. In an
+    older journal the last two are None, and `relative_error` is rounding alone.
     """
 
     method: str
@@ -44,19 +40,13 @@ class Computed(Record):
 
 
 class Stimulus(Record):
-    """What was asked of the actuator for a step, what its device was handed, and what that makes of the panel.
+    """What was requested of the actuator for a step, what its device was handed, and the panel's acceleration.
 
-    Asked for is an acceleration. `asked_sha256` is that of the amplitudes of its bins, m/s^2 with sign, as float64,
-    little-endian; no waveform need be summed to know it. `floored_bins` counts those that extrapolation would have made
-    negative.
-
-    Handed to the device are samples, volts or accelerations as `handed_unit` says. `handed_sha256` is that of the
-    samples as float32, little-endian, 1.0 being full scale; `handed_peak` the largest magnitude among them, in the
-    unit; `limited` says how many the limiter changed.
-
-    `reached_peak_m_s2`: no acceleration of the panel is larger in magnitude. Where the device takes volts it is what
-    the rig's response makes of them, less than 1.3 % too high, and `shaping` says what is lost; where it takes
-    accelerations it is `handed_peak`, and `shaping` is None.
+    `asked_sha256` is the hash of the requested amplitudes of all bins, m/s^2 with sign, as float64, little-endian.
+    `floored_bins` counts those that extrapolation would have made negative. `handed_sha256` is that of the samples as
+    float32, little-endian, 1.0 being full scale; `handed_peak` their largest magnitude, in `handed_unit`; `limited` how
+    many the limiter changed. `reached_peak_m_s2` is the panel's largest magnitude: by the rig's response for volts,
+    less than 1.3 % too high, with losses in `shaping`; for accelerations `handed_peak`, with `shaping` None.
     """
 
     asked_sha256: str
@@ -74,12 +64,12 @@ class Stimulus(Record):
 
 
 class Delivered(Record):
-    """What the loopback heard of one stimulus, set beside what was intended; or a fault that its stream knows of.
+    """What the loopback measured of one stimulus beside what was intended; or a fault of its stream.
 
-    `requested_ns`: session time for which its first sample was asked, as reaching the panel. `onset_ns`: when it was
-    measured to reach the panel; None where nothing of it was found, as are `onset_error_ms` (measured minus asked),
-    `gain` (measured by intended) and `residual_db` (what gain and delay do not explain, relative to the intended
-    waveform). `xruns`: of the stream while it sounded. `reason` says why it does not count as delivered.
+    Times are of the panel, in session time: `requested_ns` of the first sample, `onset_ns` as measured. That,
+    `onset_error_ms` (measured minus requested), `gain` (measured by intended) and `residual_db` (unexplained by gain
+    and delay, relative to the intended waveform) are None if nothing was found. `xruns`: of the stream during it.
+    `reason`: why it does not count as delivered.
     """
 
     requested_ns: int
@@ -93,15 +83,13 @@ class Delivered(Record):
 
 
 class Onset(Record):
-    """How a stimulus was brought together with the contact.
+    """How a stimulus met the contact.
 
-    `predicted_us`: contact as predicted last before the point of no return, device time, with its standard error and
-    the newest sample it rests on; None where the foot came too fast to be predicted. `prediction_error_ms`: predicted
-    minus actual contact. `contact_ns`: actual contact, session time. `scheduled_ns`: session time for which the onset
-    was asked; None where the actuator cannot schedule, or was not aimed in time, so that it sounded after contact.
-    `gate_to_scheduled_ms`: from the arrival of the frame that gave the gate until the onset was first scheduled; None
-    where it never was, and in simulated time.
-    `delivered`: what a loopback measured; None where there is none, unless the stream itself knows of a fault.
+    `predicted_us`: the last prediction of contact before the point of no return, device time, with its standard error
+    and newest sample; None if the foot came too fast. `prediction_error_ms`: predicted minus actual contact.
+    `contact_ns`: actual contact, session time. `scheduled_ns`: scheduled onset, session time; None if the actuator
+    cannot schedule or was late. `gate_to_scheduled_ms`: from the arrival of the gate's frame to the first scheduling;
+    None without, and in simulated time. `delivered`: the loopback's result; None without one or a known fault.
     """
 
     predicted_us: float | None

@@ -14,11 +14,7 @@ Place = Literal["first", "second"]
 
 
 class PairLaidOut(OfAttempt):
-    """Both samples of a pair lay before the participant from the session time `laid_ns` on, ns.
-
-    From then on the participant taps and changes between them at will; of real samples nothing of that is measured. Of
-    virtual ones the first is rendered from then on.
-    """
+    """A pair lies before the participant, who taps and changes at will, from the session time `laid_ns`, ns."""
 
     kind: Literal["pair"] = "pair"
     presented: tuple[str, ...]
@@ -34,10 +30,9 @@ class Changed(OfAttempt):
 
 
 class Tapped(OfAttempt):
-    """The hand touched a virtual surface, at `device_us` of the tracker's clock and with `speed_mm_s`.
+    """The hand touched a virtual surface, at `device_us` of the tracker's clock, with `speed_mm_s`.
 
-    `fast` says whether it was faster than the protocol wants, so that the lamp was lit. `stimulus` is the vibration
-    that was handed over, and `onset` how it met the touch.
+    `fast`: too fast for the protocol, so the lamp was lit. `stimulus` is the vibration, `onset` how it met the touch.
     """
 
     kind: Literal["tapped"] = "tapped"

@@ -23,10 +23,7 @@ INDENT = " " * 14
 
 
 def text(contents: Contents, trial: int | None = None) -> str:
-    """Return a verified journal as text: what the session is, each entry with its time, and what remains.
-
-    With a `trial` the entries are those of it alone. Raises `JournalError` if the session has no such trial.
-    """
+    """Return a verified journal, or one `trial` of it, as text. Raises `JournalError` for an unknown trial."""
     header = contents.header
     zero_ns = contents.lines[0].t_ns
     done = progress(contents.entries)

@@ -1,13 +1,11 @@
 """Which characters a text may hold that a person will read, and how a text that holds others is shown.
 
-Refused are control characters, those that change the direction of a line (bidirectional), those that cannot be seen,
-and those that have no meaning of their own (private use, surrogates, unassigned): with them a text can rewrite what
-stands around it. Free text may hold newlines where a field says so, and the two joiners, without which Persian and
-Hindi cannot be spelt; names may not, because two names must not differ by what nobody sees.
+Refused are characters with which a text can rewrite its surroundings: control, bidirectional, invisible, private,
+surrogate and unassigned ones. Free text may hold newlines where a field says so, and the two joiners, which Persian and
+Hindi need; names may not.
 
-Refused are also letters that a reader takes for others: those of a second alphabet inside a word, and special forms
-such as full-width ones; and marks that pile up, or that no letter of the text carries. Names stand beside numbers, so
-they hold no letters that run from right to left either: with these a line shows its numbers in another order.
+Refused too are look-alikes (a second alphabet inside a word, full-width forms), marks that pile up or have no letter,
+and, in names, letters that run from right to left, since those reorder numbers beside them.
 """
 
 import re
@@ -69,9 +67,9 @@ def skeleton(name: str) -> str:
 
 
 def looks(name: str) -> tuple[str, str]:
-    """Return two forms of a name; a reader takes names for one another if either form of one is a form of the other.
+    """Return two forms of a name; names look alike if any forms of the two are equal.
 
-    Both forms are as `skeleton`, without accents, and with 0 as O and 1 and | as l; the second has capital I as l too.
+    Both are as `skeleton`, without accents, and with 0 as O and 1 and | as l; the second has capital I as l too.
     """
     bare = re.sub("[\u0300-\u036f]", "", unicodedata.normalize("NFD", name)).translate(LOOK_ALIKES)
     printed = bare.translate(str.maketrans("01|", "oll"))
@@ -100,10 +98,7 @@ def plain(text: str, keep: str = "\n\t") -> str:
 
 
 def quoted(text: str, most: int = 60) -> str:
-    """Return a text between quotes for a message: on one line, cut after `most` characters, refused ones named.
-
-    Those that can be seen are named in words too, so that their alphabet or form is told.
-    """
+    """Return a text quoted on one line, at most `most` characters, with refused characters named."""
     seen = (*deceptive(text), *leftward(text))
     odd = (*hidden(text, but="\n" + JOINERS), *seen) or hidden(text)
     escaped = text.translate({ord(one): f"<{code(one)}>" for one in odd if not one.isspace()})

@@ -1,12 +1,9 @@
 """The base of every model of a settings file, and the reading of one, or its refusal with every problem at once.
 
-A rule of a model holds between fields, beyond the type of each. It reads a plain table (arrays as tuples) and passes
-over what is missing or of the wrong type, so that a file with one wrong type still has all its rules checked.
+A rule holds between fields. It reads a plain table (arrays as tuples) and ignores missing and mistyped values.
 
-Problems are wrong types, missing and unknown keys, and broken rules; of a text that is no TOML, the first fault. Each
-is told in words for whoever writes the file, with what may stand there instead, and on its line. `tomllib` returns
-values without lines, so `locate` finds them: it reads the structure alone (headers, keys, and where values end) of a
-text that `tomllib` has accepted.
+Problems are wrong types, missing and unknown keys, and broken rules, or the first syntax error, each with what is
+allowed and its line. `tomllib` returns no lines, so `locate` finds them in a text that it has accepted.
 """
 
 import difflib
@@ -145,10 +142,7 @@ class Confined(BaseModel):
 
 
 def younger(model: Confined, number: int, at: Place = ()) -> Iterator[Place]:
-    """Yield the path of each key of a model, and of those inside it, that came after the format `number` of its file.
-
-    A key that is younger than the first format says so: `Field(json_schema_extra={"since": 3})`.
-    """
+    """Yield the path of each key that came after the format `number`: `Field(json_schema_extra={"since": 3})`."""
     for name, field in type(model).model_fields.items():
         extra = field.json_schema_extra
         if isinstance(extra, dict) and cast("int", extra.get("since", 0)) > number:
@@ -183,9 +177,8 @@ _BARE_VALUE = re.compile(r"[^,\]}#\n]+")
 
 
 def read(path: Path, model: type[Model]) -> Model:
-    """Read the TOML file at `path` as a `model`.
-
-    Raises `ProtocolError` with every problem of the file, or with the first of its syntax.
+    """Return the TOML file at `path` as a `model`. Raises `ProtocolError` with all problems, or the first in its
+    syntax.
     """
     document, text = parsed(path)
     settings = checked(path, model, document, text)
@@ -199,10 +192,7 @@ def read(path: Path, model: type[Model]) -> Model:
 
 
 def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], str]:
-    """Return the document of the TOML file of at most `most` bytes at `path`, and its text.
-
-    Raises `ProtocolError` with the first problem of its syntax.
-    """
+    """Return the document and the text of a TOML file of at most `most` bytes. Raises `ProtocolError`."""
     text = _text(path, most)
     document = _document(path, text)
     if found := storage.extreme(document):
@@ -213,10 +203,7 @@ def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], str]:
 
 
 def checked(path: Path, model: type[Model], document: Mapping[str, Any], text: str = "") -> Model:
-    """Return a document, as a TOML parser returns it, as a `model`. `path` is the file that holds it, or will.
-
-    `text` is that of the file, as far as known. Raises `ProtocolError` with every problem, on its line there.
-    """
+    """Return a parsed document as a `model`. Raises `ProtocolError` with all problems, on their lines in `text`."""
     frozen = _frozen(document)
     # A file without mistakes needs no lines.
     if find(model, frozen, {}):
@@ -448,11 +435,9 @@ def _shown(value: object) -> str:
 
 
 def locate(text: str) -> dict[Place, int]:
-    """Return the line, from 1, on which each key, table and array element of a TOML text begins.
+    """Return the line, from 1, on which each key, table and array element of a valid TOML text begins.
 
-    A table has the line of its header, or of the first key that mentions it; an element of an array of tables has the
-    line of its own header. Keys are those of the parsed document, and elements are numbered from 0. `tomllib.loads`
-    must accept the text.
+    A table has the line of its header, or of the first key that mentions it. Elements are numbered from 0.
     """
     return _Locator(text.replace("\r\n", "\n")).run()
 

@@ -1,8 +1,7 @@
-"""Which tasks each participant does, in which order; drawn alike on every machine.
+"""Which tasks each participant does, in which order; the same on every machine.
 
-A task with fewer participants than the study is done by those who enrol first, so whoever comes later does less, and a
-study that ends early is as far as it can be in each task. Who does several tasks is allocated to their orders by
-permuted blocks: a block holds every order once, shuffled, so the orders balance after every block.
+Those who enrol first do the tasks with fewer participants. Orders are allocated by permuted blocks: each block holds
+every order once, shuffled, so the orders balance after every block.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -30,10 +29,7 @@ def labels(protocol: Protocol) -> tuple[str, ...]:
 
 
 def allocate(protocol: Protocol, seed: int) -> tuple[Allocation, ...]:
-    """Return what every participant of a study does, in the order of enrolment.
-
-    The draws are named by the seed and the tasks' ids alone, on any machine.
-    """
+    """Return what every participant does, in order of enrolment; drawn from the seed and the tasks' ids alone."""
     blocks: dict[tuple[str, ...], Iterator[tuple[str, ...]]] = {}
     allocations = []
     for place, participant in enumerate(labels(protocol)):

@@ -1,13 +1,9 @@
-"""What is done with participants: enrol them, record their consent, withdraw them, erase their data.
+"""Participants: enrol them, record their consent, withdraw them, erase their data.
 
-The first enrolment begins the dataset, with one protocol and one seed.
-
-The seed decides who does what, so nobody may choose it, or another later, with the allocation in view. It is drawn at
-the first enrolment, into a file that only its owner reads, and its hash stands in the roster's line of the first
-participant. It cannot stand in the board's seal, which is there before. The roster is the place where it lasts: its
-lines are chained, and every anchor holds them. A seed of 31 bits can be tried out in minutes, so the hash is of the
-seed with a salt of 128 bits, drawn with it and kept beside it. If the file is lost, seed and purpose are written anew
-from a journal's header; without the salt the hash proves nothing, but then the journals say which seed it was.
+The first enrolment begins the dataset, with one protocol and one seed. The seed decides who does what, so it is drawn
+only then, into a file that only its owner reads. Its hash, salted with 128 bits because a seed has only 31, stands in
+the roster's first line, which is chained and anchored. If the file is lost, seed and purpose are restored from a
+journal's header; without the salt the hash proves nothing.
 """
 
 import hashlib
@@ -60,14 +56,13 @@ def enrol(
     seed: int | None,
     pilot: bool = False,
 ) -> Path:
-    """Enrol the next participant, and return the roster's file; the first one begins the dataset and settles its seed.
+    """Enrol the next participant, and return the roster's file; the first enrolment begins the dataset and sets its
+    seed.
 
-    Beyond the planned number a participant takes the place of one who withdrew before completing.
-
-    `root` None stands for `participants/STUDY`, and `seed` None for the settled seed or a new one. With `pilot` the
-    dataset is begun as one of a pilot, and stands in `participants/STUDY-pilot`. Raises `RosterError` if the label is
-    not the next one, the study does not have it, or nobody can have consented on that day; `ProtocolError` if the
-    protocol has a seal and was changed since; and `DatasetError` if the folder belongs to something else.
+    Beyond the planned number a participant replaces one who withdrew early. `root` None is `participants/STUDY`, or
+    `STUDY-pilot` with `pilot`; `seed` None is the set seed or a new one. Raises `RosterError` for a label that is not
+    the next or a day without possible consent, `ProtocolError` if the protocol changed since its seal, and
+    `DatasetError` if the folder belongs to something else.
     """
     protocol = files.load(protocol_file)
     purpose: Purpose | None = "PILOT" if pilot else "STUDY" if root is None else None
@@ -102,10 +97,10 @@ def unsealed(protocol_file: Path) -> str:
 
 
 def seed_of(root: Path) -> int:
-    """Return the seed that names every draw of the study with this dataset.
+    """Return the seed of the dataset's draws.
 
-    Raises `DatasetError` if the study has none, its file is broken, or it is not the one whose hash the first
-    participant's line of the roster has; and `RosterError` if the roster is broken.
+    Raises `DatasetError` if it is missing, broken or not the one hashed in the roster; `RosterError` for a broken
+    roster.
     """
     settled, known = _settled(root), Roster.load(storage.roster_path(root))
     if settled.salt and known.consent_on and known.seed_sha256 is None:
@@ -159,10 +154,7 @@ def _settled(root: Path) -> Settled:
 
 
 def approved_on(root: Path, protocol_file: Path) -> date | None:
-    """Return the day from which participants may consent: that of the seal in the dataset, or else of the protocol's.
-
-    None while the protocol has no seal. Raises `ProtocolError` if a seal is broken.
-    """
+    """Return the first day of valid consent, from the seal; None without one. Raises `ProtocolError` if it is broken."""
     for one in (storage.protocol_path(root), protocol_file):
         if approval.seal_path(one).exists():
             return approval.read(one).approved_on
@@ -172,11 +164,10 @@ def approved_on(root: Path, protocol_file: Path) -> date | None:
 def consent(
     protocol_file: Path, participant: str, consent_on: date, *, root: Path | None, correction: str | None = None
 ) -> Path:
-    """Record the consent of a participant who enrolled without it, and return the roster's file.
+    """Record the consent of an enrolled participant, and return the roster's file.
 
-    With `correction`, which says why, the day takes the place of the one on record. Raises `RosterError` if the
-    participant is not enrolled or has withdrawn, has consented already, or cannot have consented on that day; and for a
-    correction that names somebody or tells of health.
+    `correction` states why the day replaces the one on record. Raises `RosterError` if the participant is not enrolled,
+    has withdrawn or consented already, or the day or the reason is not allowed.
     """
     root = _begun(protocol_file, root)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
@@ -191,10 +182,9 @@ def consent(
 
 
 def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | None) -> Path:
-    """Record whether the sound of a participant's answers may be kept, and return the roster's file.
+    """Record whether a participant's spoken answers may be kept, delete them if not, and return the roster's file.
 
-    If it may not, what was kept of it is deleted. Raises `RosterError` if the protocol keeps none, or the participant
-    is not enrolled or has withdrawn, and `SessionLocked` if a session of theirs is running.
+    Raises `RosterError` if the protocol keeps none or the participant is not active, `SessionLocked` during a session.
     """
     if not files.load(protocol_file).consent.voice_recordings:
         raise RosterError(
@@ -222,13 +212,12 @@ def withdraw(
     rebuild: Callable[[Path], None],
     erase: bool = False,
 ) -> Path:
-    """Record that a participant withdrew, and return the roster's file; analysis leaves them out.
+    """Record that a participant withdrew, and return the roster's file; analysis omits them.
 
-    The roster is told first, then the participant's journals, then the tables; the same call goes on with what a kill
-    cut short. With `erase` the roster is told that too, and then all else of the participant is deleted, but for a file
-    that says that they withdrew; a reason that is on record stays. `rebuild` makes the tables of the dataset in a
-    folder anew. Raises `RosterError` if the participant is not enrolled or has withdrawn for another reason, or the
-    reason is no line of text, names somebody or tells of health, and `SessionLocked` if a session of theirs is running.
+    The roster is written first, then the journals, then the tables (`rebuild`); the same call completes an interrupted
+    one. `erase` also deletes the participant's data, except for a note of the withdrawal. Raises `RosterError` if the
+    participant is not enrolled, has another reason on record, or the reason is not one line, names somebody or mentions
+    health; `SessionLocked` during a session.
     """
     root = _begun(protocol_file, root)
     path = storage.roster_path(root)
@@ -259,10 +248,7 @@ def _check_reason(protocol_file: Path, root: Path, reason: str) -> None:
 
 
 def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
-    """Return how many sessions of a participant a dataset has, and how many answers, also where journals are damaged.
-
-    Raises `RosterError` if the participant is not enrolled, and `SessionLocked` if a session of theirs is running.
-    """
+    """Return how many sessions and answers of a participant exist. Raises `RosterError` and `SessionLocked`."""
     root = _begun(protocol_file, root)
     Roster.load(storage.roster_path(root)).check_enrolled(participant)
     journal.check_free(storage.participant_folder(root, participant), participant)
@@ -328,10 +314,7 @@ def refuse_rehearsal(root: Path) -> None:
 def settle(
     root: Path, protocol_file: Path, protocol: Protocol, seed: int | None, purpose: Purpose | None = None
 ) -> int:
-    """Keep protocol, seed and purpose beside the journals at the first call, and hold every later one to them.
-
-    The protocol's copy is written last: without it the study has not begun.
-    """
+    """Save protocol, seed and purpose at the first call, the protocol last; later calls must match."""
     kept, lock = storage.protocol_path(root), root / "sourcedata" / LOCK
     if not kept.exists() and any(_of_something_else(path.relative_to(root)) for path in root.rglob("*")):
         raise DatasetError(f"{root}: this folder holds something else; choose another folder with --dataset")

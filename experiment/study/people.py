@@ -1,7 +1,6 @@
-"""Who the participants are, where a laboratory wants to know: for each dataset a file outside of it, for one owner.
+"""Names of participants, in a file outside of each dataset that only its owner can read.
 
-A study needs labels alone. Names stand here so that the right person sits at the panel and can be called back, and
-nothing of palpate copies them: no journal, table, export, anchor or log holds any, and no reason that goes on record.
+Nothing of palpate copies them: no journal, table, export, anchor or log contains any, and no reason on record.
 """
 
 import hashlib
@@ -57,10 +56,7 @@ class _File(BaseModel):
 
 
 def folder() -> Path:
-    """Return where files of names stand: among the files of the person who uses this machine.
-
-    Raises `RosterError` where nobody knows which files these are.
-    """
+    """Return the folder of the files of names, in the user's data. Raises `RosterError` where that is unknown."""
     try:
         return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "palpate"
     except RuntimeError as error:
@@ -71,11 +67,7 @@ def folder() -> Path:
 
 
 def place(protocol: Protocol, dataset: Path) -> Path | None:
-    """Return where the people of a dataset stand, wherever it was moved to; None before its first enrolment.
-
-    The file's name comes from the seed and its salt, which no table, export or register holds. Raises `RosterError` as
-    `folder`.
-    """
+    """Return the file of names of a dataset, named by seed and salt; None before enrolment. Raises `RosterError`."""
     try:
         settled = storage.json_of(storage.read_bytes(storage.seed_path(dataset)))
         drawn = f"people of {settled['seed']} {settled.get('salt')}"
@@ -105,10 +97,7 @@ def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
 
 
 def keep(protocol: Protocol, dataset: Path, participant: str, person: Person) -> Path:
-    """Write down who a participant is, in place of what was known, and return the file.
-
-    Raises `RosterError` if the file cannot be read, or nobody is enrolled in the dataset.
-    """
+    """Save who a participant is, and return the file. Raises `RosterError` if it is unreadable or nobody is enrolled."""
     with _held(protocol, dataset) as path:
         _write(path, protocol, dataset, {**known(protocol, dataset), participant: person})
     return path
@@ -151,10 +140,7 @@ def _write(path: Path, protocol: Protocol, dataset: Path, people: dict[str, Pers
 
 
 def check_reason(reason: str, names: Iterable[str]) -> None:
-    """Refuse a reason, which stays on record, with a word that tells of health or a part of one of these `names`.
-
-    Raises `RosterError`, which does not repeat the reason. Words that tell of health are found in English alone.
-    """
+    """Raise `RosterError`, without the reason, if it has one of these `names` or an English word for health."""
     words = {word.casefold() for word in re.findall(r"\w+", reason)}
     parts = {part.casefold() for name in names for part in re.findall(r"\w+", name) if len(part) >= SHORTEST}
     found = HEALTH.search(reason)

@@ -1,8 +1,7 @@
 """The roster: who is enrolled, who has consented, who has withdrawn; a file of chained lines.
 
-Participants are labels and nothing else: '01', '02', ... in the order of their enrolment. Once all planned labels are
-enrolled, each further one takes the place of somebody who withdrew before completing, and does the same tasks in the
-same order.
+Participants are labels: '01', '02', ... in order of enrolment. Beyond the planned number each further one replaces
+somebody who withdrew before completing, with the same tasks in the same order.
 """
 
 from __future__ import annotations
@@ -144,10 +143,7 @@ class Roster:
 
     @classmethod
     def load(cls, path: Path) -> Roster:
-        """Read a roster; one without a file has nobody enrolled.
-
-        Raises `RosterError` if the file cannot be read, or if a line of it cannot be trusted.
-        """
+        """Return a roster; without a file nobody is enrolled. Raises `RosterError` for an unreadable or broken one."""
         return cls._of(path, chain.read(path, RosterError))
 
     def as_of(self, sha256: str | None) -> Roster:
@@ -161,10 +157,7 @@ class Roster:
 
     @classmethod
     def continued(cls, path: Path) -> Roster:
-        """Read a roster as `load` does, and bring its head up to the last line: a kill leaves it one line behind.
-
-        Until then nobody would notice if that line were cut off, and a refused command writes none.
-        """
+        """Return a roster as `load`, and write its head, which a kill leaves one line behind; without, a cut is hidden."""
         roster = cls.load(path)
         if roster.lines.links:
             with roster._writing():
@@ -175,12 +168,10 @@ class Roster:
     def enrol(
         self, participant: str, consent_on: date | None, takes: str | None = None, seed_sha256: str | None = None
     ) -> None:
-        """Give the next place to a participant, on disk when this returns; `consent_on` is None without consent.
+        """Enrol the next participant, on disk when this returns; `consent_on` is None without consent.
 
-        The first participant's line has the hash of the study's seed where `seed_sha256` gives it.
-
-        Participants enrol in the order of their labels, which keeps tasks balanced. Raises `RosterError` if the label
-        is taken, or is not the next one, or if the place that it `takes` is not free.
+        `seed_sha256` is the hash of the seed, for the first line. Raises `RosterError` if the label is not the next
+        one, which keeps tasks balanced, or if the place that it `takes` is not free.
         """
         if seed_sha256 is not None and not self.consent_on:
             self._append(First, participant=participant, consent_on=consent_on, seed_sha256=seed_sha256)
@@ -190,32 +181,19 @@ class Roster:
             self._append(Replacing, participant=participant, consent_on=consent_on, takes=takes)
 
     def consent(self, participant: str, consent_on: date) -> None:
-        """Record the consent of a participant who enrolled without it.
-
-        Raises `RosterError` if the participant is not enrolled, has consented already, or has withdrawn.
-        """
+        """Record a consent. Raises `RosterError` if not enrolled, consented already, or withdrawn."""
         self._append(Consented, participant=participant, consent_on=consent_on)
 
     def correct(self, participant: str, consent_on: date, reason: str) -> None:
-        """Record another day of consent than the one on record, which stays in the file.
-
-        Raises `RosterError` if there is no consent to correct, or if the reason is no line of text.
-        """
+        """Record another day of consent; the old one stays. Raises `RosterError` without one, or for a bad reason."""
         self._append(Corrected, participant=participant, consent_on=consent_on, reason=reason)
 
     def keep_voices(self, participant: str, agreed: bool, today: date) -> None:
-        """Record whether the sound of a participant's answers may be kept from now on.
-
-        Raises `RosterError` if the participant is not enrolled, or has withdrawn.
-        """
+        """Record whether spoken answers may be kept from now on. Raises `RosterError` if not enrolled, or withdrawn."""
         self._append(Voices, participant=participant, agreed=agreed, told_on=today)
 
     def withdraw(self, participant: str, reason: str) -> None:
-        """Record that a participant withdrew; the reason is one line that names no person and no state of health.
-
-        Raises `RosterError` if the participant is not enrolled or has withdrawn already, or if the reason is no such
-        line.
-        """
+        """Record a withdrawal, with a reason of one line. Raises `RosterError` for a bad reason or if not active."""
         self._append(Withdrawn, participant=participant, reason=reason)
 
     def erase(self, participant: str) -> None:
@@ -233,8 +211,8 @@ class Roster:
     def may_run(self, participant: str, protocol: Protocol, *, approved_on: date, today: date) -> None:
         """Return when `participant` may be run in the study of `protocol`.
 
-        Raises `RosterError` that says why not: not of this study, not enrolled, without a consent between approval and
-        today, or withdrawn.
+        Raises `RosterError` if not of this study, not enrolled, withdrawn, or without a consent between approval and
+        today.
         """
         if participant not in (*labels(protocol), *self.takes):
             raise stranger(participant, labels(protocol))
@@ -368,10 +346,7 @@ class Roster:
 
 
 def check_consent(participant: str, consent_on: date | None, *, approved_on: date | None, today: date) -> None:
-    """Refuse a day of consent in the future or before the study was approved; `approved_on` None for no approval yet.
-
-    Raises `RosterError`.
-    """
+    """Raise `RosterError` for a day of consent in the future or before the approval; None is no approval yet."""
     mend = "give the right day; one on record is corrected with palpate consent --correct"
     if consent_on is not None and consent_on > today:
         raise RosterError(f"participant {participant}: got consent on {consent_on}; allowed: up to {today}; {mend}")

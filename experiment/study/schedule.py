@@ -1,13 +1,8 @@
-"""The trials of a task in order, from protocol, participant and seed; and the random choices that this rests on.
+"""The trials of a task in order, from protocol, participant and seed, and the random choices behind them.
 
-A choice is a pure function of what it is for, the same on every machine for ever: its bits are SHA-256 in counter mode,
-for library generators are free to change their streams between versions.
-
-A pair of materials is presented half of the time in either order; which of its trials that are is shuffled too.
-
-An order with a constraint is drawn uniformly from all orders that satisfy it: they are counted, a rank is drawn below
-that count, and the order of that rank is built. Nothing is tried and thrown away.
-The count is in `experiment/decisions.md`.
+A choice is a pure function of its purpose: its bits are SHA-256 in counter mode. Every pair of materials is presented
+half of the time in either order, at shuffled places. Constrained orders are drawn uniformly: they are counted, a rank
+is drawn, and the order of that rank is built (`experiment/decisions.md`).
 """
 
 from __future__ import annotations
@@ -35,10 +30,7 @@ class Draws:
         self._left = b""
 
     def below(self, bound: int) -> int:
-        """Return a whole number from 0 to `bound` - 1, each equally likely, however large `bound` is.
-
-        Raises `ValueError` if `bound` is below 1.
-        """
+        """Return a whole number from 0 to `bound` - 1, each equally likely. Raises `ValueError` for a `bound` below 1."""
         if bound < 1:
             raise ValueError(f"got bound {bound}; allowed: at least 1")
         bits = (bound - 1).bit_length()
@@ -65,11 +57,7 @@ class Draws:
 
 
 def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -> tuple[PlannedTrial, ...]:
-    """Return the trials of one participant in one task, in order.
-
-    The draws are named by seed, label and task alone, so that an amended protocol keeps every order that its design
-    still has. Raises `ScheduleError` if there is no such task, or no order that satisfies it.
-    """
+    """Return the trials of one participant in one task, drawn from seed, label and task alone. Raises `ScheduleError`."""
     known = {task.id: task for task in protocol.tasks}
     if task_id not in known:
         raise ScheduleError(f"no task '{task_id}' in study {protocol.study.id}; its tasks: {', '.join(known)}")
@@ -91,10 +79,7 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
 
 
 def _in_either_order(pairs: Sequence[tuple[str, ...]], draws: Draws) -> list[tuple[str, ...]]:
-    """Return the pairs with every second one of each kind turned round, at shuffled places of that kind.
-
-    Each pair comes an even number of times, as the protocol's rules have it.
-    """
+    """Return the pairs, which come in even numbers, with half of each kind turned round at shuffled places."""
     turned: dict[tuple[str, ...], list[bool]] = {
         pair: draws.shuffled([False, True] * (pairs.count(pair) // 2)) for pair in dict.fromkeys(sorted(pairs))
     }
@@ -108,9 +93,9 @@ def block_trials(protocol: Protocol, task_id: str) -> int:
 
 
 def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> list[str]:
-    """Return one of all orders with no material more than `max_run` times in a row, each equally likely.
+    """Return one of all orders without a run above `max_run`, each equally likely.
 
-    `counts` says how often each material is presented. Raises `ScheduleError` if there is no such order.
+    `counts` are the presentations of each material. Raises `ScheduleError` if there is no such order.
     """
     total = count_orders(tuple(counts.values()), max_run=max_run)
     if total == 0:
@@ -127,19 +112,15 @@ def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> lis
 
 
 def count_orders(counts: Sequence[int], *, max_run: int) -> int:
-    """Return how many orders have `counts[i]` trials of material i and no run longer than `max_run`.
-
-    Raises `ScheduleError` if a count is negative, or if `max_run` is below 1.
-    """
+    """Return how many orders of these `counts` have no run above `max_run`. Raises `ScheduleError` for bad arguments."""
     _check(counts, max_run)
     return _Orders(max_run).count(tuple(counts))
 
 
 def nth_order(counts: Sequence[int], *, max_run: int, rank: int) -> tuple[int, ...]:
-    """Return the order of rank `rank`, from 0, of those that `count_orders` counts, as indices into `counts`.
+    """Return the order of this rank, from 0, as indices into `counts`; `ScheduleError` if there are not so many.
 
-    Orders are ranked by their first run: its material, then its length, then what follows. Raises `ScheduleError` if
-    there are not so many orders, or as `count_orders`.
+    Orders are ranked by their first run: its material, then its length, then what follows.
     """
     _check(counts, max_run)
     orders = _Orders(max_run)
@@ -190,10 +171,7 @@ class _Orders:
         return self._counts_up_to(counts[:-1], counts[-1])[-1] if counts else 1
 
     def not_starting_with(self, left: Sequence[int], material: int) -> list[int]:
-        """For n from 0 to `left[material]`, return how many orders of n of it with all others begin with another.
-
-        An order that begins with it is a run of it and then an order that does not.
-        """
+        """Return, for n from 0 to `left[material]`, how many orders of n of it with all others begin with another."""
         others = (*left[:material], *left[material + 1 :])
         found: list[int] = []
         for count in self._counts_up_to(others, left[material]):
