@@ -1,4 +1,4 @@
-"""Time as integer nanoseconds since 1970 that never goes back: `MonotonicClock` for a session, `ManualClock` simulated."""
+"""Time as integer nanoseconds since 1970 that never goes back: `MonotonicClock`, and `ManualClock` for simulations."""
 
 import time
 from dataclasses import dataclass

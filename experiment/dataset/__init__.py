@@ -1,1 +1,1 @@
-"""BIDS `beh` datasets, made from journals or from counts: the same bytes for the same content. `analysis` reads them."""
+"""BIDS `beh` datasets, made from journals or counts: the same bytes for the same content. `analysis` reads them."""

@@ -59,7 +59,7 @@ class Believed:
 
 
 class Plan(BaseModel):
-    """What is rehearsed or practiced, saved in the dataset, so that an interrupted one continues; `label` says which."""
+    """What is rehearsed or practiced, saved in the dataset so that it can continue; `label` says which of the two."""
 
     model_config = ConfigDict(frozen=True, strict=True)
 

@@ -45,7 +45,7 @@ State = Literal["to begin", "under way", "done", "withdrawn", "doubted"]
 
 @dataclass(frozen=True)
 class Person:
-    """One participant's tasks in order, concealed until one has begun, and progress; of the `doubted` a journal is bad."""
+    """One participant's tasks in order, concealed until one has begun, and progress; `doubted` for a bad journal."""
 
     participant: str
     order: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""Legal but odd settings of a protocol: shown on the board's page, never refused, so that older datasets stay readable."""
+"""Legal but odd settings of a protocol: shown on the board's page and never refused, so that datasets stay readable."""
 
 from collections.abc import Iterator
 from itertools import pairwise

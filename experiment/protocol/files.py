@@ -16,7 +16,7 @@ def load(path: Path) -> Protocol:
 
 
 def shipped(name: str) -> Path:
-    """Return the file `name` of protocols/: in the working folder, the checkout or the package. Raises `PalpateError`."""
+    """Return the file `name` of protocols/ in working folder, checkout or package. Raises `PalpateError` for none."""
     for folder in (Path("protocols"), PACKAGE.parent / "protocols", PACKAGE / "shipped"):
         if (folder / name).is_file():
             return folder / name

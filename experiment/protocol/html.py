@@ -23,7 +23,7 @@ _NAMES = str.maketrans({page.OPEN: '<span class="name">&quot;', page.CLOSE: "&qu
 def html(
     protocol: Protocol, file: str, state: str, seal: Seal | None, today: date, rig: Iterable[page.Block] = ()
 ) -> str:
-    """Return the page of the protocol in `file`, with `state` and `seal` of `approval.state`, and the `rig` at its end."""
+    """Return the page of the protocol in `file`, with `state` and `seal` of `approval.state`, and last the `rig`."""
     word = state.partition(":")[0]
     until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
     said = page.Said(f"{state} This was so on {today}.")

@@ -58,7 +58,7 @@ class Recording:
 
 @dataclass(frozen=True)
 class _Column:
-    """One column: heading, finite values, their lines from 1; in LabVIEW also a time step (NaN for none) and dimension."""
+    """One column: heading, finite values, their lines from 1; in LabVIEW a time step (NaN for none) and a dimension."""
 
     name: str
     unit: str

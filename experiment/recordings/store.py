@@ -83,7 +83,7 @@ def plan(
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
 ) -> Plan:
-    """Return a protocol's plan, with other speeds or takes if given. Raises `RecordingError` if they are not allowed."""
+    """Return a protocol's plan, with other speeds or takes if given. Raises `RecordingError` for bad ones."""
     synthesis = protocol.footsteps.synthesis
     speeds = tuple(float(v) for v in speeds_mm_s) or synthesis.speeds_mm_s
     if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
@@ -166,7 +166,7 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
 
 
 def check(out: Path, planned: Plan) -> Path:
-    """Return the folder of saved takes, which may not exist yet. Raises `RecordingError` if in use or of another plan."""
+    """Return the folder of saved takes, which may not exist yet. Raises `RecordingError` if used by another plan."""
     # Resolved, so that "." has a name too.
     partial = out.resolve().with_name(f".{out.resolve().name}.partial")
     if partial.is_symlink():

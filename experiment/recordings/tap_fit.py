@@ -254,7 +254,7 @@ def _fitted(
 def _covariance(
     sensitivity: NDArray[np.float64], residual: NDArray[np.float64], kept: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return the covariance of the fit, shape (k, k), from sensitivities, (n, k), and residuals, (n,), by lags in time."""
+    """Return the covariance of the fit, shape (k, k), from sensitivities, (n, k), and residuals, (n,), in time."""
     sizes = np.maximum(np.linalg.norm(sensitivity, axis=0), 1e-300)
     scaled = sensitivity / sizes
     scores = np.zeros((kept.size, sizes.size))
@@ -351,9 +351,7 @@ def read_taps(path: Path) -> tuple[Tapped, ...]:
 
 
 def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
-    """Return L, D and f over stiffness as the paper derives them. Raises `RecordingError` if recordings and table
-    differ.
-    """
+    """Return L, D and f over stiffness as the paper derives them. Raises `RecordingError` if files and table differ."""
     by_name = {Path(one.file).name: one for one in taps}
     found: dict[str, list[tuple[Tapped, Ring]]] = {}
     for one in rings:

@@ -33,9 +33,7 @@ ENVELOPE = re.compile(
 
 @dataclass(frozen=True)
 class Link:
-    """One line: its time, ns since 1970-01-01T00:00Z, its entry (or the `problem` with it), its bytes, and their
-    SHA-256.
-    """
+    """One line: its time, ns since 1970-01-01T00:00Z, entry (or the `problem` with it), bytes, and SHA-256."""
 
     t_ns: int
     entry: dict[str, object]

@@ -203,7 +203,7 @@ class Note(Entry):
 
 
 class Commanded(Entry):
-    """A request at a console or at the participant's screen, who made it, and the reply, apart from entries of its own."""
+    """A request at a console or at the participant's screen, who made it, and the reply; texts are in other entries."""
 
     kind: Literal["command"] = "command"
     by: str

@@ -177,9 +177,7 @@ _BARE_VALUE = re.compile(r"[^,\]}#\n]+")
 
 
 def read(path: Path, model: type[Model]) -> Model:
-    """Return the TOML file at `path` as a `model`. Raises `ProtocolError` with all problems, or the first in its
-    syntax.
-    """
+    """Return the TOML file at `path` as a `model`. Raises `ProtocolError` with all problems, or of its syntax."""
     document, text = parsed(path)
     settings = checked(path, model, document, text)
     if too_young := tuple(younger(settings, number := document.get("format", 0))):

@@ -154,7 +154,7 @@ def _settled(root: Path) -> Settled:
 
 
 def approved_on(root: Path, protocol_file: Path) -> date | None:
-    """Return the first day of valid consent, from the seal; None without one. Raises `ProtocolError` if it is broken."""
+    """Return the first day of valid consent, from the seal, None without. Raises `ProtocolError` if it is broken."""
     for one in (storage.protocol_path(root), protocol_file):
         if approval.seal_path(one).exists():
             return approval.read(one).approved_on

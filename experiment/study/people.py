@@ -97,7 +97,7 @@ def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
 
 
 def keep(protocol: Protocol, dataset: Path, participant: str, person: Person) -> Path:
-    """Save who a participant is, and return the file. Raises `RosterError` if it is unreadable or nobody is enrolled."""
+    """Save who a participant is, and return the file. Raises `RosterError` for an unreadable file, or no enrolment."""
     with _held(protocol, dataset) as path:
         _write(path, protocol, dataset, {**known(protocol, dataset), participant: person})
     return path

@@ -157,7 +157,7 @@ class Roster:
 
     @classmethod
     def continued(cls, path: Path) -> Roster:
-        """Return a roster as `load`, and write its head, which a kill leaves one line behind; without, a cut is hidden."""
+        """Return a roster as `load`, and write its head, which a kill leaves one line behind: a cut would not show."""
         roster = cls.load(path)
         if roster.lines.links:
             with roster._writing():

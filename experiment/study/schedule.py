@@ -30,7 +30,7 @@ class Draws:
         self._left = b""
 
     def below(self, bound: int) -> int:
-        """Return a whole number from 0 to `bound` - 1, each equally likely. Raises `ValueError` for a `bound` below 1."""
+        """Return a whole number from 0 to `bound` - 1, each equally likely. Raises `ValueError` for one below 1."""
         if bound < 1:
             raise ValueError(f"got bound {bound}; allowed: at least 1")
         bits = (bound - 1).bit_length()
@@ -57,7 +57,7 @@ class Draws:
 
 
 def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -> tuple[PlannedTrial, ...]:
-    """Return the trials of one participant in one task, drawn from seed, label and task alone. Raises `ScheduleError`."""
+    """Return a participant's trials in one task, drawn from seed, label and task alone. Raises `ScheduleError`."""
     known = {task.id: task for task in protocol.tasks}
     if task_id not in known:
         raise ScheduleError(f"no task '{task_id}' in study {protocol.study.id}; its tasks: {', '.join(known)}")
@@ -112,7 +112,7 @@ def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> lis
 
 
 def count_orders(counts: Sequence[int], *, max_run: int) -> int:
-    """Return how many orders of these `counts` have no run above `max_run`. Raises `ScheduleError` for bad arguments."""
+    """Return how many orders of these `counts` have no run above `max_run`. Raises `ScheduleError` for bad numbers."""
     _check(counts, max_run)
     return _Orders(max_run).count(tuple(counts))
 
