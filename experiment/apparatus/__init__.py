@@ -1,11 +1,7 @@
 """Devices: what a laboratory's rig file names, opened behind small ports (`ports.py`), and their drivers.
 
-A rig file comes in; trackers, actuators, accelerometers, audio streams and maskers go out, each implementing its port,
-so that a session knows no make. This room knows neither trials nor participants nor answers. Libraries of devices are
-imported where a device is opened, and nowhere else. `README.md` beside this file says how to build and wire a rig and
-how to write a driver.
-
-The names below are what a driver needs; they are imported when they are asked for.
+This room knows neither trials nor participants. Libraries of devices are imported only where one is opened. `README.md`
+says how to build a rig and how to write a driver, for which the names below are imported lazily.
 """
 
 from __future__ import annotations

@@ -22,17 +22,13 @@ from threadpoolctl import threadpool_limits
 
 FREQUENCY = "/sys/devices/system/cpu/cpu{}/cpufreq/cpuinfo_max_freq"
 HELD = "\0palpate-core-{}"
-"""Name of a socket without a file, which the session holds that keeps to a core; the kernel frees it however that
-ends."""
+"""Name of a socket without a file, held by a session that is pinned to a core; the kernel frees it in any case."""
 
 IN_MEMORY = "/dev/shm" if os.path.isdir("/dev/shm") else None  # noqa: PTH112, S108
-"""Where files never wait for a disk, and JACK keeps what its servers and clients share; None where there is no such
-place.
-"""
+"""Where files never wait for a disk, and where JACK's servers and clients share theirs; None without such a place."""
 
 TURN_S = 5.0
-"""Others may have their turn for so long, s. A server starts or stops in less: whoever takes longer stands still, and
-this process waits for nobody any more."""
+"""Longest turn of another process, s: a server starts or stops in less, so this one then waits no longer."""
 
 _left: ContextVar[frozenset[int]] = ContextVar("_left", default=frozenset())
 """The cores that the session leaves to others; none where it keeps to no core."""
@@ -45,9 +41,8 @@ _waits_for_others = True
 def taking_turns() -> Iterator[None]:
     """Let no other process of palpate's begin at a sound server, or start or stop one, meanwhile.
 
-    All servers and clients of JACK that a user has, and even a client that finds no server, open one database, and find
-    each other by their names alone. Two that begin at the same moment may miss each other, or leave the database torn,
-    and then whatever opens it ends with a bus error, until its folder (`/dev/shm/jack_db-UID`) is deleted.
+    A user's JACK servers and clients share one database. Two that begin at once may miss each other or tear it; then
+    whatever opens it ends with a bus error until `/dev/shm/jack_db-UID` is deleted.
     """
     global _waits_for_others
     with ExitStack() as held:
@@ -61,11 +56,7 @@ def taking_turns() -> Iterator[None]:
 
 @contextmanager
 def pinned() -> Iterator[int | None]:
-    """Keep the calling thread, and what it starts meanwhile, on one core; at the end the thread goes back.
-
-    Yields:
-        The core; None where there is none to keep to.
-    """
+    """Keep the calling thread, and what it starts meanwhile, on one core. Yields that core, None without one."""
     before = _allowed()
     with _taken(before) as core:
         if core is None:
@@ -160,13 +151,9 @@ PERIOD = THROTTLE.with_name("sched_rt_period_us")
 
 @contextmanager
 def raised() -> Iterator[str]:
-    """Raise the calling thread, and with it what it starts meanwhile; it is lowered again at the end.
+    """Raise the calling thread, and what it starts meanwhile, until the end. Yields the priority in words.
 
-    In real time it keeps to one core meanwhile, where that can be had. Linear algebra uses no further threads. What
-    there is of objects is kept out of further collections, so that each takes less time.
-
-    Yields:
-        The priority in force, in words; where more could be had, how.
+    In real time it is also pinned, linear algebra uses no further threads, and existing objects are never collected.
     """
     gc.collect()
     gc.freeze()
@@ -191,9 +178,9 @@ def is_real_time() -> bool:
 
 
 def joining() -> Callable[[], None]:
-    """Return what a library's thread calls to run just above the one that asks here, if that one runs in real time.
+    """Return what a library's thread calls to run just above the caller, if that one runs in real time.
 
-    Where the system allows no step above, the thread runs beside it. One that stands higher already stays where it is.
+    Without a step above it runs beside it; a thread that is higher already stays there.
     """
     real_time = is_real_time()
 
@@ -207,20 +194,14 @@ def joining() -> Callable[[], None]:
 
 
 def above() -> None:
-    """Have the calling thread run above every session here, if it runs in real time: it stands for a machine's own.
-
-    A simulated device that waits for its turn would seem late, and tell nothing of what drives it.
-    """
+    """Have the calling thread, which simulates a device, run above every session in real time: else it seems late."""
     if is_real_time():
         with suppress(PermissionError):
             os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(REAL_TIME + 2))
 
 
 def favour() -> None:
-    """Have the calling thread, and what it starts from now on, wait less for other work, where the system allows that.
-
-    For what a person waits for; what a session must not hold up is `raised`.
-    """
+    """Have the calling thread, for which a person waits, and what it starts wait less for other work, if allowed."""
     if sys.platform == "linux":
         _be_less_nice(os.getpriority(os.PRIO_PROCESS, 0), FAVOURED_NICE)
 

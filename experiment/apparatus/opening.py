@@ -1,7 +1,4 @@
-"""From a rig file to opened devices: tracker, actuator, accelerometer, and the session's audio stream with its masker.
-
-Each driver is imported only when its device is opened.
-"""
+"""From a rig file to opened devices, whose drivers are imported only then."""
 
 from __future__ import annotations
 
@@ -45,9 +42,8 @@ def open_audio(
 ) -> AudioStream:
     """Open what a session needs of the rig's audio device, as `session_stream` says; its clock must go by itself.
 
-    Calibrations must not be too old `today`; those of a simulated rig do not age. A `device` is used instead of the one
-    that the rig names. Raises `RigError` if the rig has no audio device, a calibration is too old, or the device exists
-    in simulation alone, and `AudioError` if the device cannot be opened.
+    A `device` replaces the rig's. Raises `RigError` if the rig has none, a real rig's calibration is too old `today`,
+    or the device exists in simulation alone, and `AudioError` if it cannot be opened.
     """
     from palpate.experiment.apparatus.audio.stream import AudioStream
 
@@ -62,12 +58,11 @@ def open_audio(
 
 
 def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker: MaskerNoise | None) -> StreamSettings:
-    """Return how a session opens its audio device, with a limit on every channel: others than these stay silent.
+    """Return how a session opens its audio device, with a limit on every channel; all other channels stay silent.
 
-    That is `limit_m_s2`, the protocol's, for the magnitude of any sample of a stimulus, and the masker's where the
-    headphones will play one. Where the limit is None, or another device is the actuator, neither the actuator's output
-    nor the loopback is opened, no place for stimuli is held, and what comes in is kept only if a microphone `listens`.
-    Raises `RigError` if the rig has no audio device.
+    `limit_m_s2` is the protocol's for stimuli, the masker has its own. Without a limit, or with another actuator,
+    output and loopback of the actuator stay closed, and inputs are kept only if a microphone `listens`. Raises
+    `RigError` without an audio device.
     """
     audio = audio_of(rig)
     channels, plays = audio.channels, limit_m_s2 is not None and rig.actuator.driver == "audio"
@@ -85,9 +80,9 @@ def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker:
 
 
 def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = None) -> AudioStream:
-    """Open the rig's audio device to measure it, whatever the age of its calibrations; errors are as in `open_audio`.
+    """Open the rig's audio device, whatever its calibrations' age, with probes up to `peak`, 1.0 being full scale.
 
-    A probe on the actuator's channel is at most `peak` in magnitude, 1.0 being full scale; other channels are silent.
+    Raises as `open_audio`.
     """
     from palpate.experiment.apparatus.audio.stream import AudioStream
 
@@ -133,10 +128,9 @@ def simulated_only(rig: Rig, key: str) -> str:
 
 
 def copy_rig(rig_file: Path, copy: Path) -> None:
-    """Copy a rig file, and beside it what it names: its response table, and its tracker's driver if that is a file.
+    """Copy a rig file with its response table, and its tracker's driver if that is a file.
 
-    Raises `RigError` if the table is not the one that the rig file names, or another table or driver of that name
-    stands beside the copy.
+    Raises `RigError` if the table is not the rig's, or another table or driver stands beside the copy.
     """
     rig = rigs.load(rig_file)
     beside: dict[str, tuple[str, bytes]] = {}
@@ -164,12 +158,11 @@ def open_tracker(
     clock_map: ClockMap | None = None,
     contact_mm: float | None = None,
 ) -> Tracker:
-    """Open the rig's tracker; where the rig has it zeroed, one that can be.
+    """Open the rig's tracker, which can be zeroed where the rig asks for it.
 
-    The session's clock stamps arrivals. A `port` is used instead of the one that the rig names. A simulated device
-    whose clock is known brings its `clock_map`; otherwise that is estimated from arrivals. `contact_mm` is the
-    protocol's height of contact; None where no foot steps, so that nothing is zeroed. Raises `TrackerError` if the port
-    cannot be opened, and `RigError` if the driver that the rig names cannot be found or used.
+    The session's clock stamps arrivals. A `port` replaces the rig's. Without a `clock_map` arrivals give it.
+    `contact_mm` is the protocol's, None without steps. Raises `TrackerError` for the port, and `RigError` for the
+    driver.
     """
     if port is None and rig.tracker.port == REHEARSAL:
         raise TrackerError(simulated_only(rig, "tracker.port"))
@@ -220,10 +213,8 @@ def open_servo(
 ) -> Servo:
     """Open the rig's tracker and force device together: in a process of their own, unless time is simulated.
 
-    Forces go out `rate_hz` times a second, none larger than `limit_n`; a lamp is lit while the hand is faster than
-    `fastest_mm_s`. `port`, `address` and `clock_map` are as in `open_tracker` and `open_actuator`. Raises `RigError` if
-    the rig has no force device, or one that exists in simulation alone, and `ServoError` if tracker or device cannot be
-    opened.
+    Forces go out `rate_hz` times a second, up to `limit_n`; a lamp is lit above `fastest_mm_s`. Other arguments are as
+    in `open_tracker`. Raises `RigError` without a force device, or for a simulated one, and `ServoError`.
     """
     from palpate.experiment.apparatus.servo.link import ServoHere, ServoProcess
     from palpate.experiment.apparatus.servo.process import Orders
@@ -264,9 +255,9 @@ def open_actuator(
 ) -> Actuator:
     """Open the rig's actuator, at its own address or another, or on a channel of the session's stream.
 
-    `limit_m_s2` is the protocol's, for the magnitude of any sample. A rig with `actuator.shaping`, and no other, needs
-    a `drive`, as `conditioning.open_drive` opens it; `RigError` otherwise. `clock` paces what a server is sent. Raises
-    `ActuatorError` if address or limit cannot be used, the server does not answer, or the stream is missing.
+    `limit_m_s2` is the protocol's, for any sample. `drive`, of `conditioning.open_drive`, is for `actuator.shaping`
+    alone; `RigError` otherwise. `clock` paces a server. Raises `ActuatorError` for a bad address, limit, server or
+    stream.
     """
     settings = rig.actuator
     where = address or settings.address
@@ -311,9 +302,9 @@ def accelerometer_of(rig: Rig) -> AccelerometerRig:
 def open_accelerometer(
     rig: Rig, *, rate_hz: int, address: str | None = None, clock: Clock | None = None
 ) -> Accelerometer:
-    """Open the rig's accelerometer, at its own address or another, for recordings at the protocol's `rate_hz`.
+    """Open the rig's accelerometer, at its address or another, at the protocol's `rate_hz`.
 
-    Raises `RigError` if the rig has none, it samples at another rate, or it exists in simulation alone.
+    Raises `RigError` if there is none, at another rate, or in simulation alone.
     """
     from palpate.experiment.apparatus.panel.pcm import PcmAccelerometer
 

@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 
 class Tracker(Protocol):
-    """Where the foot is. Time is the device's own counter; `clock_map` says which session time that is.
+    """Where the foot is, by the device's own counter, dated by `clock_map`.
 
-    A driver may have a property `gone` too, asked from any thread: whether nothing can come until it is reconnected.
+    A driver may have a property `gone`, for any thread: nothing can come until it is reconnected.
     """
 
     @property
@@ -37,17 +37,13 @@ class Tracker(Protocol):
         """Throw away what arrived before now; the gap this leaves is not counted as lost."""
 
     def read(self) -> Samples:
-        """Return the next samples, at least one, and wait for them.
+        """Wait for the next samples, at least one, and return them.
 
-        Raises `TrackerStopped` if nothing came for at most 200 ms, or the port has gone, and `TrackerError` if the
-        device's clock is no longer the one it was.
+        Raises `TrackerStopped` after at most 200 ms without any, or a lost port, and `TrackerError` for another clock.
         """
 
     def reconnect(self, timeout_s: float) -> None:
-        """Wait until the device is back and speaks. It may have restarted: a new `clock_map` begins; `counts` go on.
-
-        Raises `TrackerStopped` if it was not back in time; this may be called again.
-        """
+        """Wait until the device is back, with a new `clock_map` and the same `counts`. Raises `TrackerStopped`."""
 
     def close(self) -> None: ...
 
@@ -61,9 +57,9 @@ class Rester(Protocol):
 
 
 class Actuator(Protocol):
-    """What shakes the panel: one stimulus at a time, prepared while the foot falls, aimed at its contact.
+    """What shakes the panel: one stimulus at a time, prepared while the foot falls.
 
-    A driver that can schedule sounds at the time it was last aimed at. One that cannot sounds when the foot has landed.
+    A driver that can schedule sounds at the time it was last aimed at, another when the foot has landed.
     """
 
     @property
@@ -75,22 +71,13 @@ class Actuator(Protocol):
         """How long before its onset a stimulus can no longer be moved or withdrawn, ns; 0 where `landed` sounds it."""
 
     def prepare(self, stimulus: Stimulus | Ring) -> Played:
-        """Make a stimulus at `rate_hz` ready; nothing sounds yet. It replaces one that was prepared and has not begun.
-
-        Raises `ActuatorError` if there is nothing to play, or the device is gone.
-        """
+        """Make a stimulus at `rate_hz` ready, in place of one that has not begun. Raises `ActuatorError`."""
 
     def aim(self, onset_ns: int) -> bool:
-        """Have the first sample reach the panel at `onset_ns`, session time; called again for a better time.
-
-        Return False once the point of no return has passed, or lies too close for this time; nothing changed then.
-        """
+        """Aim the first sample at `onset_ns`, session time; return False, and change nothing, if it is too late."""
 
     def landed(self, contact_ns: int) -> None:
-        """Have a stimulus that was never aimed sound at once: the foot touched the panel at `contact_ns`, session time.
-
-        Raises `ActuatorError` if the stimulus could not be handed over.
-        """
+        """Have a stimulus that was never aimed sound at once, after contact at `contact_ns`. Raises `ActuatorError`."""
 
     def withdraw(self) -> bool:
         """Take the stimulus back, from any thread and at once, and return whether nothing of it will sound."""
@@ -99,11 +86,9 @@ class Actuator(Protocol):
         """Return whether no stimulus sounds, or may still sound after its device failed; this waits for nothing."""
 
     def delivered(self, contact_ns: int) -> Delivered | None:
-        """Return what was heard of the stimulus, once it has ended; None where nothing measures it and no
-        fault is known.
+        """Return what was heard of the stimulus, once it has ended; None if unmeasured and without a fault.
 
-        `contact_ns` is when the foot touched the panel, session time, as it is known by then. Raises `ActuatorError` if
-        the device cannot say.
+        `contact_ns` is the latest session time of contact. Raises `ActuatorError` if the device cannot say.
         """
 
     def close(self) -> None: ...
@@ -116,9 +101,10 @@ class Servo(Protocol):
         """Return whether the hand is followed and the block rendered, now; this waits for nothing."""
 
     def render(self, block: Block | None, ends_ns: int = 0) -> None:
-        """Have the hand meet a block from now on, once it is outside of it, until a session time, ns; None for none.
+        """Have the hand meet a block, None for none, once outside of it, until a session time, ns; it needs the
+        heartbeat.
 
-        It is there only while the session's heartbeat comes. Any thread may call this, and waits for nothing.
+        Any thread may call this, which never waits.
         """
 
     def beat(self) -> None:
@@ -169,10 +155,7 @@ class Masker(Protocol):
         """Begin at a level, as `set_level` does."""
 
     def set_level(self, level_db_a: float) -> float:
-        """Go to another level, and return the one in force: the level wanted, or the nearest that is allowed.
-
-        Raises `DoseUsedUp` if the masker is silent.
-        """
+        """Go to the nearest allowed level, and return it. Raises `DoseUsedUp` if the masker is silent."""
 
     def stop(self) -> None:
         """Fall silent."""
@@ -211,10 +194,7 @@ class Microphone(Protocol):
         """Samples a second."""
 
     def heard(self, *, from_ns: int, until_ns: int) -> Recorded:
-        """Return what was heard between two session times, once it has been; of what is long ago the last that is kept.
-
-        Raises `AudioError` if the device has stopped.
-        """
+        """Return what was heard between two session times, as far as it is kept. Raises `AudioError` if stopped."""
 
     def loudness(self) -> Loudness:
         """Return how loud it was in the last moments. Raises `AudioError` as `heard`."""
@@ -259,9 +239,6 @@ class Accelerometer(Protocol):
         """Listen from now on for a take of that length; return when samples come. Raises `RecordingError`."""
 
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
-        """Return the take that begins where the panel first shakes between two times of the host's clock.
-
-        Raises `RecordingError` if it was not armed, or the device failed.
-        """
+        """Return the take whose vibration begins between two times of the host's clock. Raises `RecordingError`."""
 
     def close(self) -> None: ...

@@ -1,12 +1,8 @@
 """Rig files: which devices stand in this laboratory, at which ports, with which calibration.
 
-A rig has a tracker, an actuator that shakes the panel, and where it needs them an accelerometer on the panel and one
-audio device, with its channels, what was calibrated and when, and what counts as delivered.
-
-A sensor's reading becomes a height by straight lines between the calibrated points. It is never extrapolated: a
-reading beyond the outermost points stands for the height of the nearest one. `check` therefore asks for points
-so far beyond gate and panel that a reading held at either end can decide neither a crossing nor a contact, and that
-the noise of a foot at rest on the panel stays inside, and for as much further as zeroing may move heights.
+A reading becomes a height by straight lines between the calibrated points, and stands for the nearest one beyond them.
+So `check` asks for points so far beyond gate and panel, and zeroing, that a reading at either end decides no crossing
+and no contact, and that the noise of a resting foot stays inside.
 """
 
 import hashlib
@@ -153,10 +149,7 @@ class AccelerometerRig(Confined):
 
 
 def response_table(folder: Path, shaping: ShapingRig) -> bytes:
-    """Return the bytes of the response table that a rig file in a folder names.
-
-    Raises `RigError` if it cannot be read, or its hash is not the one that the rig file states.
-    """
+    """Return the response table in a folder. Raises `RigError` if it is unreadable or not of the rig file's hash."""
     path = folder / shaping.response
     try:
         content = storage.read_bytes(path)
@@ -216,10 +209,9 @@ class AudioChannels(Confined):
         return max(self.microphone or 1, self.loopback or 1)
 
     def without_actuator(self, *, listens: bool) -> tuple[int, int]:
-        """Return how many outputs and inputs to open where nothing is played but the masker.
+        """Return how many outputs and inputs to open for a masker alone, and for a microphone that `listens`.
 
-        `listens` has the microphone among them. Channels are opened from the first on: an actuator below the last of
-        the headphones stays open, and silent.
+        Channels open from the first on: an actuator below the last of the headphones stays open, and silent.
         """
         return max(self.headphones), self.microphone or 0 if listens else 0
 
@@ -538,10 +530,7 @@ class StopsRig(Confined):
 
 
 def check_stops(rig: "Rig", peak_m_s2: float | None, today: date) -> None:
-    """Refuse, with a `RigError`, a real rig with a force device whose stops are not named, or were not tried lately.
-
-    So is an actuator that may exceed the board's limit `peak_m_s2`; None if that is not known.
-    """
+    """Raise `RigError` for a real rig with unnamed or untested stops, for force or above `peak_m_s2`, if known."""
     full_m_s2 = rig.actuator.full_scale_m_s2
     strong = peak_m_s2 is not None and (full_m_s2 is None or full_m_s2 > peak_m_s2)
     if rig.rig.simulated or not (strong or rig.servo is not None):
@@ -600,10 +589,7 @@ class Rig(Confined):
 
 
 def load(path: Path) -> Rig:
-    """Return the rig that a file describes.
-
-    Raises `RigError` with every problem of the file, one a line; of its syntax, the first.
-    """
+    """Return a file's rig. Raises `RigError` with every problem, one a line, or the first in its syntax."""
     try:
         rig = files.read(path, Rig)
     except ProtocolError as error:
@@ -613,10 +599,7 @@ def load(path: Path) -> Rig:
 
 
 def kept(path: Path, digest: str) -> Rig:
-    """Return the rig of a session from the file kept beside its journal; `digest` is that of the journal.
-
-    Raises `RigError` as `load`, and if the rig is another.
-    """
+    """Return the rig beside a session's journal, which has this digest. Raises `RigError`, also for another rig."""
     rig = load(path)
     if sha256(rig) != digest:
         beside = f" with {rig.driver_file.name} beside it" if rig.driver_file else ""
@@ -627,9 +610,8 @@ def kept(path: Path, digest: str) -> Rig:
 def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
-    The tracker's driver counts with its own hash where it is a file beside the rig file; `RigError` if that cannot be
-    read. Ports and addresses are left out: a device that comes back under another name is the same device. Anchors,
-    stops and the participant's screen measure nothing; what the screen showed is in the journal.
+    A tracker's driver beside the file counts with its own hash; `RigError` if it is unreadable. Ports, addresses,
+    anchors, stops and the participant's screen are omitted, since they measure nothing.
     """
     where = {device: {key} for device, key in PLACES.items()}
     unmeasured = {"screen": True, "anchors": True, "stops": True}

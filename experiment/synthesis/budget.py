@@ -1,18 +1,17 @@
 """The error budget of a stimulus: what its device is handed, against what equations (1) to (5) ask for.
 
-Each share is an rms, as a part of the rms asked for, by Parseval over the bins. Every bin counts once, under what kept
-it last, so the squares of the shares add up:
+Each share is an rms, as a part of the rms requested, by Parseval over the bins. Every bin counts once, under what
+limited it last, so the squares of the shares add up:
 
 - `scene`: bins that the scene left out, because they are not felt;
 - `rate`: bins at or above half of the output rate;
-- `below`, `above`: bins below the lowest or above the highest frequency that the rig is known to carry: those at which
-  the panel was measured, for no other bin gets a voltage, or those that its device is said to carry;
-- `held_back`: bins that the gain limit or the highest level measured keeps below what was asked;
+- `below`, `above`: bins outside the frequencies at which the panel was measured, or that its device carries;
+- `held_back`: bins that the gain limit or the highest level measured limits;
 - `taken_down`: what the limits of panel and amplifier take from all the others, and what the limiter cuts off;
-- `table`: what straight lines between the measured values of the response miss. A panel's own curve is not known, so
-  this is an estimate: how far the cubic through the four nearest values lies from the lines, in frequency and in level;
-- `rounding`: of the transforms, the weights and the float32 samples, taken from the samples themselves. Voltages are
-  weighed with the steepest response in the table, so theirs is a bound.
+- `table`: an estimate of what straight lines between measured values miss: how far the cubic through the four nearest
+  values lies from the lines, in frequency and in level;
+- `rounding`: of transforms, weights and float32 samples, from the samples themselves. Voltages are weighed with the
+  steepest response in the table, so theirs is a bound.
 """
 
 from collections.abc import Iterator
@@ -36,10 +35,9 @@ SHORT = 1e-9
 
 @dataclass(frozen=True)
 class Budget:
-    """The shares of one stimulus (see the module); `asked_m_s2` is the rms that they are parts of.
+    """The shares of one stimulus, as parts of the rms `asked_m_s2`; 0 if that is 0.
 
-    `dissimilarity_m_s2` is that of equation (6) between what is reached and what was asked for. All shares are 0 where
-    nothing was asked for.
+    `dissimilarity_m_s2` is that of equation (6) between what is reached and what was requested.
     """
 
     asked_m_s2: float
@@ -69,9 +67,8 @@ def of_accelerations(
 ) -> Budget:
     """Return the budget of a device that takes accelerations; it was handed these, m/s^2, shape (n,).
 
-    The limiter changed `limited` of the samples; the device carries the frequencies `carries_hz`, lowest and highest,
-    and moves the panel at no other. Errors are those of `at_speed`, and `SynthesisError` for samples that are not
-    finite and for frequencies that do not rise.
+    The limiter changed `limited` samples; the device moves the panel only at the frequencies `carries_hz`. Raises as
+    `at_speed`, and `SynthesisError` for samples that are not finite and for frequencies that do not rise.
     """
     low_hz, high_hz = carries_hz
     if not low_hz < high_hz:
@@ -101,10 +98,9 @@ def of_voltages(
     shaped: Shaped,
     response: Response,
 ) -> Budget:
-    """Return the budget of a device that takes volts; it was handed these, V, shape (n,).
+    """Return the budget of a device that takes volts; it was handed these, V, shape (n,). Raises as `of_accelerations`.
 
-    `voltages_v`, V, shape (n,), and `shaped` are what `shaping.drive` makes of the stimulus with that `response` and
-    the scale that was used. Errors are those of `of_accelerations`.
+    `voltages_v`, V, shape (n,), and `shaped` are those of `shaping.drive` with that `response` and the scale used.
     """
     asked, whole, carried = _asked(stimulus), _rms_asked(stimulus), stimulus.basis.on.carried
     missing_v = finite(handed_v, what="handed_v") - finite(voltages_v, what="voltages_v")
@@ -196,8 +192,8 @@ def _projected(waveform_m_s2: NDArray[np.float64], stimulus: Stimulus) -> NDArra
 class Bending:
     """What straight lines between a table's values miss at the bins within it, K of them.
 
-    `at` is the table at these bins. `in_frequency` is what is missed at 0 V and each level, m/s^2, shape (1 + L, K).
-    Each bin lies between the frequency measured at the place `lower` and the next, a part `way` of the way, shape (K,).
+    `at` is the table at these bins; `in_frequency` what is missed at 0 V and each level, m/s^2, shape (1 + L, K). A bin
+    is a part `way`, shape (K,), from the frequency measured at `lower` to the next.
     """
 
     at: AtBins
@@ -239,7 +235,7 @@ def _beside_the_line(
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.float64]]]:
     """Yield places and weights, both (K,), whose weighted sum is the cubic at x (K,) less the straight line there.
 
-    The cubic goes through the four nearest of the values measured, or through fewer where there are fewer.
+    The cubic goes through the four nearest measured values, or fewer if there are fewer.
     """
     most = min(4, measured.size)
     first = np.clip(lower - 1, 0, measured.size - most)
@@ -255,11 +251,10 @@ def _beside_the_line(
 
 
 def other_reading(stimulus: Stimulus, *, shaped: Shaped, response: Response) -> float:
-    """Return how far the other reading of equation (7) would lie from what is played, as a share of what was asked.
+    """Return how far the other reading of equation (7) would lie from what is played, as a share of what was requested.
 
-    Played is the inverse of A, interpolated in f and e. The other reading interpolates W itself in f and a, between the
-    inverses at the two neighbouring frequencies measured; both are told by the accelerations that the table gives for
-    them. Bins that are held back by a limit are the same in both. Errors are those of `at_speed`.
+    Played is the inverse of A, interpolated in f and e. The other interpolates W itself in f and a, between the
+    inverses at the neighboring frequencies measured. Limited bins are the same in both. Raises as `at_speed`.
     """
     table = _bending(response, stimulus)
     at, measured = table.at, response.accelerations_m_s2
@@ -276,8 +271,8 @@ def other_reading(stimulus: Stimulus, *, shaped: Shaped, response: Response) -> 
 def interpolation(spectra: CrinkleSpectra) -> NDArray[np.float64]:
     """Return what interpolation between speeds misses, as a share of the rms recorded, at each speed, shape (S,).
 
-    Each inner speed is left out in turn, and its amplitudes are told from its two neighbours; NaN at both ends. With
-    the speed in place lines that bend miss about a quarter of this; what differs from take to take stays as it is.
+    Each inner speed is left out and predicted from its two neighbors; NaN at both ends. With the speed in place,
+    curvature contributes about a quarter of this; differences between takes remain.
     """
     v, amplitudes = spectra.speeds_mm_s, spectra.amplitudes[:, 1:]
     way = ((v[1:-1] - v[:-2]) / (v[2:] - v[:-2]))[:, None]
@@ -288,10 +283,9 @@ def interpolation(spectra: CrinkleSpectra) -> NDArray[np.float64]:
 def averaging(
     spectra: CrinkleSpectra, *, panel_object_takes: NDArray[np.float64], panel_takes: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the standard error of the mean over takes, as a share of the rms recorded, at each speed, shape (S,).
+    """Return the standard error of the mean over takes, as a share of the rms recorded, shape (S,); NaN for one take.
 
-    It is that of the magnitudes with and without the object together; `spectra` are what `crinkle.subtract` made of the
-    same takes, shapes (S, T, N) and (S, T', N). NaN with a single take.
+    It combines the magnitudes with and without the object, shapes (S, T, N) and (S, T', N), behind `spectra`.
     """
     variance = np.zeros(panel_object_takes.shape[::2])
     for takes in (panel_object_takes, panel_takes):

@@ -31,8 +31,8 @@ FARTHEST = 1e3
 class LeftOut:
     """What is still known of bins that are left out of S spectra.
 
-    `products` are the sums of C'_k(v_i) C'_k(v_j) / 2 over these bins, (m/s^2)^2, shape (S, S); `sums` those of
-    C'_k(v_i) over the bins among them that equation (6) counts, m/s^2, shape (S,).
+    `products` are their sums of C'_k(v_i) C'_k(v_j) / 2, (m/s^2)^2, shape (S, S); `sums` those of C'_k(v_i) over the
+    ones that equation (6) counts, m/s^2, shape (S,).
     """
 
     products: NDArray[np.float64]
@@ -49,10 +49,9 @@ class LeftOut:
 class CrinkleSpectra:
     """The spectra of one material without the panel, at the measured speeds v_i, strictly rising, shape (S,), S >= 2.
 
-    `amplitudes` are C'_k(v_i) >= 0, m/s^2, and `signs` those of C_k,panel+object(v_i), +1 or -1, both of shape (S, K);
-    `rate_hz` is that of the recordings. `recorded` is their N, at least K, where bins from K on are left out, None
-    where K is N; `band_hz` are the lowest and highest frequency held, and `left_out` says how much lay outside; None
-    where all are held.
+    `amplitudes` are C'_k(v_i) >= 0, m/s^2, and `signs` those of C_k,panel+object(v_i), +1 or -1, both (S, K); `rate_hz`
+    is the recordings'. `recorded` is their N, None where it is K; `band_hz` are the lowest and highest frequency kept,
+    and `left_out` the rest; None where all are kept.
     """
 
     speeds_mm_s: NDArray[np.float64]
@@ -113,8 +112,7 @@ class CrinkleSpectra:
 class SpectrumAtSpeed:
     """C'_k(v) with its sign, m/s^2, shape (N,).
 
-    `floored_bins` counts the bins that extrapolation would have made negative and that are zero; `extrapolated` says
-    whether v lies outside the measured speeds.
+    `floored_bins` counts bins that extrapolation would make negative, `extrapolated`: v is outside the measured speeds.
     """
 
     coefficients: NDArray[np.float64]
@@ -150,13 +148,10 @@ def subtract(
 ) -> CrinkleSpectra:
     """Return the spectra of the object alone: C'_k = max(|C_k,panel+object| - |C_k,panel|, 0) at each measured speed.
 
-    The speeds rise strictly, at least two, shape (S,). Takes are accelerations, m/s^2, sampled at `rate_hz`, with the
-    object on the panel, shape (S, T, N), and of the bare panel, shape (S, T', N). They are averaged by the `magnitude`
-    of the coefficients (sign from the first take) or as `signed` coefficients (sign of their mean); a coefficient of
-    exactly zero counts as positive. Raises `SynthesisError` for shapes that do not fit, speeds that do not rise, or
-    values that are not finite.
-
-    Source: Okamoto et al., section 3.1 and equation (2).
+    Speeds rise strictly, at least two, shape (S,). Takes are accelerations, m/s^2, at `rate_hz`, with the object, shape
+    (S, T, N), and of the bare panel, (S, T', N). They are averaged by `magnitude` (sign of the first take) or as
+    `signed` coefficients (sign of their mean); exact zeros count as positive. Raises `SynthesisError` for bad shapes,
+    speeds or values. Source: Okamoto et al., section 3.1 and equation (2).
     """
     speeds = rising(speeds_mm_s)
     both = finite(panel_object_takes, what="takes of panel and object")
@@ -182,19 +177,14 @@ def subtract(
 
 
 def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = False) -> SpectrumAtSpeed:
-    """Return C'_k(v): linear in speed between neighbouring measured speeds, sign from the nearer one (tie: the lower).
+    """Return C'_k(v): linear in speed between neighboring measured speeds, sign from the nearer one (tie: the lower).
 
-    Beyond the measured speeds the outermost line goes on, floored at zero. At a measured speed the measured spectrum
-    comes back exactly: (3) is printed for speeds strictly between two measured ones. `literal` uses |C'(v_i+1) -
-    C'(v_i)| as printed (see the module's erratum).
+    Beyond the measured speeds the outermost line continues, floored at zero. At a measured speed its spectrum is
+    returned exactly. `literal` uses |C'(v_i+1) - C'(v_i)| as printed (see the module's erratum). The tie is decided in
+    float64: the sign is that of v_i+1 if the rounded v - v_i is above the rounded v_i+1 - v, else that of v_i.
 
-    The tie is settled in float64, as the session computes: the sign is that of v_i+1 if the rounded difference v - v_i
-    is above the rounded v_i+1 - v, and that of v_i otherwise. Speeds within a rounding of the middle may take either
-    sign, and every method takes the same one.
-
-    Raises `SynthesisError` if the speed, mm/s, is negative, not finite, or so high that the spectrum overflows.
-
-    Source: Okamoto et al., equations (3) and (4).
+    Raises `SynthesisError` if the speed, mm/s, is negative, not finite, or so high that the spectrum overflows. Source:
+    Okamoto et al., equations (3) and (4).
     """
     v, speeds = foot_speed(speed_mm_s), spectra.speeds_mm_s
     lower = min(max(int(np.searchsorted(speeds, v, side="right")) - 1, 0), speeds.size - 2)
@@ -225,10 +215,9 @@ def at_speed(spectra: CrinkleSpectra, *, speed_mm_s: float, literal: bool = Fals
 
 
 def leave_out(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> CrinkleSpectra:
-    """Return spectra without the bins above a band, and silent below it; they take less memory, and no less time.
+    """Return spectra, which take less memory, without the bins above a band, and silent below it.
 
-    `band_hz` are the lowest and highest frequency that count, both included, Hz. Raises `SynthesisError` unless they
-    rise.
+    `band_hz` are its lowest and highest frequency, both included, Hz. Raises `SynthesisError` unless they rise.
     """
     inside = ~_outside(spectra, band_hz)
     f = bin_frequencies_hz(bins=spectra.samples, rate_hz=spectra.rate_hz)[: inside.size]
@@ -249,15 +238,10 @@ def leave_out(spectra: CrinkleSpectra, *, band_hz: tuple[float, float]) -> Crink
 def rms_outside(spectra: CrinkleSpectra, *, band_hz: tuple[float, float], fastest_mm_s: float) -> float:
     """Return the largest rms of all that lies outside a band together, at any speed up to `fastest_mm_s`, m/s^2.
 
-    It is taken of all bins together, for skin does not feel bins: how much of a vibration falls into one bin depends on
-    the length of the take. The rms of the whole does not, as long as the material sounds throughout, and no third
-    octave, nor any other part, has more. Thresholds of vibration are stated as rms.
-
-    Each bin is convex in speed from one measured speed to the next, and beyond them with the floor, and so is their
-    rms: it is largest at a measured speed, at 0 mm/s, or at the fastest.
-
-    `band_hz` are the lowest and highest frequency that count, both included, Hz. Raises `SynthesisError` unless they
-    rise, or for a speed at which there is no spectrum.
+    Bins are taken together, since a bin's part depends on the length of the take; no other part has a larger rms, in
+    which thresholds are stated. The rms is convex between measured speeds, so it is largest at one of these, at 0 mm/s
+    or at the fastest. `band_hz` are the lowest and highest frequency, both included, Hz. Raises `SynthesisError` unless
+    they rise, or for a speed at which there is no spectrum.
     """
     measured = spectra.amplitudes[spectra.speeds_mm_s <= fastest_mm_s]
     ends = [np.abs(at_speed(spectra, speed_mm_s=v).coefficients) for v in (0.0, fastest_mm_s)]

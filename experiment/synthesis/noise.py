@@ -1,8 +1,7 @@
 """Noise with an exact spectrum, which masks the sound of the stimuli.
 
-Each bin of an inverse FFT gets the amplitude that the colour asks for and a random phase. So the spectrum is exactly
-that of the colour, and the samples are nearly normal in distribution, as a sum of many sinusoids is. The end runs into
-the beginning: played in a loop, the noise has no seam.
+Each bin of an inverse FFT gets the colour's amplitude and a random phase, so the samples are nearly normal and loop
+without a seam.
 """
 
 from math import inf
@@ -27,9 +26,8 @@ CLAIMED_DB, CLAIMED_FROM_S = 0.5, 0.5
 def noise(*, colour: Colour, samples: int, rate_hz: int, rng: np.random.Generator) -> NDArray[np.float64]:
     """Return noise of mean 0 and rms 1 from `LOWEST_HZ` to half the sampling rate, shape (n,); `rng` draws the phases.
 
-    n is `samples`, at least one period of `LOWEST_HZ`. At rates of 44.1 kHz and more octave bands are within
-    `CLAIMED_DB` of their colour from `CLAIMED_FROM_S` on; shorter, the lowest bands hold too few bins. Raises
-    `SynthesisError` for an unknown colour, a rate below four times `LOWEST_HZ`, or fewer samples than a period.
+    n is `samples`. At rates from 44.1 kHz octave bands are within `CLAIMED_DB` of their colour for `CLAIMED_FROM_S` or
+    more. Raises `SynthesisError` for an unknown colour, a rate below 4 `LOWEST_HZ`, or less than a period of that.
     """
     if colour not in get_args(Colour):
         raise SynthesisError(f"colour: got {colour!r}; allowed: {' or '.join(get_args(Colour))}; correct the protocol")

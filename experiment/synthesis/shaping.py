@@ -1,20 +1,15 @@
 """Frequency shaping: the voltages that move a rig as a spectrum asks, equation (7) of Okamoto et al. and section 4.
 
-A rig answers a sinusoid of amplitude e volts at f with a sinusoid of amplitude A(f, e) m/s^2, measured at some
-frequencies and drive levels: its `Response`. Between the nearest measured values A follows straight lines, first in f
-at each level, then in e, from 0 at 0 V through the lowest level to the highest. W(f, a) is the inverse of A in e. So it
-is exact at the measured points, undoes A everywhere, and rises with a at every f, which no smoother interpolation in f
-promises: cubics through two neighbouring levels may cross. The price is the error of straight lines across a resonance:
-about h^2 / 8 |A''| / A between frequencies h apart.
+A rig answers a sinusoid of e volts at f with one of A(f, e) m/s^2, measured at some frequencies and levels: its
+`Response`. Between the nearest measured values A is linear, first in f at each level, then in e, from 0 at 0 V. W(f, a)
+is the inverse of A in e: exact at measured points, and rising with a at every f, unlike cubics, which may cross. The
+error across a resonance is about h^2 / 8 |A''| / A between frequencies h apart.
 
-What the rig cannot do is left out, counted, and added up as amplitudes that were asked for and not reached:
+What the rig cannot do is left out and counted, each bin once, under what limited it last:
 
-- outside: bins below the lowest or above the highest measured frequency get no voltage, for nothing is known there;
+- outside: bins below the lowest or above the highest measured frequency get no voltage;
 - bounded: bins that would take more volts per m/s^2 than the rig's stated limit, near nulls, get that limit;
 - saturated: bins above what the highest level reaches get the highest level.
-
-Each bin counts once, under what limited it last. `drive` makes the voltages of a sum of bins, and takes down the whole
-of what would pass a limit of panel or amplifier.
 """
 
 from dataclasses import dataclass
@@ -32,10 +27,10 @@ from palpate.experiment.synthesis.spectra import Bins, bin_frequencies_hz, finit
 class Response:
     """A measured frequency response.
 
-    `frequencies_hz` rise strictly from zero or more, shape (F,), F >= 2; `levels_v` are amplitudes of the driving
-    sinusoid (sqrt 2 times its rms), strictly rising, above zero, shape (L,). `accelerations_m_s2`, shape (F, L), are
-    amplitudes of the answer (half its peak-to-peak): at each frequency they rise strictly with the level from above
-    zero, or are all zero (a null). Raises `SynthesisError` for anything else.
+    `frequencies_hz` rise strictly from zero or more, shape (F,), F >= 2; `levels_v` are amplitudes (sqrt 2 times the
+    rms), strictly rising, above zero, shape (L,). `accelerations_m_s2`, shape (F, L), are amplitudes (half the
+    peak-to-peak), at each frequency strictly rising from above zero, or all zero (a null). Raises `SynthesisError`
+    otherwise.
     """
 
     frequencies_hz: NDArray[np.float64]
@@ -71,10 +66,9 @@ class Response:
 
 
 def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | None:
-    """Return the first (row, column) where a response does not rise strictly with the level from above zero, if any.
+    """Return the first (row, column) where a response, shape (F, L), does not rise strictly from above zero, if any.
 
-    The accelerations have one row a frequency and one column a level, shape (F, L). Rows of zeros are nulls and
-    allowed. Raises `SynthesisError` if a value is not finite.
+    Rows of zeros are nulls and allowed. Raises `SynthesisError` if a value is not finite.
     """
     a = finite(accelerations_m_s2, what="accelerations_m_s2 of the response")
     before = np.insert(a[:, :-1], 0, 0.0, axis=1)
@@ -84,10 +78,9 @@ def not_rising(accelerations_m_s2: NDArray[np.float64]) -> tuple[int, int] | Non
 
 @dataclass(frozen=True)
 class AtBins:
-    """What a response says of some bins.
+    """What a response says of the `known` bins, K of N, within its table.
 
-    `known` are the bins within the table, K of N. `levels_v` are 0 V and each level, shape (1 + L,), and `curves` is
-    A(f, e) at these for each known bin, shape (1 + L, K).
+    `levels_v` are 0 V and each level, shape (1 + L,), and `curves` A(f, e) at these, shape (1 + L, K).
     """
 
     known: NDArray[np.intp] | slice
@@ -118,10 +111,7 @@ class AtBins:
 
 
 def at_bins(response: Response, frequencies_hz: NDArray[np.float64]) -> AtBins:
-    """Look a rig's response up, once for all spectra of the same bins, at the frequency of each, Hz, shape (N,).
-
-    A bin at 0 Hz is no oscillation and counts as unknown. Raises `SynthesisError` if a frequency is not finite.
-    """
+    """Return a rig's response at the bins' frequencies, Hz, shape (N,); 0 Hz is unknown. Raises `SynthesisError`."""
     f, at = finite(frequencies_hz, what="frequencies_hz"), response.frequencies_hz
     within = (f >= at[0]) & (f <= at[-1]) & (f > 0)
     known = np.flatnonzero(within)
@@ -150,11 +140,9 @@ class Loss:
 class Shaped:
     """Voltages for a spectrum.
 
-    `coefficients_v` are W(f_k, |C_k|) with the sign of C_k, V, and `reached_m_s2` what the response says these bring
-    about, with the same sign, m/s^2, both of shape (N,). Losses are of bins that ask for more than the highest level
-    reaches (`saturated`), lie beyond the measured frequencies (`outside`), or are held back by the limit of the gain
-    (`bounded`). The whole spectrum was taken down by the factor `scale` before; what that takes from a bin that nothing
-    else held back is in no loss.
+    `coefficients_v` are W(f_k, |C_k|), V, and `reached_m_s2` the acceleration by the response, m/s^2, both with the
+    sign of C_k, (N,). Losses are of bins above the highest level (`saturated`), beyond the measured frequencies
+    (`outside`) or limited in gain (`bounded`); what the factor `scale`, applied before, takes from others is in none.
     """
 
     coefficients_v: NDArray[np.float64]
@@ -180,13 +168,10 @@ def shape(
 ) -> Shaped:
     """Return each bin of a spectrum weighted by W(f, a), the inverse of the rig's measured response.
 
-    Bin k = 0 is no oscillation; (5) and (7) leave it out, and so does this where the table reaches to 0 Hz.
-    `coefficients` are C_k with its sign, m/s^2, and `frequencies_hz` those of the bins, both of shape (N,). No bin
-    takes more than `gain_limit_v_per_m_s2`, above zero, for each m/s^2 it asks for. Voltages are found for the spectrum
-    times `scale`, above 0, at most 1; losses count what `coefficients` ask. Raises `SynthesisError` for values that are
-    not finite, shapes that do not fit, or a limit or a scale that is none.
-
-    Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
+    Bin 0 is omitted, as by (5) and (7). `coefficients` are C_k with its sign, m/s^2, at `frequencies_hz`, both (N,). No
+    bin takes more than `gain_limit_v_per_m_s2`, above zero, for each m/s^2. Voltages are for the spectrum times
+    `scale`, above 0, at most 1; losses are of `coefficients`. Raises `SynthesisError` for values that are not finite or
+    shapes, limits or scales that do not fit. Source: Okamoto et al., section 4, 'Frequency shaping', and equation (7).
     """
     signed, f = finite(coefficients, what="coefficients"), finite(frequencies_hz, what="frequencies_hz")
     if signed.ndim != 1 or signed.shape != f.shape:
@@ -259,16 +244,13 @@ def drive(
 ) -> tuple[NDArray[np.float64], Shaped]:
     """Return voltages whose oscillations move the rig as a sum of bins asks, and what shaping did: `shape`, then (7).
 
-    Shaping drops what the table does not reach, and a waveform without some of its bins can peak higher than the whole.
-    So the limits are held on what the response says the voltages will do: where they pass one, all of it is taken down
-    and shaped anew. What is lost is counted against what was asked for, not against the smaller one.
+    A waveform without some of its bins can peak higher, so the limits apply to the response to the voltages: above one,
+    all is scaled down and shaped again. Losses are counted against the original request.
 
-    The voltages, V, at `rate_hz`, have the shape (n,), n being the samples of a waveform made of the bins by (5). No
-    magnitude of the acceleration that they bring about is above `limit_m_s2`, at whatever time; the least waveform that
-    is taken down lies as much below it as `highest` is too high. No voltage is above `limit_v` in magnitude. `scale`,
-    as in `shape`, is lowered further where it has to be.
-
-    Raises `SynthesisError` as `shape`, `grid` or `inverse_on`, or for a limit that is not above zero.
+    The voltages, V, at `rate_hz`, have the shape (n,) of a waveform by (5). At no time is the acceleration above
+    `limit_m_s2` in magnitude (waveforms are scaled down from as far below it as `highest` is too high), nor a voltage
+    above `limit_v`. `scale`, as in `shape`, is lowered as needed. Raises `SynthesisError` as `shape`, `grid` or
+    `inverse_on`, or for a limit that is not above zero.
     """
     for name, limit in (("limit_m_s2", limit_m_s2), ("limit_v", limit_v)):
         if not limit > 0:
@@ -296,10 +278,9 @@ def drive(
 
 
 def _moved_m_s2(shaped: Shaped, before: tuple[Shaped, float] | None, limit_m_s2: float) -> float:
-    """Return what no magnitude of the acceleration passes: the first bound within the limit, the cheapest first.
+    """Return a bound on the acceleration's magnitude: the first within the limit, the cheapest first.
 
-    `before` is the round before, where more was asked, and what this function returned for it. Bins that nothing holds
-    back go down in proportion, and the others by less.
+    `before` is the larger request before and its bound; since then free bins shrank in proportion, the others by less.
     """
     with np.errstate(over="ignore"):
         bound_m_s2 = float(np.abs(shaped.reached_m_s2).sum())

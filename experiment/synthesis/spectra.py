@@ -44,10 +44,8 @@ def finite(values: ArrayLike, *, what: str) -> NDArray[np.float64]:
 def spectrum(samples: ArrayLike) -> NDArray[np.float64]:
     """Return the amplitude of each frequency element: C_k = (2/N) sum_i y_i cos(pi k (i + 1/2) / N).
 
-    The samples y_i are accelerations, m/s^2, shape (..., N). C_k has its sign, m/s^2, shape (..., N); bin k stands at
-    `bin_frequencies_hz`. Raises `SynthesisError` if there is no sample, or one is NaN or infinite.
-
-    Source: Okamoto et al., equation (1).
+    Both y_i and C_k, with its sign, are in m/s^2, shape (..., N); bin k is at `bin_frequencies_hz`. Raises
+    `SynthesisError` for no sample, NaN or infinity. Source: Okamoto et al., equation (1).
     """
     y = finite(samples, what="samples")
     coefficients: NDArray[np.float64] = fft.dct(y, type=2, axis=-1) / y.shape[-1]
@@ -55,10 +53,7 @@ def spectrum(samples: ArrayLike) -> NDArray[np.float64]:
 
 
 def bin_frequencies_hz(*, bins: int, rate_hz: float) -> NDArray[np.float64]:
-    """Return the frequency of each of N bins of `spectrum`, Hz, shape (N,): F k / (2 N) (see the module's erratum).
-
-    F is the sampling rate of the recording, Hz. Raises `SynthesisError` unless it is finite and above zero.
-    """
+    """Return the frequencies of N bins, F k / (2 N), Hz, shape (N,). Raises `SynthesisError` for a bad rate F, Hz."""
     if not 0 < rate_hz < inf:
         raise SynthesisError(f"rate_hz: got {rate_hz}; allowed: a finite rate above 0 Hz; correct the manifest")
     return np.arange(bins, dtype=np.float64) * np.float64(rate_hz / (2 * bins))
@@ -67,10 +62,8 @@ def bin_frequencies_hz(*, bins: int, rate_hz: float) -> NDArray[np.float64]:
 def inverse(coefficients: ArrayLike) -> NDArray[np.float64]:
     """Return accelerations at the recording's own rate: y_i = sum_{k=1}^{N-1} C_k cos(pi k (i + 1/2) / N).
 
-    The sum leaves out k = 0, so `inverse(spectrum(y))` is y without its mean. C_k with its sign and y_i are in m/s^2,
-    both of shape (..., N). Raises `SynthesisError` if there is no coefficient, or one is NaN or infinite.
-
-    Source: Okamoto et al., equation (5).
+    Without k = 0, `inverse(spectrum(y))` is y less its mean. C_k and y_i are in m/s^2, shape (..., N). Raises
+    `SynthesisError` for no coefficient, NaN or infinity. Source: Okamoto et al., equation (5).
     """
     halved = finite(coefficients, what="coefficients") / 2
     halved[..., 0] = 0.0
@@ -82,9 +75,8 @@ def inverse(coefficients: ArrayLike) -> NDArray[np.float64]:
 class Grid:
     """The times (i' + 1/2) / F' at which a recording's spectrum is summed, in whole numbers.
 
-    With N F' / F = p / q in lowest terms, the phase of bin k at sample i' is pi k q (i' + 1/2) / p: bin k stands at
-    place k q of an inverse DCT of length p. `count` are the samples whose times lie within the recording's N / F
-    seconds, and `carried` the bins held that lie below half the output rate, k = 0 among them.
+    With N F' / F = p / q in lowest terms, the phase of bin k at sample i' is pi k q (i' + 1/2) / p: bin k is at place k
+    q of an inverse DCT of length p. `count` samples lie within the recording; `carried` bins lie below F' / 2.
     """
 
     p: int
@@ -94,10 +86,7 @@ class Grid:
 
 
 def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
-    """Return the grid of an output rate F', Hz, for a recording of N samples at F, Hz, with some bins from 0 on.
-
-    Raises `SynthesisError` if a rate is below 1 Hz, or is too low for a single sample.
-    """
+    """Return the grid of an output rate, Hz, for recordings of N samples, Hz. Raises `SynthesisError` for low rates."""
     for name, rate in (("rate_hz", rate_hz), ("output_rate_hz", output_rate_hz)):
         if not 1 <= rate < inf:
             raise SynthesisError(f"{name}: got {rate}; allowed: 1 Hz or more; correct the rig file or the manifest")
@@ -115,8 +104,7 @@ def grid(*, samples: int, bins: int, rate_hz: int, output_rate_hz: int) -> Grid:
 def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
     """Return sqrt(sum_k C_k^2 / 2) over the bins 1 to carried - 1: by Parseval the rms of the waveform where q is 1.
 
-    The amplitudes, shape (..., N), may be of any scale, 1e300 and denormals included; the result has shape (...).
-    Raises `SynthesisError` if one is NaN or infinite.
+    Amplitudes, shape (..., N), may have any scale, 1e300 and denormals too; `SynthesisError` unless they are finite.
     """
     sounding = finite(amplitudes, what="amplitudes")[..., 1 : on.carried]
     largest = np.max(np.abs(sounding), axis=-1, initial=0.0)
@@ -127,10 +115,7 @@ def rms(amplitudes: NDArray[np.float64], on: Grid) -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Bins:
-    """What a waveform is the sum of, by equation (5), of recordings of `samples` N at `rate_hz` F.
-
-    The `coefficients` are C_k with its sign, m/s^2, shape (K,), K being at most N.
-    """
+    """A waveform's coefficients by (5): C_k with sign, m/s^2, shape (K,), K <= N, of N `samples` at `rate_hz`."""
 
     coefficients: NDArray[np.float64]
     samples: int
@@ -149,11 +134,9 @@ def transformable(on: Grid) -> None:
 def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
     """Return the sum of equation (5) on a grid, by an inverse DCT of length p, zero where no bin stands.
 
-    C_k has its sign, m/s^2, shape (..., K), for the K bins of the grid; the sum is in m/s^2, shape (..., count). Raises
-    `SynthesisError` if the transform is longer than `LONGEST_TRANSFORM`, if a coefficient is not finite, or if the sum
-    overflows.
-
-    Source: Okamoto et al., equation (5).
+    C_k has its sign, m/s^2, shape (..., K), for the grid's K bins; the sum is in m/s^2, shape (..., count). Raises
+    `SynthesisError` above `LONGEST_TRANSFORM`, unless coefficients are finite, or for overflow. Source: Okamoto et al.,
+    equation (5).
     """
     c = finite(coefficients, what="coefficients")
     transformable(on)
@@ -173,14 +156,12 @@ def inverse_on(coefficients: ArrayLike, on: Grid) -> NDArray[np.float64]:
 
 
 def highest(coefficients: ArrayLike) -> float:
-    """Return what no magnitude of the sum of equation (5) passes, whatever the time, to round-off, m/s^2.
+    """Return a bound on the magnitude of the sum of equation (5) at any time, to round-off, m/s^2; C_k as in
+    `inverse_on`.
 
-    It is the largest magnitude at P times, P being `POINTS_A_BIN` for each bin or some more, divided by cos(pi (K - 1)
-    / (2 P)): the sum is a polynomial of degree K - 1 in cos(pi t F / N), looked at in the zeros of a Chebyshev
-    polynomial. So it is at most 1.3 % more than the largest magnitude that there is. C_k has its sign, m/s^2, shape
-    (K,). Errors are those of `inverse_on`.
-
-    Source: Ehlich and Zeller 1964, Math. Zeitschrift 86, 41-44.
+    It is the largest magnitude at P times, at least `POINTS_A_BIN` a bin, divided by cos(pi (K - 1) / (2 P)): the sum
+    is a polynomial of degree K - 1 in cos(pi t F / N), sampled at the zeros of a Chebyshev polynomial. So it is at most
+    1.3 % too high. Source: Ehlich and Zeller 1964, Math. Zeitschrift 86, 41-44.
     """
     c = finite(coefficients, what="coefficients")
     sounding = np.flatnonzero(c[1:])
@@ -195,11 +176,8 @@ def highest(coefficients: ArrayLike) -> float:
 def dissimilarity(a: ArrayLike, b: ArrayLike, *, frequencies_hz: ArrayLike) -> NDArray[np.float64]:
     """Return the sum over `BAND_HZ` of the differences of two spectra: d = sum_{f} | |S_a(f)| - |S_b(f)| |, m/s^2.
 
-    The spectra, m/s^2, shape (..., N), are broadcast against one another, and their signs do not count; the result has
-    shape (...). `frequencies_hz` has shape (N,). Raises `SynthesisError` if a spectrum is not finite or has another
-    length than `frequencies_hz`.
-
-    Source: Okamoto et al., equation (6).
+    The spectra, m/s^2, shape (..., N), are broadcast; the result has shape (...). `frequencies_hz` has shape (N,).
+    Raises `SynthesisError` for spectra that are not finite or of another length. Source: Okamoto et al., equation (6).
     """
     first, second = finite(a, what="first spectrum"), finite(b, what="second spectrum")
     f = finite(frequencies_hz, what="frequencies_hz")
@@ -214,12 +192,10 @@ def dissimilarity(a: ArrayLike, b: ArrayLike, *, frequencies_hz: ArrayLike) -> N
 
 
 def dissimilarity_matrix(spectra: ArrayLike, *, frequencies_hz: ArrayLike) -> NDArray[np.float64]:
-    """Return the dissimilarity of each pair of spectra, divided by the highest, as in Table 3.
+    """Return the dissimilarity of each pair of spectra, divided by the highest, as in Table 3 (section 6.1).
 
-    The spectra are rows, m/s^2, shape (M, N). The matrix, shape (M, M), is symmetric with zeros on the diagonal and 1
-    as its highest value; it is all zero if no pair differs. Other arguments and errors are those of `dissimilarity`.
-
-    Source: Okamoto et al., section 6.1 and Table 3.
+    The spectra are rows, m/s^2, shape (M, N); the matrix is (M, M), all zero if no pair differs. Raises as
+    `dissimilarity`.
     """
     rows = finite(spectra, what="spectra")
     matrix = dissimilarity(rows[:, None, :], rows[None, :, :], frequencies_hz=frequencies_hz)

@@ -50,10 +50,7 @@ SURFACES = (
 
 
 def amplitude(surface: Surface, *, speed_m_s: float) -> float:
-    """Return A(V) (1), as a part of aluminum's amplitude at 0.2 m/s.
-
-    Raises `SynthesisError` unless the speed, m/s, is finite and zero or more.
-    """
+    """Return A(V) (1), as a part of aluminum's at 0.2 m/s. Raises `SynthesisError` for a bad speed, m/s."""
     if not 0 <= speed_m_s < inf:
         raise SynthesisError(f"speed: got {speed_m_s} m/s; allowed: finite, and zero or more; check the tracker")
     return surface.amplitude * surface.per_speed_s_m * speed_m_s
@@ -62,11 +59,10 @@ def amplitude(surface: Surface, *, speed_m_s: float) -> float:
 def waveform(
     surface: Surface, *, speed_m_s: float, rate_hz: float, aluminum_m_s2: float, length_s: float | None = None
 ) -> NDArray[np.float64]:
-    """Return Q(t) (2) at t = 0, 1 / `rate_hz`, ..., m/s^2, shape (n,); it begins at zero, at the moment of touch.
+    """Return Q(t) (2) at t = 0, 1 / `rate_hz`, ..., m/s^2, shape (n,), from the moment of touch.
 
-    `aluminum_m_s2` is A of aluminum at 0.2 m/s. Without `length_s` it ends where the envelope has fallen to `FADED`.
-    Raises `SynthesisError` for a speed as `amplitude` does, a rate that cannot carry f, or a length that is not above
-    zero and finite.
+    `aluminum_m_s2` is A of aluminum at 0.2 m/s. By default it ends where the envelope is `FADED`. Raises
+    `SynthesisError` as `amplitude`, for a rate that cannot carry f, or a length that is not above zero and finite.
     """
     if not (2 * surface.attack_hz < rate_hz < inf):
         raise SynthesisError(
@@ -99,10 +95,7 @@ def rings(surface: Surface, *, rate_hz: int, aluminum_m_s2: float) -> Rings:
 
 @dataclass(frozen=True)
 class Exponential:
-    """f = `at_zero_hz` exp(K / `per_n_m`): how the frequency rises with stiffness, and how badly it fits.
-
-    `misfits` are ln f measured less ln f fitted, one for each pair that came in; `r2` is that of ln f.
-    """
+    """f = `at_zero_hz` exp(K / `per_n_m`); `misfits` are ln f measured less ln f fitted, `r2` that of ln f."""
 
     at_zero_hz: float
     per_n_m: float
@@ -115,10 +108,10 @@ class Exponential:
 
 
 def frequency_curve(stiffness_n_m: ArrayLike, frequencies_hz: ArrayLike) -> Exponential:
-    """Return the exponential through frequencies over stiffness, least squares of ln f; both of shape (n,), n >= 2.
+    """Return the exponential of frequencies over stiffness, least squares of ln f; both of shape (n,), n >= 2.
 
-    The paper calls the duration of the attack "approximately exponential" in stiffness and says no more of the fit.
-    Raises `SynthesisError` unless frequencies are above zero, and two or more stiffnesses differ.
+    The paper calls the attack "approximately exponential" in stiffness. Raises `SynthesisError` unless frequencies are
+    above zero, and two or more stiffnesses differ.
     """
     k, f = finite(stiffness_n_m, what="stiffness"), finite(frequencies_hz, what="frequencies")
     if k.ndim != 1 or k.shape != f.shape or np.unique(k).size < 2 or np.any(f <= 0):
@@ -140,9 +133,9 @@ def frequency_curve(stiffness_n_m: ArrayLike, frequencies_hz: ArrayLike) -> Expo
 
 @dataclass(frozen=True)
 class Scaling:
-    """L and D of one surface: its amplitude at 0.2 m/s in the recordings' unit, and 1/s of m; with what does not fit.
+    """L and D of one surface: its amplitude at 0.2 m/s in the recordings' unit, and 1/s of m.
 
-    `misfits` are the amplitudes measured less L D V, as parts of L, in the order of the recordings.
+    `misfits` are measured amplitudes less L D V, as parts of L.
     """
 
     amplitude: float
@@ -153,9 +146,9 @@ class Scaling:
 def scaling(speeds_m_s: ArrayLike, amplitudes: ArrayLike) -> Scaling:
     """Return L and D of one surface from its amplitudes at several speeds, both of shape (n,): equation (1).
 
-    L is the amplitude at 0.2 m/s on the straight line through the measurements, as Table 1 states it. L D is the slope
-    of the line through the origin, for which (1) leaves no other choice; where the two lines differ, D is not 1 / 0.2.
-    Raises `SynthesisError` unless there are two or more speeds, all above zero.
+    L is the amplitude at 0.2 m/s on the fitted line, as in Table 1. L D is the slope of the line through the origin;
+    where the two lines differ, D is not 1 / 0.2. Raises `SynthesisError` unless there are two or more speeds above
+    zero.
     """
     v, a = finite(speeds_m_s, what="speeds"), finite(amplitudes, what="amplitudes")
     if v.ndim != 1 or v.shape != a.shape or np.unique(v).size < 2 or np.any(v <= 0):

@@ -1,6 +1,4 @@
-"""The voltages that a rig is given for a stimulus: prepared for each material where they can be, else worked out.
-
-Prepared, they are a weighted sum of two waveforms, those at the two neighbouring knots of the foot's speed.
+"""The voltages of a stimulus: prepared for each material where possible, as sums of two waveforms, else computed.
 
 `experiment/decisions.md` has why nothing is approximated, and why every limit is kept.
 """
@@ -25,24 +23,22 @@ FASTEST = 1.5
 """Waveforms are held up to this multiple of the fastest measured speed: 450 mm/s in the study of Okamoto et al."""
 
 WASTE = 0.005
-"""In the middle between knots a stimulus may be taken down by this part of it further than the limits ask. Beside the
-middle it may be twice that, as far as a straight line can lie above a curve that bends upwards only: about as much as
-the bound on its peak, `highest`, may be too high."""
+"""Part by which a stimulus in the middle between knots may be scaled down further than needed, and twice that beside it
+(as far as a line lies above a convex curve): about the error of the bound `highest`.
+"""
 
 MISSED = 1e-12
-"""Nothing is held between knots where in the middle a weighted sum is off by this part of a piece's largest voltage; it
-may be off by some more beside it. Transforms of 24,000 points are off by a thousandth of that."""
+"""A piece is not prepared if a weighted sum is off by this part of its largest voltage; transforms are by 1e-15."""
 
 MOST_BYTES = 2**25
 """Of waveforms, held for one material: 174 of 0.5 s at 48 kHz."""
 
 
 class Knot(NamedTuple):
-    """A speed at which a bin bends, or a piece ends.
+    """A speed at which a bin bends, or a piece ends, a `part` of the way from a piece's lower end to its upper one.
 
-    `part` is the part of the way from a piece's lower end to its upper one. `scale` is 1 / o, what the whole stimulus
-    is taken down to; 1 if the limits let it pass. `waveform_v`, V, shape (n,), is None if no weighted sum with it
-    holds.
+    `scale`, at most 1, keeps the stimulus within the limits. `waveform_v`, V, (n,), is None if no weighted sum is
+    valid.
     """
 
     part: float
@@ -52,10 +48,7 @@ class Knot(NamedTuple):
 
 @dataclass(frozen=True)
 class Piece:
-    """The speeds with the same two measured speeds around or beside them, and the same nearer one.
-
-    The `knots` are in the order of their `parts`, which rise from 0 to 1 between the two ends.
-    """
+    """The speeds with the same measured speeds around and the same nearest; `parts` of `knots` rise from 0 to 1."""
 
     from_mm_s: float
     to_mm_s: float
@@ -70,10 +63,7 @@ class DrivenBasis:
     pieces: dict[tuple[int, int], Piece]
 
     def at(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float] | None:
-        """Return the voltages of a stimulus, V, shape (n,), and the scale that they were taken down to.
-
-        They are what `shaping.drive` returns when it is given that scale; None if nothing is held.
-        """
+        """Return the voltages, V, shape (n,), and the scale, as `shaping.drive` with that; None if not prepared."""
         piece = self.pieces.get((stimulus.interval, stimulus.nearer))
         if piece is None or not piece.from_mm_s <= stimulus.speed_mm_s <= piece.to_mm_s:
             return None
@@ -200,10 +190,7 @@ class _Line:
 
 
 def _bends_m_s2(at: AtBins, gain_limit_v_per_m_s2: float) -> NDArray[np.float64]:
-    """Return amplitudes at which a known bin may bend, m/s^2, shape (3 L + 1, K); NaN where it does not.
-
-    If the limit of the gain holds a bin back, its voltage goes on straight, and what it moves bends at every level.
-    """
+    """Return amplitudes at which a known bin may bend, m/s^2, shape (3 L + 1, K), with the gain limit; else NaN."""
     low, high = at.curves[:-1], at.curves[1:]
     low_v, high_v = at.levels_v[:-1, None], at.levels_v[1:, None]
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
@@ -216,10 +203,7 @@ def _bends_m_s2(at: AtBins, gain_limit_v_per_m_s2: float) -> NDArray[np.float64]
 
 
 class Driven(NamedTuple):
-    """The voltages of a stimulus, V, shape (n,), and the scale that all of it was taken down to.
-
-    `prepared` says whether they are the weighted sum of two that were held, or were worked out for the speed.
-    """
+    """The voltages of a stimulus, V, shape (n,), `prepared` as a weighted sum or not, and the scale of all of it."""
 
     voltages_v: NDArray[np.float64]
     scale: float
@@ -239,10 +223,7 @@ class Drive:
         limit_m_s2: float = inf,
         limit_v: float = inf,
     ) -> None:
-        """Prepare the voltages of each material, by its id; arguments and errors otherwise as in `shaping.drive`.
-
-        Stimuli of any other material are worked out, as are those beyond what is prepared.
-        """
+        """Prepare the voltages of these materials, by id; others are computed. Raises as `shaping.drive`."""
         self._rate_hz = rate_hz
         self.response = response
         self._gain_limit_v_per_m_s2 = gain_limit_v_per_m_s2

@@ -1,27 +1,20 @@
 """The stimulus of one step: equations (3) to (5) of Okamoto et al., from waveforms that are made beforehand.
 
-Between measured speeds equations (3) and (4) make a weighted sum of two waveforms: C'(v) = s_j (C'(v_j) + t (C'(v_l) -
-C'(v_j))), v_j being the nearer speed of an interval, v_l the other, and t = (v - v_j) / (v_l - v_j). So the nearer
-speed's own waveform and, with its signs, the difference of the two are made beforehand for each half of each interval,
-3 S - 2 waveforms for S speeds, and a step costs one product and one sum, in one new array. At a measured speed t = 0,
-and its own waveform comes out to the bit.
+Between measured speeds (3) and (4) make a weighted sum of two waveforms: C'(v) = s_j (C'(v_j) + t (C'(v_l) - C'(v_j))),
+v_j being the nearer speed of an interval, v_l the other, and t = (v - v_j) / (v_l - v_j). So 3 S - 2 waveforms for S
+speeds are prepared, and a step costs one product and one sum. At a measured speed the result is exact to the bit.
 
-Beyond the measured speeds the same holds with t < 0, as long as no bin that sounds is floored and the two terms stay
-within `CANCELLATION` times the vibration at the nearest measured speed. The speeds between which both hold are found
-beforehand, and outside them a zero-padded inverse DCT takes over: one floored bin is one cosine too many in every
-sample. Taking each fallen bin's cosine out of the weighted sum would cost some 30 us a bin, a quarter of the inverse
-DCT; and of a simulated material's 2,500 bins up to 13 are floored 10 mm/s beyond the fastest recording, and 60 to 90 at
-100 mm/s beyond.
+Beyond them t < 0 is valid as long as no bin that sounds is floored and the two terms stay within `CANCELLATION` times
+the vibration at the nearest measured speed. Outside these limits a zero-padded inverse DCT takes over. Subtracting
+cosines would cost some 30 us a floored bin, a quarter of the DCT; of a simulated material's 2,500 bins up to 13 are
+floored 10 mm/s beyond the fastest recording, and 60 to 90 at 100 mm/s.
 
-The relative error of a waveform is the rms of its difference from the exact one, divided by the rms of the exact one,
-both by Parseval: `rms` of the bins that the output rate carries. In extrapolation a spectrum may vanish at a speed;
-there the divisor is at least the rms at the nearest measured speed. Rounding of numbers below 1e-307 comes on top: at
-most `denormal_error_m_s2`.
+The relative error of a waveform is the rms of its difference from the exact one over the rms of that, by Parseval over
+the bins that the output rate carries; in extrapolation the divisor is at least the rms at the nearest measured speed.
+Rounding of numbers below 1e-307 adds at most `denormal_error_m_s2`. `experiment/decisions.md` has how large the two
+terms are beside their sum.
 
-Frequency shaping (7) is not linear in amplitude, so shaped waveforms are not weighted: `voltages.py` says what is done
-for a device that takes volts.
-
-`experiment/decisions.md` has how large the two terms are beside their sum.
+Frequency shaping (7) is not linear in amplitude: `voltages.py` prepares shaped waveforms.
 """
 
 from __future__ import annotations
@@ -44,8 +37,7 @@ LEAST = 5e-324
 """The smallest float64: what the rounding of a denormal number costs at most, twice."""
 
 CANCELLATION = 8.0
-"""Largest sum of the two terms' rms in extrapolation, as a multiple of the rms at the nearest measured speed; between
-measured speeds the sum is at most 3 times the rms of the result."""
+"""Largest sum of the two terms' rms in extrapolation, over the rms at the nearest speed; in between at most 3."""
 
 MARGIN = 1e-9
 """How far before the first bin falls to zero, as a part of the way there, the inverse DCT takes over."""
@@ -63,9 +55,9 @@ class Ring:
 class Basis:
     """One material, prepared for one output rate; `prepare` makes it.
 
-    `on` is the grid of that rate, and `speeds_mm_s` are the v_i. The weighted sum holds from `lowest_mm_s` to
-    `highest_mm_s`. `pairs` are, for each interval and each of its speeds v_j, v_l being the other, the waveforms of
-    C'(v_j) and of C'(v_l) - C'(v_j), both with the signs of v_j, m/s^2, each of shape (n,).
+    `on` is that rate's grid, `speeds_mm_s` are the v_i; sums are valid from `lowest_mm_s` to `highest_mm_s`. `pairs`
+    are, for each interval and each of its speeds v_j, the waveforms of C'(v_j) and C'(v_l) - C'(v_j), with the signs of
+    v_j, m/s^2, shape (n,).
     """
 
     material: str
@@ -89,10 +81,7 @@ class Basis:
         return self.spectra.nbytes + (3 * len(self.speeds_mm_s) - 2) * self.pairs[0][0][0].nbytes
 
     def at(self, speed_mm_s: float) -> Stimulus:
-        """Return the stimulus for one step; its waveform is summed when it is first asked for.
-
-        Raises `SynthesisError` if the foot's speed, mm/s, is negative or not finite.
-        """
+        """Return the stimulus of a step, summed lazily. Raises `SynthesisError` for a negative or infinite speed."""
         v, speeds = float(speed_mm_s), self.speeds_mm_s
         held = self.lowest_mm_s <= v <= self.highest_mm_s
         if not held:
@@ -107,10 +96,8 @@ class Basis:
 class Stimulus:
     """What one step of the foot calls for; `Basis.at` makes it.
 
-    The speed of the foot lies between or beside v_i and v_i+1, i being the `interval`, and `nearer` is 0 where v_i is
-    the nearer of them, 1 where v_i+1 is. `of_difference` is t, from the nearer speed towards the other: 0 to 1/2
-    between the two, negative beyond the nearer. `held` says whether the weighted sum of two of the basis waveforms is
-    the stimulus.
+    The speed lies between or beside v_i and v_i+1, i being the `interval`; `nearer` is 0 for v_i, 1 for v_i+1.
+    `of_difference` is t, from the nearer speed to the other: 0 to 1/2 between, negative beyond. `held`: a sum is valid.
     """
 
     basis: Basis
@@ -153,10 +140,9 @@ class Stimulus:
 
 
 def prepare(spectra: CrinkleSpectra, *, material: str, output_rate_hz: int) -> Basis:
-    """Make the waveforms of one material beforehand; `output_rate_hz` is what the actuator expects, Hz.
+    """Return the prepared waveforms of one material at `output_rate_hz`, Hz: Okamoto et al., section 3.1, (3) to (5).
 
-    Errors are those of `spectra.grid` and `spectra.inverse_on`. Source: Okamoto et al., section 3.1, equations (3) to
-    (5).
+    Raises as `spectra.grid` and `spectra.inverse_on`.
     """
     on = spectra.grid(output_rate_hz)
     transformable(on)
@@ -192,10 +178,10 @@ def relative_error(on: Grid) -> float:
 
 
 def denormal_error_m_s2(samples: int) -> float:
-    """Return what the rounding of numbers below 1e-307 may add to an error, m/s^2, with N samples of the recordings.
+    """Return the error that rounding of numbers below 1e-307 adds, m/s^2, with N samples of the recordings.
 
-    Equation (3), or the weights of scaled waveforms, round twice a bin, by `LEAST` at most. The waveforms are made of
-    normal numbers (`spectra.LIFT`), rounded once a sample, and weighted by 8 at most (`CANCELLATION`).
+    Weights round twice a bin, by `LEAST` at most; waveforms, of normal numbers (`spectra.LIFT`), once a sample,
+    weighted by 8 at most (`CANCELLATION`).
     """
     return (2 * samples + 16) * LEAST
 
@@ -203,11 +189,9 @@ def denormal_error_m_s2(samples: int) -> float:
 def transform_error(on: Grid) -> float:
     """Return the bound on the relative error of an inverse DCT on a grid.
 
-    For lengths that are powers of two, the norm of the error of a fast transform stays within about 7 log2(length)
-    roundings of the norm of its result (Higham, Accuracy and Stability of Numerical Algorithms, theorem 24.2); 8 and
-    two steps more cover the passes before and after it. For other lengths, such as the 24,000 points of 0.5 s at 48
-    kHz, the bound is not derived but measured: every error that `palpate numerics` and the tests take stays within it.
-    The grid may hold `count` of its p samples only, and all of the error.
+    For powers of two the error's norm is within about 7 log2(length) roundings of the result's (Higham, Accuracy and
+    Stability of Numerical Algorithms, theorem 24.2); 8 and two steps more cover the other passes. For other lengths,
+    such as 24,000, the bound is measured. `count` of p samples may hold all of the error.
     """
     return 8 * log2(4 * on.p) * ROUNDING * sqrt(on.p / on.count)
 

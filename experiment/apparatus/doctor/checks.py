@@ -1,8 +1,6 @@
-"""What a check finds, and the checks that need no driver: of rig file and calibrations, disk, clocks and the machine.
+"""A check's result, and the checks that need no driver: of rig file and calibrations, disk, clocks and the machine.
 
-A check is green, red with the remedy, or not checked with the reason. The server of a raw PCM actuator is sent zeros
-alone, so nothing moves. On the disk, checks look for room and time how long an
-entry takes until it is there for good. On the machine, they look at the clocks and whether it wakes in time.
+A PCM server gets zeros alone, so nothing moves. Disks are checked for room and for how long an entry takes.
 """
 
 import math
@@ -38,10 +36,7 @@ Verdict = Literal["green", "red", "not checked"]
 
 @dataclass(frozen=True)
 class Check:
-    """One thing that was looked at: what was found, with units, and what may be; empty where nothing was compared.
-
-    The verdict says whether a session may rely on it, the remedy what to do; empty for green.
-    """
+    """One check: what was found and what is allowed, with units, the verdict, and what to do, empty if green."""
 
     name: str
     verdict: Verdict
@@ -71,10 +66,7 @@ def refused(name: str, error: PalpateError) -> Check:
 
 
 def table(rig: Rig, folder: Path) -> Check | None:
-    """Return whether the response table can be used and has the hash that the rig file states; None without one.
-
-    A real rig has none that says SIMULATED. Of one that says nothing of itself nobody knows what it is worth.
-    """
+    """Return whether the response table, if any, is usable, has the rig's hash and, on a real rig, is not SIMULATED."""
     shaping = rig.actuator.shaping
     if shaping is None:
         return None
@@ -203,8 +195,7 @@ RESOLUTION_US = 10.0
 """Coarsest step allowed to the monotonic clock, microseconds."""
 
 SET_MS = 10.0
-"""By how much wall clock and session clock may part during the checks, ms: one that is slewed parts by 0.5 ms a second,
-one that is set by any amount."""
+"""By how much wall clock and session clock may part during the checks, ms: slewing parts them by 0.5 ms a second."""
 
 SLEEPS = 200
 SLEEP_NS = 1_000_000
@@ -276,8 +267,7 @@ def waking(clock: Clock) -> Check:
 
 
 ARMED_S = 60.0
-"""How long the foot may be recorded in a trial, s. In the rehearsal it is 0.9 s (10.7 kB a trial at 1 kHz), because a
-simulated foot never waits."""
+"""How long the foot may be recorded in a trial, s; in the rehearsal it is 0.9 s (10.7 kB a trial at 1 kHz)."""
 
 COPIES = 2
 """The raw frames, and the dataset's own form of them, which compressed takes a fifth."""

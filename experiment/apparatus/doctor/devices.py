@@ -1,8 +1,4 @@
-"""Checks of tracker and audio device, with nobody on the panel.
-
-The tracker speaks, in time, whole, and of heights that were calibrated. The audio device is there, runs without a gap,
-and its loopback answers as it was calibrated.
-"""
+"""Checks of tracker and audio device, with nobody on the panel."""
 
 import math
 from dataclasses import dataclass
@@ -32,8 +28,7 @@ RATE_PART = 0.01
 """Part of the rig file's rate by which the device's own may differ."""
 
 DELAY_P99_MS = 10.0
-"""Within this 99 of 100 reads arrive, ms: of the 33 ms that a foot of 300 mm/s takes for 10 mm from gate to panel it
-leaves two thirds to prepare and to schedule a stimulus."""
+"""Within this 99 of 100 reads arrive, ms: a foot at 300 mm/s takes 33 ms from gate to panel, two thirds remain."""
 
 NOISE_TIMES = 2.0
 """How many times the calibrated noise a sensor may have that sees nothing move."""
@@ -41,11 +36,9 @@ NOISE_TIMES = 2.0
 
 @dataclass(frozen=True)
 class Heard:
-    """What a tracker sent while it was listened to: n samples with their device times, and frames of the link.
+    """What a tracker sent: n samples with device times, frames of the link, and of a planar one `along_mm`, shape (n,).
 
-    `along_mm` is what a planar one sent besides, shape (n,); None of others.
-
-    `delay_ms` says by how much each of m reads came after the line of the clock map, which the session will have.
+    `delay_ms` is by how much each of m reads came after the line of the clock map.
     """
 
     device_us: NDArray[np.int64]
@@ -241,10 +234,7 @@ def steady(stream: AudioStream, audio: AudioRig, *, since: StreamHealth, exact: 
 
 
 def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: bool) -> tuple[Check, ...]:
-    """Return whether a stream ran without a gap between two states, and callbacks kept to their times.
-
-    An `exact` server waits for its clients and loses nothing, so the under-runs that it reports do not count.
-    """
+    """Return whether a stream had no gap between two states, and callbacks in time; `exact` servers lose nothing."""
     seconds = (until.frames - since.frames) / audio.rate_hz
     gaps, xruns = until.gaps - since.gaps, until.xruns - since.xruns
     fit, quarter_ms = until.fit, 1e3 * audio.block / audio.rate_hz / 4
@@ -284,10 +274,9 @@ def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Check, ...]:
 
 
 def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Check, ...]:
-    """Return whether what leaves the actuator's channel comes back on time, as loud and as clean as it should.
+    """Return whether the running stream's loopback is on time, as loud and as clean as the rig's `delivered` asks.
 
-    The actuator moves meanwhile. What is allowed is what the rig allows of a stimulus that counts as delivered. The
-    stream is running, and its actuator's channel lets `PEAK` pass.
+    The actuator moves meanwhile, with up to `PEAK` on its channel.
     """
     entry, tolerance = audio.channels.loopback, audio.delivered
     if entry is None:

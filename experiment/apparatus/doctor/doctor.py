@@ -1,7 +1,6 @@
 """`palpate doctor`: every part of a rig through the drivers of a session, before anybody is on the panel.
 
-Audio stream and tracker run at the same time and at the priority that they have in a session, so that what one does to
-the other shows. The caller starts the far ends of a simulated rig.
+Audio stream and tracker run together at their priorities, so that mutual effects show.
 """
 
 from collections.abc import Callable, Iterator
@@ -33,12 +32,7 @@ HIGHEST_RATE_HZ = 5000
 
 @dataclass(frozen=True)
 class SimulatedPorts:
-    """The tracker's port, the addresses of actuator and force device, and the audio device, where they are simulated.
-
-    None stands for the rig's own.
-
-    `wire` lays the loopback's cable once the stream is open.
-    """
+    """The addresses and devices that are simulated, None for the rig's own; `wire` lays the loopback's cable."""
 
     port: str | None = None
     address: str | None = None
@@ -54,10 +48,10 @@ Simulate = Callable[[Rig, ExitStack], SimulatedPorts]
 def examine(
     *, rig_path: Path, protocol_path: Path | None, root: Path | None, clock: Clock, simulate: Simulate
 ) -> Iterator[Check]:
-    """Yield a check of everything, in the order of what depends on what; `ProtocolError` for an unusable protocol.
+    """Yield a check of everything, in order of dependence; `ProtocolError` for an unusable protocol.
 
-    Without a protocol only the rig matters. `root` is the dataset's folder; None for the protocol's own, or for
-    `participants`. The session's clock must go by itself.
+    Without a protocol only the rig matters. `root` None is the protocol's own dataset, or `participants`. The session's
+    clock must go by itself.
     """
     begun = checks.mark(clock)
     protocol = files.load(protocol_path) if protocol_path is not None else None

@@ -1,7 +1,4 @@
-"""Checks of the force device, with nobody's hand in it: no force is pushed.
-
-It answers, in time, as often as the servo will ask; the limit that holds; and whether it bears the protocol's block.
-"""
+"""Checks of the force device, with nobody's hand in it, without force: its answers, the limit, the protocol's block."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -30,8 +27,7 @@ MISSED_PART = 0.01
 def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: Clock) -> Iterator[Check]:
     """Yield everything that a rig's device shows, at an `address` of its own or the rig's; the clock goes by itself.
 
-    A rig without one is red before a protocol with a virtual task, and nothing before others. Without such a protocol
-    the device is asked as often as the tracker samples; limit and block are not known.
+    A rig without one is red for a virtual task. Without such a protocol the device is asked at the tracker's rate.
     """
     virtual = protocol.rendered if protocol is not None else None
     rate_hz = rig.tracker.rate_hz if virtual is None else virtual.rate_hz
@@ -61,10 +57,7 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
 
 
 def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -> tuple[Check, ...]:
-    """Return whether a device answers in time and often enough: `waited_ms` is for each of n messages, ms, shape (n,).
-
-    As many messages as cycles of `ASKS_S` were due.
-    """
+    """Return whether a device answers in time and often enough: `waited_ms`, shape (n,), of the cycles of `ASKS_S`."""
     due, made = round(rate_hz * ASKS_S), waited_ms.size
     median, worst = (float(np.median(waited_ms)), float(waited_ms.max())) if made else (np.inf, np.inf)
     return (

@@ -1,10 +1,8 @@
 """From a stimulus in m/s^2 to the samples of a device, 1.0 being its full scale. Shared by the actuators' drivers.
 
-A device that takes accelerations gets the limited stimulus. One that takes volts gets what frequency shaping makes of
-the stimulus, by the response table that the rig file names: the protocol's limit is one of acceleration, and the same
-voltage moves the panel far at one frequency and hardly at another, so shaping holds that limit on what the panel will
-do, and takes down the whole of a stimulus that would pass it. The limiter stands last before the device, and bounds the
-voltage whatever shaping did.
+A device that takes accelerations gets the limited stimulus. One that takes volts gets the shaped one: shaping holds the
+protocol's limit of acceleration, which no voltage alone implies, and scales the whole stimulus down. The limiter stands
+last before the device, whatever shaping did.
 """
 
 import hashlib
@@ -33,9 +31,8 @@ EVERY_HZ = (0.0, math.inf)
 class Played:
     """A stimulus as its device is given it: `samples`, little-endian float32, shape (n,), 1.0 being full scale.
 
-    Full scale is in V where there is a `drive`, which made the voltages, else in m/s^2. The limiter changed `limited`
-    samples, and shaping took the whole stimulus down to `scale`, 1 where there is none. `method` says in words how the
-    samples were made. A device that takes accelerations moves the panel at the frequencies `carries_hz` alone.
+    Full scale is in V with a `drive`, else in m/s^2. The limiter changed `limited` samples; shaping scaled all by
+    `scale`. `method` is for readers. A device that takes accelerations moves the panel at `carries_hz` alone.
     """
 
     stimulus: Stimulus | Ring
@@ -48,9 +45,9 @@ class Played:
     carries_hz: tuple[float, float] = EVERY_HZ
 
     def budget(self) -> tuple[budget.Budget, Shaped | None]:
-        """Return how the samples differ from what was asked for, and what shaping did, None where there is none.
+        """Return how the samples differ from the request, and what shaping did, None without; computed anew.
 
-        Shaping is worked out anew for that. Raises `TypeError` for a tap, which has no bins.
+        Raises `TypeError` for a tap, which has no bins.
         """
         if isinstance(self.stimulus, Ring):
             raise TypeError("a tap's vibration has no budget of bins")
@@ -118,9 +115,8 @@ class Conditioner:
     ) -> None:
         """Set the limits; `ActuatorError` if the protocol's is negative or not finite.
 
-        A device that takes volts has a `drive`, and full scale, of a sample of 1.0, in V. Otherwise that is in m/s^2,
-        and the limiter holds to it or to `limit_m_s2`, whichever is lower; `carries_hz` are the lowest and the highest
-        frequency at which such a device moves the panel, if that is known, for the record.
+        A device that takes volts has a `drive` and a full scale in V. Otherwise full scale and `limit_m_s2`, whichever
+        is lower, limit accelerations, and `carries_hz` is the device's known range, for the record.
         """
         limit((), limit_m_s2)
         self._full_scale = full_scale
@@ -137,10 +133,9 @@ class Conditioner:
         return float(self._highest)
 
     def __call__(self, stimulus: Stimulus | Ring) -> Played:
-        """Return a stimulus, given at the device's rate, as its samples are played.
+        """Return a stimulus at the device's rate as its samples are played.
 
-        Raises `ActuatorError` if there is nothing to play, or a tap for a device that takes volts, and `SynthesisError`
-        if the speed is so high that the spectrum overflows.
+        Raises `ActuatorError` for nothing to play, or a tap in volts, and `SynthesisError` if the spectrum overflows.
         """
         wanted, scale, method = self._made(stimulus)
         if np.ndim(wanted) != 1 or np.size(wanted) == 0:
@@ -166,11 +161,10 @@ class Conditioner:
 
 
 def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
-    """Return samples that are bounded, and how many were changed: the limiter, last before the device, for any input.
+    """Return bounded samples, and how many were changed: the limiter, last before the device, for any input.
 
-    Samples, m/s^2 or V, may be of any shape, NaN and infinity included. None is larger in magnitude than `peak`, in the
-    same unit, afterwards: NaN becomes 0, all else the nearest value allowed. Where none had to be changed they are the
-    samples given, not a copy. `ActuatorError` says that `peak` is negative or not finite.
+    Samples, m/s^2 or V, of any shape, are clipped to `peak` in magnitude, NaN to 0; unchanged ones are not copied.
+    Raises `ActuatorError` if `peak` is negative or not finite.
     """
     if not (math.isfinite(peak) and peak >= 0):
         raise ActuatorError(f"limiter: got a limit of {peak} m/s^2; allowed: a finite number, not negative")
@@ -186,11 +180,10 @@ def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
 def open_drive(
     folder: Path, actuator: ActuatorRig, *, limit_m_s2: float, materials: Mapping[str, Basis] | None = None
 ) -> Drive | None:
-    """Return what turns accelerations into voltages for the actuator of a rig; None for one that takes accelerations.
+    """Return what turns accelerations into voltages for a rig's actuator; None for one that takes accelerations.
 
-    The response table stands in the rig file's folder. `limit_m_s2` is the protocol's, for the acceleration delivered.
-    The voltages of `materials`, by their ids, are prepared now, so that they are there sooner. Raises `RigError` if the
-    table is not the one that the rig file names, and `RecordingError` if the table cannot be used.
+    `limit_m_s2` is the protocol's, for the acceleration delivered. The voltages of `materials`, by id, are prepared
+    now. Raises `RigError` if the table in `folder` is not the rig file's, and `RecordingError` if it is unusable.
     """
     settings = actuator.shaping
     if settings is None:

@@ -1,12 +1,8 @@
 """An actuator and an accelerometer, each behind a raw PCM port: mono samples as little-endian float32 on TCP.
 
-The apparatus guide states what a server must do, and `palpate doctor` measures it. Such a port knows no time, so a
-stimulus begins when the foot has landed. A server that does not take samples or close in time has failed: the
-connection is reset, and the stimulus may still play until the server, which serves one after the other, closes a later
-connection.
-
-The samples of an accelerometer carry no time. Each piece of its stream arrives some time after its last sample; the
-piece that was held up least tells when the stream began, but for the latency that every piece has.
+Such a port knows no time, so a stimulus begins when the foot has landed. A server that is late has failed: the
+connection is reset, and the stimulus may still play until the server closes a later connection. An accelerometer's
+least delayed piece dates its stream, but for the latency that every piece has.
 """
 
 import errno
@@ -82,9 +78,9 @@ class PcmActuator:
     lead_ns = 0
 
     def __init__(self, address: str, condition: Conditioner, *, rate_hz: int, clock: Clock | None = None) -> None:
-        """Prepare for the server at `host:port`; `ActuatorError` if it is none. `condition` limits every stimulus.
+        """Prepare for the server at `host:port`, or raise `ActuatorError`; `condition` limits every stimulus.
 
-        The clock paces samples, None is the machine's. Simulated time stands still in a step: all go out at once.
+        The clock paces samples, None is the machine's; simulated time sends all at once.
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
@@ -248,10 +244,7 @@ class PcmAccelerometer:
     """Implements `Accelerometer`."""
 
     def __init__(self, settings: AccelerometerRig, *, clock: Clock | None = None) -> None:
-        """Prepare to listen to the server that the rig file names; each take makes its own connection.
-
-        The host's clock stamps samples: None is the machine's monotonic one.
-        """
+        """Prepare to listen, a connection a take; the clock stamps samples, None is the machine's monotonic one."""
         self._settings = settings
         self._clock = clock or MonotonicClock()
         self._listening: _Listening | None = None
@@ -271,9 +264,9 @@ class PcmAccelerometer:
             raise self._failed(problem)
 
     def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
-        """Return the take that was armed for, once the foot is down; it begins between two times of the host's clock.
+        """Return the armed take, beginning between two times of the host's clock, once the foot is down.
 
-        Raises `RecordingError`: not armed, the stream broke or ended too soon, or it holds samples that are no numbers.
+        Raises `RecordingError`: not armed, the stream broke or ended too soon, or has samples that are not numbers.
         """
         if self._listening is None:
             raise RecordingError("accelerometer: got a step before it was armed; arm it first, then step")

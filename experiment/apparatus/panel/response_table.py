@@ -39,11 +39,7 @@ class _Row:
 
 
 def parse(path: Path, content: bytes) -> Response:
-    """Return the response in the content of a table that was read from `path`.
-
-    Raises `RecordingError` if a cell is no number, frequencies or levels are out of order, repeated or missing, or a
-    response does not rise; it names file, line, what it got and what is allowed.
-    """
+    """Return the response in a table's content. Raises `RecordingError` with file, line, value and what is allowed."""
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -64,10 +64,7 @@ class ForceDevice:
     """What pushes the hand; it holds a force until the next one, but no longer than 2 ms."""
 
     def __init__(self, address: str, *, limit_n: float) -> None:
-        """Connect to the device at `host:port`; no force is ever larger than the limit, N.
-
-        Raises `ServoError` if nothing answers there.
-        """
+        """Connect to the device at `host:port`, with a limit of force, N. Raises `ServoError` for no answer."""
         host, _, port = address.rpartition(":")
         self._address = address
         self._limit_n = limit_n
@@ -85,10 +82,9 @@ class ForceDevice:
         """How often the device said that it had dropped its force."""
 
     def push(self, force_n: Pair, *, fast: bool, now_ns: int) -> None:
-        """Have the device hold a force: out of the block and along its face, N; never more than its limit.
+        """Push with a force, N, out of the block and along its face, up to the limit; light the lamp if `fast`.
 
-        It lights a lamp if the hand is too fast. `now_ns` is the machine's monotonic clock. Raises `ServoError` if the
-        device takes nothing more.
+        `now_ns` is the machine's monotonic clock. Raises `ServoError` if the device takes nothing more.
         """
         message = encode(self._sequence, bounded(force_n, self._limit_n), fast=fast)
         try:
@@ -121,10 +117,9 @@ class ForceDevice:
         return now_ns - self._unanswered[0][1] if self._unanswered else 0
 
     def catch_up(self, behind: int) -> None:
-        """Wait, up to `CATCHES_UP_S`, until the device is no more than so many messages behind.
+        """Wait, in simulated time, until the device is at most `behind` messages behind.
 
-        Only simulated time, in which messages come as fast as they are made, waits. Raises `ServoError` if it does not
-        catch up.
+        Raises `ServoError` after `CATCHES_UP_S`.
         """
         while len(self._unanswered) > behind:
             if not select.select([self._line], [], [], CATCHES_UP_S)[0]:

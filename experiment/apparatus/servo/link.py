@@ -1,7 +1,6 @@
 """The session's end of the servo: what the hand did, read by read, and which block it meets.
 
-`ServoProcess` is for real time, and `ServoHere` for simulated time, in which the same rendering steps in the session's
-own process, as fast as the tracker's line brings samples: no deadline means anything there.
+`ServoProcess` is for real time; `ServoHere` renders simulated time in the session's own process.
 """
 
 import json

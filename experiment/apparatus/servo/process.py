@@ -1,18 +1,16 @@
 """The process that drives the force device: `link` starts it, and hears what the hand did.
 
 Each cycle it reads the tracker's line, steps the block, and hands the device a force. It never waits for the session:
-what the session is late to read is kept, up to `MOST_KEPT_BYTES`. It ends, with the force at zero, when the session is
-gone. On Linux it sees a kill of the session at the next cycle, while the system still takes the session's memory apart:
-the signal is pending in /proc. Elsewhere it sees the end of the line between them, which comes some milliseconds later.
+up to `MOST_KEPT_BYTES` are kept for it. It ends, with the force at zero, when the session is gone. On Linux it sees a
+kill at the next cycle, as the signal pending in /proc; elsewhere some milliseconds later, when their line ends.
 
-The force is zero from the cycle on in which something is wrong, and until the hand touches anew from outside: a cycle
-that began `SILENT_NS` or more late, no frame of the tracker for that long and a period, or a sample that `rendering`
-does not believe. So is the vibration: the audio stream asks before each block whether the servo has rendered within
-`SILENT_NS` (`pulse`). After a device that answers late, a tracker that has gone, or one that was silent for the rig's
-`stall_ms`, the process says why, and ends.
+The force is zero from a fault until the hand touches anew from outside: a cycle that began `SILENT_NS` or more late, no
+frame of the tracker for that long and a period, or a sample that `rendering` does not believe. So is the vibration: the
+audio stream asks before each block whether the servo has rendered within `SILENT_NS` (`pulse`). After a late device, a
+tracker that has gone or was silent for the rig's `stall_ms`, the process reports it and ends.
 
-At the session's end, which comes with a block, and `HEARTBEAT_NS` after its last heartbeat, the force falls to zero
-over `FALLS_NS`, and the vibration ends at once. They stay away: the session hears of it, and has to ask anew.
+At the session's end and `HEARTBEAT_NS` after its last heartbeat, the force falls to zero over `FALLS_NS`, and the
+vibration ends at once. The session has to ask anew.
 """
 
 from __future__ import annotations
@@ -55,8 +53,7 @@ MOST_KEPT_BYTES = 1 << 20
 """What the session is late to read, bytes: half a minute of frames."""
 
 SAMPLES, TOUCH, COUNTS, ENDED, STOOD, RENDER, BEAT = range(7)
-"""Kinds of messages: the tracker's bytes, a touch, how the cycles went, why the process ended, and that the session
-stood still; and to it, a block with its end, and a heartbeat."""
+"""Kinds of messages: the tracker's bytes, a touch, cycles, an end, a stall; and to it, a block and a heartbeat."""
 
 HEAD = struct.Struct("<BIq")
 TOUCHED = struct.Struct("<dd")
@@ -69,10 +66,9 @@ SIGKILL_PENDING = 1 << 8
 
 @dataclass(frozen=True)
 class Orders:
-    """What the process is told when it begins; keys as in the rig file and the protocol.
+    """What the process needs when it begins; keys as in the rig file and the protocol.
 
-    `counts` and `mm` are the points of the tracker's calibration, `along_counts` and `along_mm` those of a planar one
-    along the face. No force is larger than `limit_n`.
+    `counts` and `mm` are the tracker's calibration, `along_counts` and `along_mm` along a planar one's face.
     """
 
     port: str
@@ -94,20 +90,14 @@ class Orders:
         return Decoder(period_us=1e6 / self.tracker_hz, readings=2 if self.along_mm else 1)
 
     def places(self, frames: Frames) -> list[tuple[int, Pair]]:
-        """Return each frame's device time, and where the hand was: its height, and its place along the face, mm.
-
-        A tracker that is not planar has the hand at zero along the face.
-        """
+        """Return each frame's device time, and the hand's height and place along the face (0 unless planar), mm."""
         heights = np.interp(frames.counts, self.counts, self.mm)
         along = np.interp(frames.along, self.along_counts, self.along_mm) if self.along_mm else np.zeros(heights.size)
         return list(zip(frames.device_us.tolist(), zip(heights.tolist(), along.tolist(), strict=True), strict=True))
 
 
 class Line:
-    """One end of the stream of messages between session and servo; it never waits, unless it is asked to.
-
-    Any thread may speak, and a handler of signals that interrupts one; one thread hears.
-    """
+    """One end of the stream between session and servo; it waits only on request. Any thread may speak, one hears."""
 
     def __init__(self, end: socket.socket) -> None:
         self._end = end
@@ -168,9 +158,9 @@ class Line:
 
 
 def pulse(file: int) -> memoryview[int]:
-    """Return memory that servo and session share by a file of eight bytes, which may be closed then: one number.
+    """Return shared memory, by a file of eight bytes that may then be closed: when the servo rendered last.
 
-    It is when the servo rendered last, by the machine's monotonic clock, ns; 0 where no block or hand is followed.
+    It is by the machine's monotonic clock, ns; 0 where no block or hand is followed.
     """
     return memoryview(mmap(file, 8)).cast("q")
 

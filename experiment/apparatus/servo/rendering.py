@@ -1,11 +1,10 @@
 """From samples of the hand to the force on it, and to touches; pure, and silent at whatever it cannot believe.
 
-Places are heights above the face of the block at rest, and places along it, mm; the block lies below zero. Between two
-samples the hand moves straight (`synthesis.contact.path`).
+Places are heights above the face of the block at rest, and places along it, mm. Between samples the hand moves
+straight.
 
-The force is zero, and stays so until the hand is outside of the block, where a sample is no number, comes `GAP_S` or
-more after the one before or no later than it, or lies so far from it that no hand is that fast. A force that began in
-the middle of a block would strike.
+The force is zero until the hand is outside of the block, after a sample that is not a number, comes `GAP_S` or more
+after the one before or no later than it, or is too far from it: a force that began inside would strike.
 """
 
 from __future__ import annotations
@@ -24,8 +23,7 @@ GAP_S, MOST_MM_S = 0.01, 5000.0
 """Samples farther apart are no path, s, and no hand is faster, mm/s. Ours: ten slowest periods, and taps, ten times."""
 
 AGAIN_MM = 1.0
-"""A touch counts once the hand was so far above the face since the one before, mm: a damper lets go of a trembling hand
-inside of the block, and catches it again. Ours."""
+"""Height above the face, mm, after which a touch counts again: damping releases a trembling hand inside. Ours."""
 
 AWAY_MM = 5.0
 """So far above the face the hand has left a block, which then stands where it stood at first, mm. Ours."""
@@ -48,9 +46,9 @@ class Touch(NamedTuple):
 
 @dataclass(frozen=True)
 class Felt:
-    """What the hand did since the read before: device times, microseconds, heights, mm, and touches among them.
+    """What the hand did since the read before: device times, microseconds, heights, mm, touches, and whether too fast.
 
-    `clock` says which session time a device time is. `fast` says whether the hand is too fast.
+    `clock` converts device time to session time.
     """
 
     device_us: tuple[int, ...]
@@ -63,9 +61,8 @@ class Felt:
 class Rendered(NamedTuple):
     """Where rendering stands; it never changes: `step` gives the next one.
 
-    `us` is the device time of the newest sample; None before the first. `state` is None while nothing is pushed. The
-    force on the hand, N, is not bounded yet. Whether the next touch counts is `armed`. `speed_mm_s` is the hand's mean
-    speed as it was known last, and `since_us` and `since_mm` are where the next mean begins.
+    `us` is the newest sample's device time, None before the first; `state` None without a force. The force, N, is not
+    bounded yet. `armed`: the next touch counts. `speed_mm_s` is the latest mean, since `since_us` and `since_mm`.
     """
 
     us: int | None = None
@@ -83,11 +80,7 @@ class Rendered(NamedTuple):
 
 
 def bounded(force_n: Pair, limit_n: float) -> Pair:
-    """Return a force whose magnitude is at most the limit, N, in its direction: the last step before a device.
-
-    It holds for any input: where a component is not finite there is no force. What is returned stays within the limit
-    where it is rounded to single precision.
-    """
+    """Return a force of at most the limit, N, in its direction, also in single precision; zero if it is not finite."""
     x, y = force_n
     size = hypot(x, y)
     if not isfinite(size) or not limit_n > 0:
@@ -99,18 +92,12 @@ def bounded(force_n: Pair, limit_n: float) -> Pair:
 
 
 def share(now_ns: int, until_ns: int) -> float:
-    """Return which part of a force is pushed: all of it until then, and nothing from `FALLS_NS` later on.
-
-    A block that softens takes energy from the hand, so that it stays passive.
-    """
+    """Return the part of a force to push: 1 until then, falling to 0 over `FALLS_NS`; so the block stays passive."""
     return min(max(1.0 - (now_ns - until_ns) / FALLS_NS, 0.0), 1.0)
 
 
 def step(block: Block | None, at: Rendered, us: int, place_mm: Pair) -> tuple[Rendered, tuple[Touch, ...]]:
-    """Return what follows from one more sample: the hand was at (height, along the face), mm, at a device time.
-
-    Nothing is pushed without a block. It raises nothing, whatever the sample.
-    """
+    """Return what follows from a sample at (height, along the face), mm, and device time; it never raises."""
     passed_us = 0 if at.us is None else us - at.us
     # False for what is no number, too.
     near = hypot(place_mm[0] - at.place_mm[0], place_mm[1] - at.place_mm[1]) <= MOST_MM_S * passed_us * 1e-6

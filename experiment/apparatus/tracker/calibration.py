@@ -1,14 +1,10 @@
 """What a tracker's reading is in mm: calibrating it at known heights, and zeroing it on a foot that rests.
 
-Two heights make a straight line; more follow a sensor that is bent. Heights between points are read off straight lines
-(rig.py). The residual of an inner point, against the line through its neighbours, is the error that leaving it out
-would make, and about four times the error that remains between points. The results are told in lines of text, and
-written into a new rig file.
+Two heights make a straight line; more follow a bent sensor. An inner point's residual against its neighbors' line is
+about four times the error that remains between points.
 
-Zeroing says where the tracker sees a foot that rests on the panel, so that heights count from there. A sole, a sock, or
-a sensor that sits otherwise on another foot moves every height by the same amount. A zero holds for one participant and
-one connection: a tracker that was plugged in again may have been moved, or may count from elsewhere, and is zeroed
-again.
+Zeroing finds where a foot rests on the panel, since a sole, a sock or another foot moves every height. A zero is valid
+for one participant and one connection.
 """
 
 import math
@@ -38,8 +34,9 @@ APART = 6.0
 """Readings at neighbouring heights lie at least this many standard deviations apart."""
 
 BENT_PART, BROKEN_PART = 0.1, 0.5
-"""Residual of an inner point, as a part of the distance between its neighbours: told above the one, refused above the
-other. A reading that falls as one over the height has 0.375 at 20 mm between 10 and 50."""
+"""Residual of an inner point over its neighbors' distance: reported above the one, refused above the other. One over
+the height has 0.375 at 20 mm between 10 and 50.
+"""
 
 NOISY_MM = 0.1
 """A sensor with more noise than this is told of, mm."""
@@ -70,10 +67,7 @@ class Level:
 
 @dataclass(frozen=True)
 class Point:
-    """A calibrated point: its median reading and its height, mm; noise is the readings' standard deviation as a height.
-
-    `residual_mm` is the distance of an inner point from the line through its neighbours; None for the outermost.
-    """
+    """A calibrated point: median reading, height and noise (sd), mm, and residual to its neighbors' line, if inner."""
 
     counts: int
     mm: float
@@ -103,8 +97,7 @@ def raw(rig: Rig) -> Rig:
 def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     """Return the points for a rig file from readings at two heights or more, dated today.
 
-    Raises `TrackerError` if there are too few heights, or the readings do not tell them apart, in one direction, or
-    one lies far from the line through its neighbours.
+    Raises `TrackerError` for too few heights, readings that do not separate them in one direction, or a broken line.
     """
     by_height = sorted(levels, key=lambda one: one.mm)
     if len(by_height) < 2 or any(lower.mm == upper.mm for lower, upper in pairwise(by_height)):
@@ -158,10 +151,7 @@ def check_age(rig: Rig, today: date) -> None:
 
 
 def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
-    """Refuse a sensor that reads beyond its calibration before anybody is on the panel.
-
-    Raises `TrackerError` if half of the readings lie at or beyond an end of the calibration, or the tracker failed.
-    """
+    """Raise `TrackerError` if half of the readings lie at or beyond an end of the calibration, or for a failure."""
     read_mm = heights(tracker, START_READINGS)
     calibrated = [point.mm for point in settings.calibration]
     for end_mm, held in ((min(calibrated), read_mm <= min(calibrated)), (max(calibrated), read_mm >= max(calibrated))):
@@ -187,8 +177,7 @@ def heights_asked(text: str) -> tuple[float, ...]:
 def walk(tracker: Tracker, heights_mm: Sequence[float], *, ask: Callable[[str], str], clock: Clock) -> Calibration:
     """Return a calibration: the sensor is read at each height when the experimenter says that the target is there.
 
-    The tracker was opened with the rig of `raw`. `ask` shows a prompt and returns when Enter was pressed. Raises
-    `PalpateError` if the tracker failed, or the readings make no calibration.
+    `ask` shows a prompt until Enter. Raises `PalpateError` if the tracker failed, or the readings make no calibration.
     """
     levels, link = [], LinkCounts()
     for place, mm in enumerate(heights_mm, start=1):
@@ -239,10 +228,7 @@ def table(rig: Rig) -> str:
 
 
 def rewritten(text: str, rig: Rig) -> str:
-    """Return the text of a rig file with the calibration of `rig` in place of its own; all else stays, comments too.
-
-    Only the line of a new rig file that says NOT CALIBRATED of it goes.
-    """
+    """Return a rig file's text with the calibration of `rig`, and without its line NOT CALIBRATED."""
     document = tomlkit.parse(re.sub("(?m)^# NOT CALIBRATED: `palpate calibrate tracker`.*\n", "", text))
     tracker = cast("Table", document["tracker"])
     behind: list[tuple[Key | None, Item]] = []
@@ -273,10 +259,7 @@ def _put(tracker: MutableMapping[str, Any], rig: Rig) -> None:
 
 @dataclass(frozen=True)
 class Zero:
-    """What so many samples of a foot at rest on the panel looked like, mm.
-
-    The offset is its median height above contact as the calibration has it, the spread their standard deviation.
-    """
+    """A foot at rest, mm: median height above the calibration's contact, standard deviation, and number of samples."""
 
     offset_mm: float
     spread_mm: float
@@ -288,9 +271,9 @@ class Zero:
 
 
 def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: float) -> Zero:
-    """Return the offset of a resting foot from the protocol's contact, from its heights, mm, shape (n,).
+    """Return the zero from heights of a resting foot, mm, shape (n,).
 
-    Raises `TrackerError` if there are too few samples, the foot moved, or the offset is too large.
+    Raises `TrackerError` for too few samples, a foot that moved, or an offset above `farthest_mm`.
     """
     if heights_mm.size < 2:
         raise TrackerError(f"zeroing: got {heights_mm.size} samples; allowed: 2 or more; see to the tracker")
@@ -323,23 +306,18 @@ class ZeroedTracker:
     """Implements `Tracker` on top of another one: heights count from where the foot rested, once it has."""
 
     def __init__(self, tracker: Tracker, *, contact_mm: float, farthest_mm: float, samples: int) -> None:
-        """Take over an opened tracker, not zeroed yet: heights are as calibrated.
-
-        A zeroing takes so many `samples` of a foot that rests at most `farthest_mm` from the protocol's `contact_mm`.
-        """
+        """Take over an opened tracker; a zeroing takes `samples` of a foot within `farthest_mm` of `contact_mm`."""
         self._tracker = tracker
         self._contact_mm = contact_mm
         self._farthest_mm = farthest_mm
         self._samples = samples
         self.zero: Zero | None = None
-        """Where the foot rested when heights began to count from there; None while they are as calibrated, as they are
-        at first and since it came back."""
+        """Where the foot rested when zeroed; None at first and since the tracker came back."""
 
     def settle(self, rester: Rester) -> Zero:
-        """Return the zero of a resting foot; a foot that moved, or did not rest on the panel, is read again.
+        """Return the zero of a resting foot, read again until it is good; `TrackerError` if the tracker failed.
 
-        `rester` has the foot rest, is told why the reading before gave no zero, and gives up by raising. `TrackerError`
-        says that the tracker failed.
+        `rester` has the foot rest, gets the last reading's fault, and gives up by raising.
         """
         why = ""
         while True:

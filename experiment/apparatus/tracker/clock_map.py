@@ -1,22 +1,19 @@
 """Which session time a device's time is: offset and drift of its clock, from when its samples arrived.
 
-A sample arrives after it was taken, never before: arrival = true time + delay, and the delay has a heavy tail. An
-operating system that is busy holds a read up for 31 ms and then passes on a burst. So the true line lies along the
-lower edge of what is seen, and late arrivals say nothing:
+A sample arrives after it was taken: arrival = true time + delay, with a heavy tail. A busy system holds a read up for
+31 ms and then passes on a burst. So the true line lies along the lower edge of what is seen:
 
-- the newest sample of each read is looked at, for it waited least;
+- only the newest sample of each read counts, for it waited least;
 - of each `FINE_US` of device time the read with the least delay is kept for `FINE_BINS` of them, and of each `BIN_US`
   the one with the least of all for `BINS` of them;
 - drift is the median of the slopes between every two reads kept of `BIN_US` (Theil 1950; Sen 1968, J. Am. Stat. Assoc.
   63), and until `TRUSTED_BINS` of them are kept, of those kept of `FINE_US`. It is zero until `TRUSTED_FINE_BINS` are
   kept, and within `DRIFT_LIMIT_PPM`, which no resonator exceeds;
-- the offset is the largest that puts no kept read, nor any read since, before its own sample. Where drift is not known
-  yet or beyond the limit, old reads would hold the line back: then only those of the last two `FINE_US` count.
+- the offset is the largest that puts no kept read, nor any read since, before its own sample; while drift is unknown or
+  beyond the limit, only those of the last two `FINE_US` count.
 
-A map takes the device at its word. `Pace` does not: it says whether a clock that drifts by no more than `PACE_PART` can
-have brought the reads before and after a step. The least delay before it, and that after it, may differ by `PACE_US`.
-
-`experiment/decisions.md` has what a map can be wrong by.
+A map trusts the device. `Pace` says whether a clock with a drift of at most `PACE_PART` can have brought the reads
+before and after a step, whose least delays may differ by `PACE_US`. `experiment/decisions.md` has the errors of a map.
 """
 
 from collections import deque
@@ -35,8 +32,7 @@ TRUSTED_BINS = 3
 """Fewer say less about drift than the reads kept of `FINE_US` do."""
 
 FINE_US = 100_000
-"""Of each such stretch one read is kept for a while, microseconds: three times the longest stall of a busy system, and
-a part of `BIN_US`."""
+"""Of each such stretch, microseconds, one read is kept for a while: three longest stalls, and a part of `BIN_US`."""
 
 FINE_BINS = 30
 """Reads that are kept of `FINE_US`: as long as it takes until `TRUSTED_BINS` are."""
@@ -172,9 +168,9 @@ class Pace:
         return bool(self._reads) and self._reads[-1][0] - self._reads[0][0] >= PACE_KNOWN_US
 
     def ahead_ms(self, from_us: float, until_us: float) -> float:
-        """Return by how much more than allowed the device's clock ran ahead over a step between two device times, ms.
+        """Return by how much more than allowed the device's clock ran ahead over a step between device times, ms.
 
-        Less than nothing: it fell behind, or every read since was held up, and a later one may clear it. Zero: neither.
+        Negative: it fell behind, or every read since was late, and a later one may clear it. Zero: neither.
         """
         x, y = np.array(self._reads).T
         since = x >= until_us

@@ -1,7 +1,4 @@
-"""Many frames of frames.py at once, by numpy: what a rehearsal sends and reads, and what a dataset decodes again.
-
-A run is made of whole frames, one after the other. Any fewer than `FEWEST` are made and read sooner one by one.
-"""
+"""Many frames of frames.py at once, by numpy, in rehearsals and datasets; fewer than `FEWEST` are faster one by one."""
 
 from binascii import crc_hqx
 from typing import NamedTuple
@@ -21,10 +18,7 @@ _CRC = np.array([crc_hqx(bytes([byte]), 0) for byte in range(256)], np.uint16)
 
 
 class Run(NamedTuple):
-    """Fields of n frames: sequence number and the device's clock, microseconds, shape (n,), and the raw readings.
-
-    These are of shape (n, 1), or (n, 2) in the frames of a planar tracker.
-    """
+    """Sequence numbers and clock, microseconds, of n frames, shape (n,), and raw readings, (n, 1), planar (n, 2)."""
 
     number: NDArray[np.int64]
     clock_us: NDArray[np.int64]
@@ -49,10 +43,7 @@ def encode(run: Run) -> bytes:
 
 
 def decode(data: bytes, readings: int) -> Run:
-    """Return the good frames of so many readings with which `data` begins.
-
-    What follows the first that is not one is not looked at.
-    """
+    """Return the good frames of so many readings with which `data` begins."""
     each = FRAME_BYTES[readings]
     count = len(data) // each
     sent = np.frombuffer(data, np.uint8, count * each).reshape(count, each).T.copy()

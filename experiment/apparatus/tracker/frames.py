@@ -187,10 +187,7 @@ class Decoder(NamedTuple):
         return self._replace(tail=b"", aligned=False, gap_expected=self.sequence is not None, damaged=0, held=None)
 
     def feed(self, data: bytes) -> tuple[Decoder, Frames]:
-        """Return the decoder for the next piece of the stream, and what this one, of any length, held.
-
-        It never raises, whatever the bytes.
-        """
+        """Return the decoder for the next piece of the stream, and what this one held; it never raises."""
         stream, body, each = self.tail + data, _BODY[self.readings], FRAME_BYTES[self.readings]
         pieces = stream.split(b"\0")
         tail = pieces.pop()[:each]

@@ -1,24 +1,16 @@
 """From foot heights to the gate's crossings, the foot's speed and its contact with the panel.
 
-A crossing of a level is where the straight line between a sample above it and the next one at or below it meets the
-level, in device time. Three of them matter:
+A crossing is where the straight line from a sample above a level to the next one at or below it meets the level, in
+device time. Those that count are the last downward crossing of the gate's top before contact, the last one of its
+bottom after that, and contact, so the speed is that of the passage to contact. A foot that goes back above the top
+starts anew; one that comes back up through the bottom gives a second `Gate`, which replaces the first. Without a whole
+passage, and after contact, nothing is given until the foot was above the top again.
 
-- the last downward crossing of the gate's top before contact;
-- the last downward crossing of its bottom after that;
-- contact.
+A `Gate` is given when a sample lies `SETTLED_MM` below the bottom, so that noise cannot undo it. A `Contact` shows at
+the first sample at `NEAR_MM` or lower, and is given once the next one, at twice `NEAR_MM` or lower, confirms it.
 
-So the speed is that of the passage which leads to contact. A foot that goes back above the top starts anew. One that
-hesitates or turns inside the gate is as slow as it was from top to bottom; one that comes back up through the bottom
-gives a second `Gate`, which replaces the first. A foot that lands without having passed the whole gate gives nothing:
-it must be lifted above the top again. Nothing is given after contact, bounces included, until the foot has done so.
-
-A `Gate` is given when a sample lies `SETTLED_MM` below the bottom, so that noise cannot take it back. A `Contact` shows
-at the first sample at `NEAR_MM` or lower, and is given once the next one confirms it, at twice `NEAR_MM` or lower: a
-single false reading is no contact.
-
-A tracker may be wrong, so `Scrutiny` stands on either side of this. It drops a lone reading that no foot could reach,
-and a passage counts only if heights and times agree with what a foot, the rig's rate and the frames counted as missing
-allow.
+A tracker may be wrong: `Scrutiny` drops a lone reading that no foot could reach, and counts a passage only if heights
+and times agree with a foot, the rig's rate and the missing frames.
 """
 
 import math
@@ -61,8 +53,7 @@ SIDE = 4
 """Samples on either side of a pair, from which its speed is expected."""
 
 HOLE_US = 10_000
-"""Longest stretch without a sample in which a crossing may lie, microseconds: a foot that is put down at 400 mm/s bends
-by less than 0.1 mm off a straight line in it."""
+"""Longest stretch without a sample in which a crossing may lie, microseconds: at 400 mm/s it bends by < 0.1 mm."""
 
 STUCK_US = 500_000
 """A sensor that gives one height inside the gate for so long is stuck, microseconds: a leg trembles."""
@@ -73,9 +64,9 @@ RATE_PART = 0.015
 
 @dataclass(frozen=True)
 class Gate:
-    """The foot crossed the gate's top and bottom; a later one replaces an earlier one. Device times, microseconds.
+    """The foot crossed the gate's top and bottom, device times, microseconds; a later one replaces an earlier one.
 
-    The speed is the height of the gate divided by the time between; `given_us` is of the sample that gave it.
+    The speed is the mean between; `given_us` is of the sample that gave it.
     """
 
     top_us: float
@@ -93,8 +84,7 @@ class Contact:
 
 
 class Sifted(NamedTuple):
-    """The last reading that was believed, the one that waits for the next to agree (device time, us; mm), if there
-    are, and how many were dropped."""
+    """The last believed reading, the one that waits (device time, us; mm), if any, and how many were dropped."""
 
     believed: tuple[int, float] | None = None
     held: tuple[int, float] | None = None
@@ -118,8 +108,7 @@ class Scrutiny:
     def sift(self, state: Sifted, samples: Samples) -> tuple[Sifted, Samples]:
         """Return the state after the next samples, and those that are believed by now, however samples are cut.
 
-        A foot's readings pass at once. One that lies further off than a foot could get waits for the next: two that
-        agree are believed, and one alone is dropped.
+        A reading that lies further off than a foot could get waits: two that agree are believed, one alone is dropped.
         """
         believed, held, dropped = state
         if held is None and samples.device_us.size >= MANY and self._all_near(believed, samples):
@@ -153,8 +142,8 @@ class Scrutiny:
     def fault(self, path: Sequence[Samples], gate: Gate, until_us: int, missing: int) -> str:
         """Return why the passage cannot be counted; empty if nothing speaks against it.
 
-        `path` are the believed samples, read by read, from above the gate until the foot landed or hesitated, at
-        `until_us`, or later. `missing` is how many frames are known to be missing of all that were sent meanwhile.
+        `path` are the believed samples, read by read, from above the gate until at least `until_us`, when the foot
+        landed or hesitated; `missing` counts the frames that are known to be missing.
         """
         reads: list[Samples] = []
         for read in reversed(path):
@@ -204,10 +193,7 @@ class Scrutiny:
         return begins and bool((np.abs(mm[1:] - mm[:-1]) <= allowed_mm).all())
 
     def _jumps_mm(self, us: NDArray[np.int64], mm: NDArray[np.float64], at: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return by how much more than allowed the sample after each of `at` is off what its neighbours' speed makes.
-
-        Samples stand on both sides of every one.
-        """
+        """Return by how much more than allowed the sample after each of `at` is off its neighbors' speed."""
         before, after = np.maximum(at - SIDE, 0), np.minimum(at + 1 + SIDE, us.size - 1)
         apart_us = us[at + 1] - us[at]
         slopes = (mm[at] - mm[before]) / (us[at] - us[before]) + (mm[after] - mm[at + 1]) / (us[after] - us[at + 1])
@@ -219,10 +205,9 @@ class Scrutiny:
 
 
 class GateState(NamedTuple):
-    """The last samples, as far back as contact may need: device times, microseconds, and heights, mm.
+    """The last samples (device times, microseconds; heights, mm), as far back as contact may need, and what was found.
 
-    Beside them stand the last downward crossing of the gate's top, the last one of its bottom since, the gate that was
-    given last for this passage, and the contact that the next sample has to confirm.
+    That is the last downward crossings of top and, since, bottom, the passage's last gate, and an unconfirmed contact.
     """
 
     us: tuple[int, ...] = ()

@@ -1,7 +1,6 @@
-"""A tracker's driver that a rig file names: found beside the rig file, and guarded, so that its faults are its own.
+"""A tracker's driver that a rig file names, guarded, so that its faults are its own.
 
-A file beside the rig file comes first, and under a name of its own: no module of the same name elsewhere is taken for
-it, nor hidden by it. Otherwise the driver is imported as any module of an installed package.
+A file beside the rig file comes first, under a name of its own that hides no other module; else an installed module.
 """
 
 import hashlib
@@ -26,10 +25,7 @@ from palpate.experiment.errors import PalpateError, RigError, TrackerError
 
 
 def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
-    """Return the tracker at a port, opened as `SerialTracker` is, through the driver `module:Class` that the rig names.
-
-    `RigError` says that there is no such driver; `TrackerError` that it could not open the port.
-    """
+    """Return the tracker at a port through the rig's driver `module:Class`. Raises `RigError` or `TrackerError`."""
     named = rig.tracker.driver
     driver = _driver(rig)
     with _blamed(named, "open"):

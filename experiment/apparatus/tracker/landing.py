@@ -1,16 +1,12 @@
 """When a falling foot will meet the panel, when it did, and whether it still falls: from its heights since the gate.
 
-Height, speed and acceleration are followed by a Kalman filter. Between samples the acceleration wanders at random,
-by about v^2 / `WANDER_MM` while the foot travels `WANDER_MM` (white jerk of density v^5 / WANDER_MM^3): a statement of
-scale, which a foot of any gait satisfies, and no form of movement. So the filter forgets by distance: it looks back
-far on a slow foot and a noisy sensor, where noise decides, and briefly on a fast foot and a quiet sensor, where
-curvature does.
+A Kalman filter follows height, speed and acceleration. The acceleration wanders at random, by about v^2 / `WANDER_MM`
+within `WANDER_MM` (white jerk of density v^5 / WANDER_MM^3), whatever the gait. So the filter forgets by distance: it
+looks back far for a slow foot and a noisy sensor, and briefly for a fast foot and a quiet one.
 
-Contact is where the parabola through the present estimate meets the panel. Its standard error holds noise and the
-wander until contact.
-
-A foot whose speed has surely (by `SURE` standard errors) fallen below `FALLS_PART` of its speed through the gate has
-stopped or hesitates; one that surely rises has turned back. Neither is predicted to land.
+Contact is where the parabola through the estimate meets the panel; its standard error holds noise and wander. A foot
+whose speed has surely (by `SURE` standard errors) fallen below `FALLS_PART` of its speed through the gate has stopped
+or hesitates; one that surely rises has turned back. Neither is predicted to land.
 """
 
 import math
@@ -45,8 +41,7 @@ STOPPED_BY_PANEL = 3.0
 """A sample that lies so many standard errors higher than a falling foot would is of one that the panel stops."""
 
 HOVERS_US = 50_000.0
-"""A foot that does not land within this time after the sample at which it seemed to, microseconds, hovers: a contact
-is put there at the latest, and no better known than to have been in that time."""
+"""A foot that does not land within this time, microseconds, hovers: its contact is only known to be in that time."""
 
 TURNED_BACK = "the foot turned back above the panel"
 STOPPED = "the foot stopped or hesitated above the panel"
@@ -105,10 +100,7 @@ class LandingPredictor:
         return None
 
     def step(self, state: Falling | None, us: int, height_mm: float) -> Falling | None:
-        """Return the state after a sample; None while the foot is above the gate.
-
-        Its device time, microseconds, is later than that of the state; its height is above the panel, mm.
-        """
+        """Return the state after a later sample, microseconds, mm above the panel; None above the gate."""
         if height_mm > self._top_mm:
             return None
         measured_mm, noise_mm2 = height_mm - self._contact_mm, self._variance_mm2
@@ -145,10 +137,7 @@ class LandingPredictor:
         )
 
     def touching(self, state: Falling | None, contact: Contact) -> Touch:
-        """Return the contact before the sample that gave it is followed; `state` is that after the sample before.
-
-        A foot that is not seen to fall hovers.
-        """
+        """Return the contact before its sample is followed, by the state before; a foot not seen to fall hovers."""
         landing = None if state is None else self.landing(state)
         return Touch(state, landing or Landing(contact.us, HOVERS_US / math.sqrt(12), contact.given_us))
 

@@ -1,7 +1,6 @@
-"""Serial ports: which ones this machine has, what is behind them and who holds them; and a port that a thread waits at.
+"""Serial ports: which ones this machine has, who uses them, and a port that one thread waits at while others use it.
 
-A port is opened by its device path, as a pseudo-terminal, or by any URL that pyserial opens, such as
-`socket://host:port`. One thread waits at it while others empty, wake or close it.
+A port is a device path, a pseudo-terminal, or a URL that pyserial opens, such as `socket://host:port`.
 """
 
 from __future__ import annotations
@@ -25,10 +24,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SerialDevice:
-    """A serial port by the name that a rig file gives it, what the system calls it, and the programs that have it open.
-
-    The identity is the same wherever the device is plugged in; empty for a port that has none.
-    """
+    """A serial port's name, the system's name, its programs, and its identity wherever it is plugged in, if any."""
 
     port: str
     description: str
@@ -68,10 +64,7 @@ def present() -> str:
 
 
 def holders(port: str) -> tuple[str, ...]:
-    """Return the programs that have a port open, as `name (process number)`; this program is not among them.
-
-    Only Linux tells, and it tells of another user's programs only to the superuser.
-    """
+    """Return the other programs, `name (process number)`, with a port open; Linux tells, of others to superusers."""
     try:
         device = Path(port).stat().st_rdev
     except OSError:
@@ -141,10 +134,7 @@ class SerialPort:
     """An open port."""
 
     def __init__(self, name: str, baud: int) -> None:
-        """Open a device path, pseudo-terminal or pyserial URL, for this process alone where the system can.
-
-        `TrackerError` says that it cannot be opened.
-        """
+        """Open a device path, pseudo-terminal or pyserial URL, exclusively if possible. Raises `TrackerError`."""
         self._port = _opened(name, baud)
         self._is_device = "://" not in name
         self._selectable = hasattr(self._port, "fileno")
@@ -152,9 +142,7 @@ class SerialPort:
         self._waker, self._wakes = socket.socketpair()
 
     def wait(self, timeout_s: float) -> bool:
-        """Return True once something has come or the port has gone (`take` says which); False if the time is over or
-        `wake` was called.
-        """
+        """Return True once something has come or the port has gone, False after the time or `wake`."""
         if not self._selectable:
             for _ in range(max(round(timeout_s / LOOK_S), 1)):
                 if self._port.in_waiting:
@@ -165,10 +153,7 @@ class SerialPort:
         return self._ready(timeout_s)
 
     def take(self, refill_s: float = 0.0) -> bytes:
-        """Return what has come, without waiting; raise one of `VANISHED` if the port has gone.
-
-        Of what stands behind a full line the rest is taken too, if it takes its place within `refill_s`, s, each time.
-        """
+        """Return what has come, without waiting, or raise one of `VANISHED`; a full line refills within `refill_s`."""
         if self._selectable and os.name == "posix":
             # Another look may have taken what `wait` saw. A port that has gone seems ready all the time, and is empty.
             data = part = self._read()

@@ -1,9 +1,7 @@
 """The foot's tracker behind a serial port.
 
-A thread of its own takes what comes, stamps it at once and decodes it (frames.py), so that neither a slow reader nor
-the system's small buffer loses a frame. Time comes from the device's counter; arrivals only tell which session time
-that is (clock_map.py). One thread at a time may read. In a session it runs just above the session's, so that no
-computation keeps it from the line.
+A thread takes, stamps and decodes what comes (frames.py), so that no frame is lost; in a session it runs just above the
+session's. Time is the device's counter, dated by arrivals (clock_map.py). One thread at a time may read.
 """
 
 from __future__ import annotations
@@ -39,15 +37,13 @@ SILENCE_PART = 0.06
 """That pause is at most this part of the silence allowed."""
 
 FALLEN_MM = 1.0
-"""A foot this far below its reference falls, mm: seven standard deviations of the difference between two readings of a
-noisy sensor (0.1 mm)."""
+"""A foot this far below its reference falls, mm: seven sd of a difference of readings with noise of 0.1 mm."""
 
 LOOKBACK_US = 50_000
 """How long a reference lasts, and how long a foot counts as falling after a read that found so, microseconds."""
 
 SLICES = 4
-"""Silence is measured in this many slices. A pause of the whole machine ends one slice at most, so it is not taken
-for a silent device."""
+"""Silence is measured in this many slices, of which a pause of the machine ends at most one."""
 
 USABLE = 0.9
 """Part of the silence allowed that is spent waiting; the rest is left to the operating system."""
@@ -59,8 +55,7 @@ KEPT_S = 10.0
 """This much is kept of what nobody reads, s at the rig's rate. Then the line fills, and what it cannot take is lost."""
 
 SIMULATED_STALL_S = 60.0
-"""In simulated time no silence can be told by the clock, which stands still while a frame is waited for: this long on
-the machine's clock, and the device has ended, s. A machine with other work may keep a frame back for seconds."""
+"""In simulated time a device has ended after this silence by the machine's clock, s: other work may delay frames."""
 
 RETRY_S = 0.05
 """How often a port that has gone is looked for, s."""
@@ -81,11 +76,9 @@ class SerialTracker:
     def __init__(
         self, port: str, settings: TrackerRig, *, clock: Clock | None = None, clock_map: ClockMap | None = None
     ) -> None:
-        """Open the device path, pseudo-terminal or pyserial URL, for this process alone where the system can.
+        """Open the device path, pseudo-terminal or pyserial URL, exclusively if possible. Raises `TrackerError`.
 
-        The session's `clock` stamps arrivals; None stands for the machine's monotonic clock. A simulated device whose
-        clock is known brings its `clock_map`; otherwise the map is estimated from arrivals. Raises `TrackerError` if
-        the port cannot be opened.
+        `clock` stamps arrivals, by default the machine's monotonic one; without a `clock_map` arrivals give it.
         """
         self._name = port
         self._settings = settings

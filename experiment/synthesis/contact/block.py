@@ -1,16 +1,14 @@
 """The virtual block of a tapping study, and how the hand stands to it: equations (4) to (6) of Wellman and Howe.
 
-A block is a mass behind a plane face, with a spring and a damper along the normal of the face and along the face (K, C
-and M are diagonal in these two axes). The hand's penetration r is counted from the face, along the normal. While the
-hand touches,
+A block is a mass behind a plane face, with a spring and a damper along the face's normal and along the face (K, C and M
+are diagonal). Penetration r is counted from the face, along the normal. While the hand touches,
 
     F = -K r - C dr/dt    (4)        M d2r/dt2 = F    (5)        -F pushes the hand out    (6)
 
 Two laws say when the force acts:
 
-- `clamped`, the default: it never pulls. It acts while r > 0 and K r + C dr/dt > 0. With damping it ends while the
-  spring is still compressed.
-- `printed`: it acts while r > 0, as the paper prints it, and pulls at the end.
+- `clamped`, the default: while r > 0 and K r + C dr/dt > 0, so it never pulls.
+- `printed`: while r > 0, as in the paper; it pulls at the end.
 """
 
 from __future__ import annotations
@@ -35,10 +33,9 @@ FREE, ENTERING, RETURNING = 0, 1, 2
 class Block:
     """One block; pairs are (along the normal, along the face).
 
-    `stiffness_n_m` is the diagonal of K in N/m, `damping_n_s_m` that of C in N s/m, and `mass_kg` that of M in kg; an
-    infinite mass is a block that is held. `face_m` is a point of its face, (x, y), and `into` the unit vector from the
-    face into the block. `force_n` presses block and hand together, N. The exponentials of steps of `nominal_s` are
-    prepared; other steps cost more time and are as exact.
+    The diagonals are `stiffness_n_m` of K, N/m, `damping_n_s_m` of C, N s/m, and `mass_kg` of M, kg, infinite for a
+    fixed block. `face_m` is a point (x, y) of the face, `into` the unit vector into the block; `force_n` presses block
+    and hand together, N. Steps of `nominal_s` are prepared and so faster, others as exact.
     """
 
     stiffness_n_m: Pair
@@ -124,10 +121,9 @@ class Block:
 
 
 class Motion(NamedTuple):
-    """The hand in the axes of one block: `phase`, penetration and its rate, path along the face and its rate.
+    """The hand in a block's axes: `phase`, penetration and its rate, path along the face since the touch and its rate.
 
-    The path along the face begins at the touch. `since_s` is the time since the last touch or release; `owed_s` is what
-    rounding has kept back of it.
+    `since_s` is the time since the last touch or release; `owed_s` its rounding error.
     """
 
     phase: int
@@ -146,9 +142,9 @@ Kind = Literal["touch", "deepest", "release"]
 
 
 class Switch(NamedTuple):
-    """A touch, the first moment at which the hand goes no deeper, or a release.
+    """A touch, the deepest moment, or a release.
 
-    `after_s` is counted from the beginning of the step, `since_s` from the touch, or from the release before a touch.
+    `after_s` is from the step's beginning, `since_s` from the touch, or from the release before a touch.
     """
 
     kind: Kind

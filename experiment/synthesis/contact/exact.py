@@ -1,7 +1,6 @@
 """The exact stepper of a block: from one touch or release to the next by the matrix exponential (`oscillator`).
 
-Touch and release are found as roots in time, so its error does not depend on the length of a step. Other steppers have
-the signature of `advance` (`stepping.steppers`).
+Touch and release are found as roots in time, so the error does not depend on the step.
 """
 
 from math import inf, sqrt
@@ -15,7 +14,7 @@ MOST_SWITCHES = 100_000
 
 
 def advance(block: Block, at: Motion, dt_s: float) -> tuple[Motion, tuple[Switch, ...]]:
-    """Return the motion after `dt_s`, the hand's speed being constant, and what happened on the way.
+    """Return the motion after `dt_s` at constant speed of the hand, and the switches on the way.
 
     Raises `SynthesisError` for more than `MOST_SWITCHES` touches and releases.
     """
@@ -100,11 +99,10 @@ def deepest_after(of: oscillator.Oscillator, x: float, u: float) -> float:
 
 
 def release_after(block: Block, x: float, u: float, *, within_s: float = inf) -> float:
-    """Return when a hand that touches, at penetration x, m, and rate u, m/s, is released, s; infinity if never.
+    """Return when a touching hand, at penetration x, m, and rate u, m/s, is released, s; infinity if never.
 
-    A release beyond `within_s` may be given as infinity. Without a force the root has a closed form. With one, the
-    function that falls to zero has extremes with closed forms, of which the first minimum is the lowest: between it and
-    what is before it Newton's method is held in a bracket.
+    A release beyond `within_s` may be infinity. Without a force the root has a closed form. With one, the extremes have
+    closed forms, and Newton's method is bracketed before the first minimum, which is the lowest.
     """
     of = block.normal
     a, b, push, slow = of.decay_per_s, of.stiffness_per_s2, of.push_m_s2, of.slow_per_s

@@ -1,10 +1,8 @@
 """The damped oscillator y'' + 2 a y' + b y = p, exact at any time, for any a and b that are zero or more.
 
-Every function of time here is an entire function of d = a^2 - b. So nothing happens at critical damping but that a
-difference of two exponentials loses its digits, and each such difference is written as what it is there: a sine, a
-`expm1`, or a series where all rates are slow. `Oscillator.split_per_s2` is d, rounded once from the exact C^2 - 4 K M.
-
-The zeros of y' and of its derivatives, which solve the equation without p, have closed forms (`first_zero`).
+Every function of time here is an entire function of d = a^2 - b, `Oscillator.split_per_s2`, rounded once from the exact
+C^2 - 4 K M. Near critical damping, differences of exponentials lose digits, so each is written as a sine, a `expm1` or
+a series of slow rates. Zeros of y' and of its derivatives have closed forms (`first_zero`).
 """
 
 from collections.abc import Callable
@@ -16,15 +14,13 @@ from typing import NamedTuple
 from palpate.experiment.errors import SynthesisError
 
 SLOW, SMALL = 0.02, 0.5
-"""Below 2 a t + b t^2 of the first size the series is taken, which then needs at most 9 terms; below the second the
-changes are computed."""
+"""Below the first size of 2 a t + b t^2 the series needs at most 9 terms; below the second, changes are computed."""
 
 
 class Carry(NamedTuple):
-    """What a time does to an oscillator: y becomes `kept` y + (`of_y` y + `s_s` y' + `w_s2` p), and y' likewise.
+    """One step in time: y becomes `kept` y + (`of_y` y + `s_s` y' + `w_s2` p).
 
-    y' becomes `kept` y' + (`of_speed` y' - `pull_per_s` y + `s_s` p). `kept` is 1 where the changes are small, and 0
-    where they are all that is left.
+    y' becomes `kept` y' + (`of_speed` y' - `pull_per_s` y + `s_s` p); `kept` is 1 for small changes, else 0.
     """
 
     kept: float
@@ -39,9 +35,8 @@ class Carry(NamedTuple):
 class Oscillator:
     """The constants of y'' + 2 a y' + b y = p; `oscillator` makes it.
 
-    `decay_per_s` is a, `stiffness_per_s2` b, `push_m_s2` p, and `split_per_s2` is d = a^2 - b. `root_per_s` is the
-    square root of |d|: the angular frequency where d < 0. `slow_per_s` and `fast_per_s` are the two rates of decay
-    where d >= 0, and zero where there are none.
+    `decay_per_s` is a, `stiffness_per_s2` b, `push_m_s2` p, `split_per_s2` d = a^2 - b, and `root_per_s` the root of
+    |d|, an angular frequency for d < 0. `slow_per_s` and `fast_per_s` are the rates of decay for d >= 0, else zero.
     """
 
     decay_per_s: float
@@ -56,8 +51,7 @@ class Oscillator:
 def oscillator(*, stiffness_n_m: float, damping_n_s_m: float, mass_kg: float, force_n: float = 0.0) -> Oscillator:
     """Return the oscillator M y'' + C y' + K y = F; an infinite mass moves on straight lines.
 
-    Raises `SynthesisError` unless K and C are finite and zero or more, M is above zero, F is finite, and their ratios
-    are finite.
+    Raises `SynthesisError` unless K and C are at least zero, M is above zero, and F, K and C and ratios are finite.
     """
     wrong = problems(stiffness_n_m=stiffness_n_m, damping_n_s_m=damping_n_s_m, force_n=force_n)
     if not mass_kg > 0:
@@ -150,8 +144,8 @@ def moved(of: Oscillator, by: Carry, y_m: float, speed_m_s: float) -> tuple[floa
 def first_zero(of: Oscillator, *, value: float, drift: float, slow_part: float) -> float:
     """Return the first time above zero, s, at which a solution of the equation without p is zero; infinity if never.
 
-    `value` is y and `drift` is y' + a y at the beginning, which are all that counts where d < 0. Where d >= 0,
-    `slow_part` is y' + f y, f being the fast rate of decay: the caller has it without cancellation.
+    `value` is y and `drift` y' + a y at the beginning. Where d >= 0, `slow_part` is y' + f y without cancellation, f
+    being the fast rate of decay.
     """
     if of.split_per_s2 < 0:
         if value == 0:

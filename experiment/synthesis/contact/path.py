@@ -1,7 +1,6 @@
 """The hand's path through blocks: places of the hand in, forces on it and touches out, sample by sample.
 
-Between two samples the hand moves on a straight line, at constant speed. Blocks that nothing touches take no steps:
-their state is where they were left, and at which speed.
+Between samples the hand moves straight at constant speed. Untouched blocks take no steps.
 """
 
 from collections.abc import Sequence
@@ -18,10 +17,7 @@ from palpate.experiment.synthesis.contact.exact import advance
 
 
 class Left(NamedTuple):
-    """A block that nothing touches: where its face and a point on it are, m, how fast they go, m/s, and since when, s.
-
-    All are along the block's own normal and face.
-    """
+    """An untouched block: its face and a point on it, m, their speeds, m/s, along normal and face, since a time, s."""
 
     face_m: float
     beside_m: float
@@ -49,10 +45,9 @@ class Stepped(NamedTuple):
 
 @dataclass(frozen=True)
 class Trajectory:
-    """A whole path of the hand through n samples.
+    """A path of the hand through n samples, with the force on it, (x, y), N, shape (n, 2).
 
-    `force_n` is the force on the hand at each sample, (x, y), N, shape (n, 2). `switches` hold the time from the first
-    sample, s, the block's place, and what happened there.
+    `switches` are the time from the first sample, s, the block's place, and what happened.
     """
 
     force_n: NDArray[np.float64]
@@ -60,10 +55,7 @@ class Trajectory:
 
 
 def init(blocks: Sequence[Block], *, hand_m: Pair) -> State:
-    """Return the state in which all blocks and the hand rest, the hand at (x, y), m, outside of every block.
-
-    Raises `SynthesisError` if the hand is not at a finite place, or inside a block.
-    """
+    """Return the state at rest, the hand at (x, y), m. Raises `SynthesisError` if that is not finite and outside."""
     _placed(hand_m)
     for i, block in enumerate(blocks):
         if (deep := _beside(block, hand_m)[0] - _beside(block, block.face_m)[0]) > 0:
@@ -77,8 +69,7 @@ def init(blocks: Sequence[Block], *, hand_m: Pair) -> State:
 def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float) -> Stepped:
     """Return what follows when the hand has gone straight to (x, y), m, in `dt_s`, s.
 
-    `blocks` are those that `init` was given. A block that is not touched, and that the hand's path does not reach, is
-    returned as it was. Raises `SynthesisError` unless the hand is at a finite place and the time above zero and finite.
+    `blocks` are those of `init`. Raises `SynthesisError` unless the place is finite and the time above zero and finite.
     """
     if not 0 < dt_s < inf:
         raise SynthesisError(f"step: got {dt_s:g} s; allowed: a finite time above zero; give the time between samples")
@@ -125,9 +116,9 @@ def step(blocks: Sequence[Block], state: State, *, hand_m: Pair, dt_s: float) ->
 
 
 def trajectory(blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike) -> Trajectory:
-    """Return the forces along a whole path of the hand: times rise, shape (n,); places are (x, y), m, shape (n, 2).
+    """Return the forces along a path of the hand: times, s, shape (n,), and places (x, y), m, shape (n, 2).
 
-    Raises `SynthesisError` for other shapes, times that do not rise, or what `init` and `step` refuse.
+    Raises `SynthesisError` for other shapes, times that do not rise, and as `init` and `step`.
     """
     times, places = np.asarray(times_s, dtype=np.float64), np.asarray(hand_m, dtype=np.float64)
     if times.ndim != 1 or not times.size or places.shape != (times.size, 2):

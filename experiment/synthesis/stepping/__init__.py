@@ -1,4 +1,1 @@
-"""Ways to step a virtual block: six to compare with the exact one, how stiff a block each bears, and one whole impact.
-
-The block and its exact stepper are `synthesis/contact/`, which knows nothing of this room.
-"""
+"""Ways to step a virtual block: six to compare with the exact one, their limits of stiffness, and one whole impact."""

@@ -1,11 +1,9 @@
 """One impact: a mass meets a block's spring and damper at a speed, and is thrown back; in closed form, or in steps.
 
-The mass starts at r = 0. A constant force may press it into the block, or pull it away. The closed form goes from touch
-to release in one step (`contact`). Without a force, with a damping ratio z = C / (2 sqrt(K M)) below 1 and phi = acos
-z, it is, for the clamped law, release after 2 phi / (w sin phi) at v exp(-2 z phi / sin phi), where w = sqrt(K / M).
-
-All is computed in units in which the numbers are near 1 (`Collision.scaled`), so that no square of a large or a small
-one leaves the range of numbers. They are powers of two, and change no digit.
+The mass starts at r = 0; a constant force may press or pull. The closed form goes from touch to release in one step
+(`contact`). Without a force, with a damping ratio z = C / (2 sqrt(K M)) below 1 and phi = acos z, release for the
+clamped law is after 2 phi / (w sin phi) at v exp(-2 z phi / sin phi), where w = sqrt(K / M). Units are powers of two
+that bring the numbers near 1 (`Collision.scaled`), so that squares stay in range and digits are kept.
 """
 
 from __future__ import annotations
@@ -46,7 +44,7 @@ QUANTITIES = ("release_s", "rebound_m_s", "penetration_m", "peak_s", "dissipated
 class Collision:
     """What meets what: N/m, N s/m, kg, m/s, N (positive presses the mass into the block), and the law.
 
-    Raises `SynthesisError` unless K and C are zero or more, M and the speed are above zero, and all are finite.
+    Raises `SynthesisError` unless K and C are at least zero, M and the speed above zero, and all finite.
     """
 
     stiffness_n_m: float
@@ -136,10 +134,10 @@ class Collision:
 
 @dataclass(frozen=True)
 class Impact:
-    """What came of it. A quantity is None where it is not defined, and `why` says why in words.
+    """What came of it; `why` explains each None.
 
-    `release_s` and `peak_s` are counted from the touch, `rebound_m_s` is a magnitude, `penetration_m` the largest,
-    which without a release may be approached and never reached (`peak_s` is None then). Energies are up to the release.
+    `release_s` and `peak_s` are from the touch, `rebound_m_s` is a magnitude, `penetration_m` the largest, which
+    without a release may only be approached (`peak_s` None). Energies are up to the release.
     """
 
     release_s: float | None
@@ -212,9 +210,9 @@ _NEARLY_CRITICAL = (
 
 
 def condition(of: Collision) -> float:
-    """Return the condition number of release time, rebound and penetration, whichever is largest; infinity at an edge.
+    """Return the largest condition number of release time, rebound and penetration; infinity at an edge.
 
-    It is the sum, over K, C, M, speed and force, of the relative change of a result by a relative change of the input.
+    It sums, over K, C, M, speed and force, the relative change of a result by that of the input.
     """
     least = 1e-5
     while True:
@@ -242,10 +240,7 @@ def _condition(of: Collision, by: float) -> float:
 
 
 def _by_balance(of: Collision, lost_j: float) -> tuple[float, float]:
-    """Return penetration and rate at a release from the energy, and from K r + C dr/dt = 0, or r = 0.
-
-    A strong force moves the mass at many times the speeds of touch and release, which have lost digits by then.
-    """
+    """Return penetration and rate at a release from energy and law: a strong force costs speeds their digits."""
     axis = of.block.normal
     lag = 2 * axis.decay_per_s / axis.stiffness_per_s2 if of.block.clamps else 0.0
     energy = of.speed_m_s**2 - 2 * lost_j / of.mass_kg
@@ -258,8 +253,7 @@ def _by_balance(of: Collision, lost_j: float) -> tuple[float, float]:
 def dissipated_j(of: Collision, until_s: float) -> float:
     """Return the energy that the damper takes from the touch until `until_s`, J, with its digits.
 
-    C times the integral of (dr/dt)^2 is summed at Gauss's 48 points while fewer than 10 rates of decay and one turn go
-    by; later the damper has most of the energy, and has the balance of what is left.
+    Within 10 rates of decay and one turn it is C times the integral of (dr/dt)^2 at Gauss's 48 points, later a balance.
     """
     axis, v = of.block.normal, of.speed_m_s
     if of.damping_n_s_m == 0:
@@ -281,12 +275,11 @@ def balance_j(of: Collision, x: float, u: float) -> float:
 
 
 def in_steps(of: Collision, *, method: str = EXACT, rate_hz: float, phase: float = 0.0) -> Course:
-    """Return the same by one of `steppers.STEPPERS`, in steps of 1 / `rate_hz`, to the release or where there is none.
+    """Return the impact by one of `steppers.STEPPERS`, in steps of 1 / `rate_hz`, to the release.
 
-    `phase` is how far into its first step the mass touches, as a part of the step. Where nothing is released, the
-    course goes on for four times as long as the mass takes to its deepest place. Raises `SynthesisError` for a rate
-    that is not above zero and finite, an unknown method, or more than `MOST_STEPS` steps of a method other than the
-    exact one.
+    `phase` is the part of the first step before the touch. Without a release it lasts four times as long as the way to
+    the deepest place. Raises `SynthesisError` for a bad rate, an unknown method, or more than `MOST_STEPS` inexact
+    steps.
     """
     if not 0 < rate_hz < inf:
         raise SynthesisError(f"rate: got {rate_hz:g} Hz; allowed: a finite number above zero; correct it")
@@ -387,9 +380,8 @@ def _never(of: Collision, penetration: float | None, peak: float) -> tuple[str, 
 class Answer:
     """What `palpate tap contact` says of an impact: by which method, at which rate, stable or not.
 
-    `h_w` is the step times w = sqrt(K / M), `limit_h_w` the largest stable one, None where every step is stable.
-    `step_in_contacts` is the step over the time from touch to release; None where there is no release.
-    `condition` is the condition number, None where the outcome changes its kind within a rounding.
+    `h_w` is the step times w = sqrt(K / M), `limit_h_w` the largest stable one, None for no limit; `step_in_contacts`
+    the step over the contact, None without a release; `condition` is None at a change of kind within a rounding.
     """
 
     of: Collision
@@ -452,11 +444,7 @@ class Answer:
 
 
 def answer(of: Collision, *, method: str = EXACT, rate_hz: float) -> Answer:
-    """Return what comes of an impact by a method, and whether it is stable at this rate.
-
-    The exact stepper's error does not depend on the step, so it goes from touch to release in one. Errors are those of
-    `in_steps`.
-    """
+    """Return an impact by a method, and its stability at this rate; exact ones take one step. Raises as `in_steps`."""
     stepper(method)
     step = 1 / rate_hz if rate_hz else inf
     h_w = of.frequency_rad_s * step

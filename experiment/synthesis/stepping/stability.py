@@ -40,10 +40,7 @@ class Matrix(NamedTuple):
 
 
 def amplification(method: str, *, stiffness: float, damping: float) -> Matrix:
-    """Return a stepper's amplification matrix at K h^2 / M and C h / M.
-
-    Raises `SynthesisError` for an unknown method.
-    """
+    """Return the amplification matrix at K h^2 / M and C h / M. Raises `SynthesisError` for an unknown method."""
     stepper(method)
     k, c = stiffness, damping
     if method == "euler":
@@ -74,10 +71,9 @@ def stable(method: str, *, stiffness_n_m: float, damping_n_s_m: float, mass_kg: 
 
 
 def limit(method: str, *, damping_ratio: float) -> float:
-    """Return the largest stable h w, w = sqrt(K / M); infinity where every step is stable, 0 where none is.
+    """Return the largest stable h w, w = sqrt(K / M), by bisection; infinity where every step is stable, 0 for none.
 
-    The first unstable step of a rising series is bisected. Raises `SynthesisError` for an unknown method or a damping
-    ratio that is not finite and zero or more.
+    Raises `SynthesisError` for an unknown method or a damping ratio that is not finite and at least zero.
     """
     stepper(method)
     if not 0 <= damping_ratio < inf:
@@ -106,7 +102,7 @@ def largest_stable_n_m(method: str, *, damping_n_s_m: float, mass_kg: float, rat
 def needed_damping_n_s_m(*, stiffness_n_m: float, damping_n_s_m: float, period_s: float, delay_s: float = 0.0) -> float:
     """Return the physical damping b that a device needs for a sampled wall to be passive, N s/m (see the module).
 
-    Raises `SynthesisError` unless K, C and the delay are finite and zero or more, and the period is above zero.
+    Raises `SynthesisError` unless all are finite, K, C and the delay at least zero, and the period above zero.
     """
     _sampled(stiffness_n_m, damping_n_s_m, period_s, delay_s)
     if delay_s == 0:
@@ -156,9 +152,8 @@ def allowed(
 ) -> Allowed:
     """Return the largest stiffness for a servo of this rate, Hz, whose forces arrive `delay_s` late, s.
 
-    The block has the mass, kg, and the damping, N s/m; the device has a physical damping, N s/m. Raises
-    `SynthesisError` for an unknown method, a rate or a mass that is not above zero and finite, or what
-    `needed_damping_n_s_m` refuses.
+    Masses are in kg, dampings, the device's physical, in N s/m. Raises `SynthesisError` for an unknown method, a rate
+    or a mass that is not above zero and finite, and as `needed_damping_n_s_m`.
     """
     if not 0 < rate_hz < inf or not mass_kg > 0:
         raise SynthesisError(

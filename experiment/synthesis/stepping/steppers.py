@@ -1,15 +1,13 @@
 """Other ways to step through a contact, for comparison with the exact one: same signature, equations (4) and (5).
 
-All but the last two know nothing of touch and release inside a step: they ask the law for the force where they stand,
-and say that the hand touches, or has left, at the end of the step in which they notice. So they are of first order
-through a switch, whatever their order elsewhere.
+All but the last two notice touch and release only at the end of a step, so they are of first order through a switch.
 
 - `euler`: position and speed both from the beginning of the step.
 - `semi-implicit euler`: the speed first, then the position with the new speed.
 - `rk4`: the classical Runge-Kutta method of fourth order.
 - `implicit midpoint`: the force at the middle of the step, solved for.
 - `exponential`: the exact motion of the phase in which the step begins, to its end.
-- `rk4 with events`: `rk4`, with touch and release located by shorter steps, and gone on from there.
+- `rk4 with events`: `rk4`, with touch and release located by shorter steps.
 - `exact`: `exact.advance`, the default.
 """
 
