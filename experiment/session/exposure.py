@@ -1,12 +1,10 @@
 """What a session does to its participant, watched at every moment: its time and the masker's dose.
 
-Vibrations are counted; what holds their peak is the limiter.
+Vibrations are counted; the limiter bounds their peak.
 
-In real time one thread looks ten times a second, while a foot is waited for, while the experimenter reads a prompt and
-while the disk does not answer: it silences everything once the session's time or the dose is used up, the session
-pauses, or a signal comes, and waits for nobody. Another one writes what nobody waits for: the exposure every few
-seconds, so that a kill loses none of it. Simulated time stands still meanwhile: there the session's own questions
-suffice.
+In real time one thread looks ten times a second and waits for nobody: it silences everything once the session's time or
+the dose is used up, the session pauses, a signal comes, or disk or sound stand still. Another thread writes the
+exposure every few seconds, so that a kill loses none of it. In simulated time the session's own questions suffice.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ from typing import TYPE_CHECKING
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import interrupts
 from palpate.experiment.desk.port import INTERRUPTED
-from palpate.experiment.errors import PalpateError
+from palpate.experiment.errors import PalpateError, ScreenGone
 from palpate.experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
 from palpate.experiment.session.kind import nothing_more
 
@@ -35,8 +33,8 @@ if TYPE_CHECKING:
     from palpate.experiment.session.kind import Kind, Log
     from palpate.experiment.session.masker import Masking
 
-LOOK_S = 0.1
-"""Between two looks, s."""
+LOOK_S, LATE_NS = 0.1, 10**9
+"""Between two looks, s, and two of a session that did not stand still, ns."""
 
 SLOW_S = 2.0
 """After so long without an answer from the disk the experimenter is told, s."""
@@ -46,8 +44,13 @@ SLOW = "The disk does not answer. What is answered or noted waits for it; a paus
 EVERY_NS = 5 * 10**9
 """Between two entries, ns."""
 
-KILLED_NS = EVERY_NS + 500_000_000
-"""A runner that was killed counts as going on, and as playing its masker, for so long after its last line, ns."""
+GONE_S = 5.0
+"""After so long without an answer from the disk the exposure ends, s: what is not on record stays bounded."""
+
+GONE = f"the disk did not answer for {GONE_S:g} s"
+
+KILLED_NS = EVERY_NS + int(GONE_S * 1e9) + 500_000_000
+"""A killed runner counts as playing its masker for so long after its last line, ns: without one it ends sooner."""
 
 WINDOW_NS = 24 * 3600 * 10**9
 """Doses are added over so long, ns: neither midnight nor a time zone changes them."""
@@ -80,7 +83,7 @@ class Exposed:
         self._over = self._asked = self._skipped = ""
         self._failed: Exception | None = None
         self._told = self._slow = False
-        self._due_ns = clock.now_ns()
+        self._due_ns = self._looked_ns = clock.now_ns()
         self.free_bytes: int | None = None
         """The free space on the disk when an exposure was written last, bytes; None if the disk did not say."""
         self._writer: threading.Thread | None = None
@@ -136,6 +139,8 @@ class Exposed:
             self._failed = failed
             with suppress(PalpateError):
                 self._silence()
+            if not isinstance(failed, ScreenGone):
+                self._tell_over(str(failed))
 
     def skip(self, reason: str) -> None:
         """Have nothing felt until `skipped` is called, so that the attempt under way breaks off."""
@@ -147,9 +152,9 @@ class Exposed:
         return reason
 
     def over(self, ahead_ns: int = 0) -> str:
-        """Return why nothing may be felt `ahead_ns` from now, or nothing while it may; what is over stays over.
+        """Return why nothing may be felt `ahead_ns` from now, or nothing; what is over stays over.
 
-        Raises `JournalError` if the exposure cannot be put on disk.
+        Raises `PalpateError` if a part that is watched failed.
         """
         if self._failed is not None:
             raise self._failed
@@ -164,16 +169,19 @@ class Exposed:
         return max((self.ends_ns - self._clock.now_ns()) / 1e9, 0.0)
 
     def look(self) -> None:
-        """Keep the kind's devices alive; silence what may not be felt or heard any more, and tell why it is silent.
-
-        It waits for nobody.
-        """
+        """Keep the devices alive, silence what is over, and tell why. Raises `AudioError` if the sound stands still."""
+        if self._log.waiting_s > GONE_S:
+            self._over = self._over or GONE
         self._silence()
         if self._kind is not None:
             self._kind.beat(self.ends_ns)
         if not self._told and self.over() and (why := self._over):
             self._told = True
-            self._tell(f"\n{nothing_more(why)} Answer what is asked; then the session ends or pauses.")
+            self._tell_over(why)
+        before_ns, self._looked_ns = self._looked_ns, self._clock.now_ns()
+        # A session that stood still itself knows nothing of its device yet.
+        if self._stream is not None and self._looked_ns - before_ns < LATE_NS:
+            self._stream.check()
         if self._slow != (self._log.waiting_s > SLOW_S):
             self._slow = not self._slow
             self._tell(SLOW if self._slow else "The disk answers again.")
@@ -214,6 +222,9 @@ class Exposed:
             up_ns=uptime.ns if uptime is not None else None,
         )
 
+    def _tell_over(self, why: str) -> None:
+        self._tell(f"\n{nothing_more(why)} Answer what is asked; then the session ends or pauses.")
+
     def _tell(self, text: str) -> None:
         """Show a line; a terminal that stands still holds up a thread of its own."""
         self._opened.callback(self._start("lines", self._console.show, text).join, 1.0)
@@ -253,9 +264,8 @@ def _footer_ns(lines: Sequence[Line], otherwise_ns: int) -> int:
 def dose_before(journals: Iterable[Contents], clock: Clock) -> float:
     """Return what the sessions of these journals used up of the masker's dose in the last 24 hours.
 
-    How long ago it was is known from the machine's uptime. The clock, which may be set at any time, tells only for how
-    long the machine was off between two starts; where it seems to have gone back, that was no time. A participant's
-    tasks come one after the other, and so do their runners, whatever the clock said.
+    How long ago it was is known from the machine's uptime. The clock, which may be set, tells only for how long the
+    machine was off; where it went back, that was no time. A participant's tasks and their runners come in order.
     """
     begun = sorted((one for one in journals if one.lines), key=lambda contents: contents.header.task_position)
     runners = list(chain.from_iterable(map(_runners, begun)))
@@ -285,10 +295,7 @@ def _uptimes(lines: Sequence[Line]) -> Iterator[tuple[str, int, int]]:
 
 
 def _uptimes_now(runners: Iterable[Sequence[Line]], clock: Clock) -> dict[str, int]:
-    """Return what the uptime of each boot would be now if the machine had never been off since, ns.
-
-    The runners come in the order in which they ran.
-    """
+    """Return what the uptime of each boot would be now without any time off since, ns; runners come in their order."""
     told: dict[str, list[tuple[int, int]]] = defaultdict(list)
     for boot, up_ns, t_ns in chain.from_iterable(map(_uptimes, runners)):
         told[boot].append((up_ns, t_ns))

@@ -95,9 +95,8 @@ class Seen:
     """What a session needs to know of one attempt, once its device's frames are on disk.
 
     `entry` goes on record. The participant could answer from the session time `answerable_ns` on; None if the attempt
-    broke off, as `reason` says: if `lost`, because of a silent device, which `Kind.reconnect` waits for. `failed` has
-    to be raised once the entry is on file. `delivered` says whether the stimulus was measured to be as intended, None
-    if nothing measured it; `repeat` is the rule of the protocol that has the attempt repeated, and why.
+    broke off for a `reason`: if `lost`, a silent device, which `Kind.reconnect` waits for. `failed` is raised once the
+    entry is on file. `delivered` is None if nothing measured the stimulus; `repeat` is the protocol's rule, and why.
     """
 
     entry: AnyEntry
@@ -162,17 +161,13 @@ class Kind(Protocol):
         return
 
     def is_silent(self) -> bool | None:
-        """Return whether nothing that was played sounds any more, and wait for that for a second at most.
-
-        None for a kind that plays nothing.
-        """
+        """Return whether nothing played sounds any more, after a second at most; None for a kind that plays nothing."""
         return None
 
     def beat(self, ends_ns: int) -> None:  # noqa: ARG002
         """Pass on that the session is alive, and that nothing may be felt from the session time `ends_ns` on.
 
-        A thread calls it every 0.1 s in real time, and none in simulated time, until the session ends; it waits for
-        nobody either.
+        A thread calls it every 0.1 s, in real time alone, until the session ends; it waits for nobody either.
         """
         return
 

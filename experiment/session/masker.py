@@ -1,8 +1,7 @@
 """The sound of one session: one audio stream, opened once and kept, with the masker on its headphones.
 
-The participant's level is chosen before the first trial and journaled with every change. The masker plays from then
-until every trial is answered, pauses between trials included, or until its time or its dose is used up. `+` and `-`
-change it whenever an answer is asked for; no protocol has these keys for anything else.
+The participant's level is chosen before the first trial and journaled with every change. The masker plays until every
+trial is answered, or its time or dose is used up. `+` and `-`, which no protocol uses otherwise, change it at answers.
 """
 
 import threading
@@ -39,7 +38,7 @@ KEYS = {LOUDER_KEY: "masker louder", SOFTER_KEY: "masker softer"}
 class Masking:
     """Drives a masker and puts its levels on disk; a second thread may silence it for good.
 
-    The masker's lock is never held while an entry is written, and who silences writes nothing: `record` does, later.
+    Its lock is never held while an entry is written, and who silences writes nothing: `record` does, later.
     """
 
     def __init__(
@@ -62,8 +61,7 @@ class Masking:
     def choose(self, criterion: str, begin_db_a: float | None, probe: Callable[[], None] | None = None) -> None:
         """Start the noise at `begin_db_a`, or at the first level if None, and have it set until `criterion` holds.
 
-        `probe` plays what is to be hidden, None where nothing can. Where it is still heard at the limit, that goes on
-        record instead. A masker that is silent for good is left as it is.
+        `probe` plays what is to be hidden, None where nothing can. Where that is heard at the limit, it goes on record.
         """
         if probe is None:
             criterion += " Nothing is played for that: have the participant touch it as in a trial, and listen."
@@ -98,8 +96,7 @@ class Masking:
     def change(self, key: str) -> bool:
         """Return whether `key` was one of the masker's; then the level has changed by a step, within the limit.
 
-        A step up that comes too soon after the one before changes nothing; a step down never does. A masker that was
-        silenced stays silent, and one whose dose is used up is silent for good.
+        A step up that comes too soon after the one before changes nothing. A masker that was silenced stays silent.
         """
         if key not in KEYS:
             return False
@@ -174,9 +171,7 @@ class Masking:
 
 @dataclass(frozen=True)
 class Sound:
-    """The stream of a session, whose sample clock masker, stimulus, microphone and loopback share, and its masker, if
-    it has one.
-    """
+    """The stream of a session, whose sample clock all of its sound shares, and its masker, if it has one."""
 
     stream: AudioStream
     masker: AudioMasker | None

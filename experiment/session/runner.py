@@ -61,16 +61,14 @@ def run(
 ) -> entries.Footer:
     """Run a session, or the rest of one, and return the footer that ended it.
 
-    `identity` is what was asked before it, and goes on record; so does `noise`, which the rig cannot play, once the
+    `identity`, which was asked before it, goes on record; so does `noise`, which the rig cannot play, once the
     experimenter confirms that it masks the trials. The `last` session of a visit ends with its debriefing.
-    Where a microphone listens, `keeps_voices` has the sound of answers kept.
-    If a journal exists, its own header rules and must be of the same session; a session that is complete is not
-    touched. The rig's file is kept beside the journal.
+    Where a microphone listens, `keeps_voices` has the sound of answers kept. The header of an existing journal rules
+    and must be of the same session; a complete session is not touched. The rig's file is kept beside the journal.
 
-    Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken, belongs to
-    another session, or if the participant withdrew; `PalpateError` if a part failed (the footer says so, and the
-    session can be resumed); and `KeyboardInterrupt` on Ctrl-C while the footer was written (it is on disk). A closed
-    terminal pauses as Ctrl-C does.
+    Raises `SessionLocked` if another runner holds the participant; `JournalError` if the journal is broken or another
+    session's, or the participant withdrew; `PalpateError` if a part failed (the footer says so, and the session can be
+    resumed); and `KeyboardInterrupt` on Ctrl-C as the footer was written. A closed terminal pauses as Ctrl-C does.
     """
     path = journal_path(dataset, header.participant, header.task)
     with interrupts.all_alike(), journal.locked(path.parent, header.participant):
@@ -195,7 +193,8 @@ class SessionLog:
         return (now_ns - min((now_ns, *self._under_way.copy().values()))) / 1e9
 
     def free_bytes(self) -> int:
-        return shutil.disk_usage(self._folder).free
+        with self._waiting():
+            return shutil.disk_usage(self._folder).free
 
     def keep(self, raw: bytes) -> entries.Trace:
         if self._frames is None:

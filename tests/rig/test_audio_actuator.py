@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Iterator
 from datetime import date, timedelta
 
@@ -11,6 +12,7 @@ import pytest
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import opening as opening_audio
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio.actuator import TAKEN_BACK
 from palpate.experiment.apparatus.audio.mixer import AT_ONCE
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.ports import Actuator
@@ -169,13 +171,34 @@ def test_what_sounds_as_asked_but_not_at_contact_is_not_delivered(stream: AudioS
     assert (heard.delivered, heard.reason) == (False, f"it came {off_ms:+.2f} ms from contact; allowed: 5 ms")
 
 
-def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel) -> None:
-    actuator.prepare(given(stimulus()))
-    assert actuator.aim(CLOCK.now_ns() + 60 * MS)
-    assert actuator.withdraw()
-    assert panel.felt(0.2) is None
+@pytest.mark.parametrize("landed", [False, True], ids=["aimed", "landed"])
+def test_a_withdrawn_stimulus_is_not_felt(actuator: Actuator, panel: CardPanel, landed: bool) -> None:
+    """Another thread may withdraw it right before or after the landing is reported."""
     with pytest.raises(ActuatorError, match="a stimulus that nothing set off; aim it, or report the landing first"):
         actuator.delivered(CLOCK.now_ns())
+    actuator.prepare(given(stimulus()))
+    if not landed:
+        assert actuator.aim(CLOCK.now_ns() + 60 * MS)
+    assert actuator.withdraw()
+    if landed:
+        actuator.landed(CLOCK.now_ns())
+    assert panel.felt(0.2) is None
+    assert actuator.withdraw()
+    assert actuator.is_silent()
+    heard = actuator.delivered(CLOCK.now_ns())
+    assert heard is not None
+    assert (heard.delivered, heard.reason) == (False, TAKEN_BACK)
+
+
+def test_what_is_withdrawn_while_it_is_waited_for_was_not_delivered(actuator: Actuator, stream: AudioStream) -> None:
+    actuator.prepare(given(stimulus()))
+    assert actuator.aim(CLOCK.now_ns() + 200 * MS)
+    withdrawing = threading.Timer(0.05, actuator.withdraw)
+    withdrawing.start()
+    heard = actuator.delivered(CLOCK.now_ns())
+    withdrawing.join()
+    assert heard is not None
+    assert (heard.delivered, heard.reason) == (False, TAKEN_BACK)
 
 
 def test_a_later_stimulus_takes_the_place_of_one_that_waits(actuator: Actuator, panel: CardPanel) -> None:

@@ -96,6 +96,9 @@ def test_nothing_sounds_before_the_foot_has_landed_and_nothing_after_it_was_with
     assert opened.withdraw()
     opened.landed(10**18)
     assert panel.felt(0) is None
+    heard = opened.delivered(10**18)
+    assert heard is not None
+    assert not heard.delivered
     opened.prepare(made.given(np.ones(3)))
     opened.prepare(made.given(np.full(3, 2.0)))
     opened.landed(10**18)

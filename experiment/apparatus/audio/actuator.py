@@ -20,6 +20,8 @@ from palpate.experiment.synthesis.waveforms import Ring, Stimulus
 FOUND = 0.5
 """Correlation from which on something heard is the intended waveform; noise of any length stays far below."""
 
+TAKEN_BACK = "it was taken back before it began"
+
 LEAST_DB = -200.0
 """Residual of a waveform that came back bit for bit: less than any converter leaves."""
 
@@ -161,9 +163,8 @@ class AudioActuator:
             self._requested_ns = contact_ns
 
     def withdraw(self) -> bool:
-        if self._cue is not None and self._stream.withdraw(self._cue):
-            self._cue = None
-        return self._cue is None
+        # It stays known, for another thread may ask whether it was delivered.
+        return self._cue is None or self._stream.withdraw(self._cue)
 
     def is_silent(self) -> bool:
         cue = self._cue
@@ -177,6 +178,8 @@ class AudioActuator:
         says that nothing was aimed and nothing has landed, `AudioError` that the stream has stopped.
         """
         cue, requested_ns = self._cue, self._requested_ns
+        if cue is not None and cue.withdrawn:
+            return self._said(requested_ns or contact_ns, TAKEN_BACK)
         if cue is None or requested_ns is None:
             raise ActuatorError(
                 "actuator: got a question about a stimulus that nothing set off; aim it, or report the landing first"
@@ -184,6 +187,8 @@ class AudioActuator:
         self._stream.wait(max(cue.frame, 0))
         while not cue.done:
             self._stream.wait(self._stream.next_frame + 1)
+        if cue.withdrawn:
+            return self._said(requested_ns, TAKEN_BACK)
         if cue.cut:
             over = self._stream.ends_ns <= self._stream.ns_of(self._stream.next_frame) + self._output_ns
             why = "the session's sound had ended" if over else "the servo or the device had fallen silent"

@@ -36,11 +36,10 @@ Block = NDArray[np.float32]
 class Cue:
     """A stimulus of so many `samples`, handed to the mixer for an output channel, from 0.
 
-    The callback alone writes `started`, the frame at which its first sample left, and `late`: its frame had passed, so
-    it was not played; and `cut`: it was not allowed to sound, or not any longer. The session's thread alone writes
+    The callback alone writes `started`, the frame at which its first sample left, `late` (its frame had passed, and it
+    was not played) and `cut` (it was not allowed to sound, or not any longer). The session's threads alone write
     `frame`, at which that sample is to leave, or `AT_ONCE`, and `withdrawn`: nothing of it sounds. `done`, after which
-    the mixer holds it no longer, is written by whoever took it out: the callback, or the thread that withdrew it as it
-    waited.
+    the mixer holds it no longer, is written by whoever took it out.
     """
 
     slot: int

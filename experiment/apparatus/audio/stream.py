@@ -46,11 +46,10 @@ class Fit:
 
 
 class Timeline:
-    """Kept by the callback through `note`, read by the session's thread.
+    """Kept by the callback through `note`, read by the session's thread, without a lock.
 
-    They share no lock: the callback publishes how many callbacks and gaps there are together and last, and a reader
-    takes both at once. Of what a reader then looks at, the callback changes at most the line of the last three. The
-    line that holds now is published by itself, for `frame_at`, which takes nothing else.
+    The callback publishes the counts of callbacks and gaps together and last, and a reader takes both at once. Of what
+    it then reads, the callback changes at most the line of the last three. `frame_at` takes the present line alone.
     """
 
     def __init__(self, *, rate_hz: float, block: int) -> None:
@@ -161,13 +160,10 @@ def library() -> Any:
 def close_stream(stream: Any) -> None:
     """Close a stream of this process.
 
-    PortAudio waits for ten minutes to close one whose JACK server has gone, and would do so again as the process ends.
-    So a stream that has stopped by itself is left alone after `CLOSE_S`, for good.
+    PortAudio waits for ten minutes to close one whose JACK server has gone or stands still, and would do so again as
+    the process ends. So such a stream is left alone after `CLOSE_S`, for good.
     """
     global _left_alone
-    if stream.active:
-        stream.close()
-        return
     failed: list[Exception] = []
 
     def closing() -> None:
@@ -315,10 +311,8 @@ class StreamSettings:
 
 @dataclass(frozen=True)
 class StreamHealth:
-    """What went on in a stream since it was opened, and the frames made.
-
-    `xruns` are callbacks that the device marked as coming after an under-run or an overflow; `gaps` are times at which
-    it stood still or lost frames, as the clock tells.
+    """The frames made since a stream was opened, the callbacks that its device marked as after an under-run or an
+    overflow (`xruns`), and the times at which it stood still or lost frames, by the clock (`gaps`).
     """
 
     frames: int

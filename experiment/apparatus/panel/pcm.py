@@ -115,6 +115,8 @@ class PcmActuator:
         samples, self._prepared = self._prepared, None
         if samples is not None:
             self._play(samples.tobytes())
+        elif self._cut.is_set():
+            self._fault = _undelivered(self._clock.now_ns(), "it was taken back before it began")
 
     def play_silence(self, seconds: float) -> float:
         """Play zeros for so long, as `landed` plays a stimulus, and return `closed_ms`."""
@@ -210,7 +212,7 @@ class PcmActuator:
         self.closed_ms = behind_ns / 1e6
         if self._cut.is_set() or late_ns > 0:
             reason = "it was cut off" if self._cut.is_set() else f"samples went out {late_ns / 1e6:.0f} ms late"
-            self._fault = Delivered(requested_ns=began_ns, xruns=0, delivered=False, reason=reason)
+            self._fault = _undelivered(began_ns, reason)
 
     def _reset(self, connection: socket.socket) -> None:
         """Have the server drop what it did not play, and ask when it is done, unless it is gone."""
@@ -224,6 +226,10 @@ class PcmActuator:
                 self._asking = asking
                 return
         asking.close()
+
+
+def _undelivered(requested_ns: int, reason: str) -> Delivered:
+    return Delivered(requested_ns=requested_ns, xruns=0, delivered=False, reason=reason)
 
 
 def _is_answered(asking: socket.socket) -> bool:

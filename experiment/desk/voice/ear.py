@@ -1,8 +1,8 @@
 """Listens to what a participant answers, beside the session: no key and no question ever waits for it.
 
-From contact on, a thread takes what the microphone heard, a process of its own computes what that was (`hearing`), and
-the console is told what to propose. Once the answer is confirmed, what was heard until it was chosen goes on record,
-which may be after the next trial was armed. Nothing is computed while a foot is awaited.
+From contact on, a thread takes what the microphone heard, a process computes what that was (`hearing`), and the console
+proposes it. What was heard until an answer was chosen goes on record once that is confirmed, which may be after the
+next trial was armed. Nothing is computed while a foot is awaited.
 """
 
 import hashlib
@@ -16,6 +16,7 @@ from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
+from multiprocessing import connection
 from pathlib import Path
 from typing import Any
 
@@ -57,6 +58,9 @@ BEYOND_S = 0.05
 PATIENCE_S = 10.0
 """Whoever computes is waited for so long at most, s: by this thread, and by the end of a session."""
 
+ENDS_S = 1.0
+"""A process that does not end within so long, s, stands still, and is killed."""
+
 CLIPPED_S = 5.0
 """So long the lamp tells of a clipped sample, s."""
 
@@ -64,15 +68,19 @@ CLIPPED_S = 5.0
 @contextmanager
 def computing() -> Iterator[Executor]:
     """Give a process that computes what was heard, on a core and at a priority that takes nothing from the session."""
-    context = multiprocessing.get_context("spawn")
+    context, others = multiprocessing.get_context("spawn"), multiprocessing.active_children()
     with storage.safe_path(), ProcessPoolExecutor(1, mp_context=context, initializer=_settle) as pool:
         with host.elsewhere(), host.held_back():
             # It loads what it needs now, and not when the first answer is given.
             pool.submit(_ready)
+        workers = [one for one in multiprocessing.active_children() if one not in others]
         try:
             yield pool
         finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+            pool.shutdown(wait=False, cancel_futures=True)
+            for one in workers:
+                if not connection.wait([one.sentinel], ENDS_S):
+                    one.kill()
 
 
 def _settle() -> None:

@@ -177,8 +177,9 @@ class VirtualSurfaces(Kind):
         return "" if self.taps.failed is None else str(self.taps.failed)
 
     def quiet(self, why: str) -> None:  # noqa: ARG002
-        # Without the lock of the taps, which a write may hold; what vibrates ends with the block.
+        # Without the lock of the taps, which a write may hold.
         self.taps.servo.render(None)
+        self.taps.actuator.withdraw()
 
     def beat(self, ends_ns: int) -> None:  # noqa: ARG002
         self.taps.servo.beat()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import TYPE_CHECKING, cast
 
 import pytest
 from hypothesis import given, settings
@@ -16,7 +17,7 @@ from palpate.experiment.apparatus.audio.masker import RESERVE_S
 from palpate.experiment.apparatus.ports import MaskerExposure
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.clock import ManualClock, MonotonicClock, Uptime
-from palpate.experiment.errors import JournalError, ScreenGone, TrackerStopped
+from palpate.experiment.errors import AudioError, JournalError, ScreenGone, TrackerStopped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
@@ -31,6 +32,9 @@ from palpate.experiment.session.runner import SessionLog
 from palpate.experiment.session.tapping.trials import Comparisons
 from tests.experiment.session.bench import Bench, as_read, bench, entries, header
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
+
+if TYPE_CHECKING:
+    from palpate.experiment.apparatus.audio.stream import AudioStream
 
 HOUR_NS = 3600 * 10**9
 LEVEL_DB_A = 80.0
@@ -125,6 +129,19 @@ class Lines:
     @property
     def contents(self) -> Contents:
         return Contents(tuple(self.lines))
+
+
+class StandingStill:
+    """What is asked of an `AudioStream`, which may stand still."""
+
+    stands = silenced = False
+
+    def check(self) -> None:
+        if self.stands:
+            raise AudioError("the device is gone")
+
+    def silence(self) -> None:
+        self.silenced = True
 
 
 class Felt(Comparisons):
@@ -375,6 +392,23 @@ def test_the_experimenter_is_told_that_the_session_is_over(monkeypatch: pytest.M
     exposed.close()
     assert told == ["\nNothing more will be felt: it is over. Answer what is asked; then the session ends or pauses."]
     with pytest.raises(ScreenGone):
+        exposed.over()
+
+
+def test_sound_that_stands_still_ends_what_is_felt_though_nothing_is_waited_for() -> None:
+    clock, felt = Machine(), Felt()
+    exposed, _, _ = watched(clock, Lines(clock))
+    stream = StandingStill()
+    exposed._stream = cast("AudioStream", stream)
+    exposed.begin(felt)
+    wait_until(lambda: len(felt.beats) > 1)
+    assert not felt.quieted
+    stream.stands = True
+    wait_until(lambda: bool(felt.quieted))
+    exposed.close()
+    assert stream.silenced
+    assert "gone" in cast("ScriptedConsole", exposed._console).shown[-1]
+    with pytest.raises(AudioError):
         exposed.over()
 
 

@@ -203,6 +203,24 @@ def test_a_pause_is_felt_and_heard_at_once_while_the_disk_hangs(
         disk.answers.set()
 
 
+def test_what_is_not_on_record_is_bounded_by_what_a_resume_counts(
+    disk: Disk, aside: list[threading.Thread], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(exposure, "GONE_S", 0.5)
+    with closing(Watched(tmp_path / "a.jsonl")) as watched:
+        disk.stop()
+        begun_s = time.monotonic()
+        aside.append(threading.Thread(target=watched.log.write, args=(Note(trial=None, text="hangs"),)))
+        aside[0].start()
+        assert 0.5 <= watched.silent_s() - begun_s < 0.5 + SILENT_S
+        assert watched.felt.quieted[0][1] == watched.exposed.over() == exposure.GONE
+        disk.answers.set()
+        aside[0].join(10)
+        # It stays over, also once the disk answers.
+        assert watched.exposed.over() == exposure.GONE
+    assert exposure.KILLED_NS > exposure.EVERY_NS + 5.0e9 + 2 * exposure.LOOK_S * 1e9
+
+
 @pytest.mark.parametrize("number", interrupts.SIGNALS)
 def test_a_signal_silences_everything_while_the_main_thread_is_in_a_call_that_does_not_return(
     number: int, disk: Disk, tmp_path: Path

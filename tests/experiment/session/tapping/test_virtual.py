@@ -320,10 +320,12 @@ def test_each_block_carries_the_end_of_the_session(tmp_path: Path) -> None:
     assert session.servo.ends_ns == {START_NS + round(PROTOCOL.exposure.session_min * 60e9), None}
 
 
-def test_quiet_takes_the_block_away_whatever_the_disk_does(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_quiet_takes_block_and_vibration_away_whatever_the_disk_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The tap's entry is being written, under the taps' lock, when the session has to be silent."""
     writes, freed = threading.Event(), threading.Event()
-    write, rendered = runner.SessionLog.write, []
+    write, rendered, withdrawn = runner.SessionLog.write, [], list[bool]()
 
     def hangs(log: runner.SessionLog, entry: Any) -> None:
         if isinstance(entry, Tapped):
@@ -331,8 +333,13 @@ def test_quiet_takes_the_block_away_whatever_the_disk_does(tmp_path: Path, monke
             assert freed.wait(60.0)
         write(log, entry)
 
+    def withdraw() -> bool:
+        withdrawn.append(True)
+        return True
+
     def silenced() -> None:
         assert writes.wait(60.0)
+        vars(begun[0].taps.actuator)["withdraw"] = withdraw
         begun[0].quiet("by the experimenter")
         begun[0].beat(0)
         rendered.append(begun[0].taps.servo.rendered[-1])  # type: ignore[attr-defined]
@@ -344,6 +351,7 @@ def test_quiet_takes_the_block_away_whatever_the_disk_does(tmp_path: Path, monke
     session = Session([([touch(100.0)], "1"), ([], "2")], tmp_path)
     silencing.join()
     assert rendered == [None]
+    assert withdrawn
     assert session.servo.beats == 1
 
 
