@@ -1,8 +1,6 @@
-"""What a person types: `palpate` and its commands, each in the module of its room.
+"""What a person types: `palpate` and its commands, each of which imports what it needs when it is called.
 
-Arguments and files come in; what the rooms below return goes out as text, tables on disk, or one JSON document. The
-modules here import every other room, each command what it needs when it is called, and no room imports them. This
-module itself imports next to nothing, so that `palpate --help` is there at once.
+This module imports next to nothing, so that `palpate --help` is there at once.
 """
 
 import os

@@ -1,7 +1,6 @@
-"""Ctrl-C while a step is under way, or a session's last line is written: it comes when what was felt is on file.
+"""Ctrl-C during a step, or a session's last line: it is raised once what was felt is on file.
 
-A terminal that is closed, and a system that shuts down, end a session as Ctrl-C does. The wait for a foot may be
-interrupted (`Held.let_through`), for until contact nothing was felt that cannot be told.
+Closing a terminal or shutting down is the same. The wait for a foot may be interrupted (`Held.let_through`).
 """
 
 import multiprocessing
@@ -57,10 +56,9 @@ class Held:
 
 @contextmanager
 def held() -> Iterator[Held]:
-    """Have interrupts wait until the end; one that came is raised then, unless something else was.
+    """Defer interrupts until the end, then raise one that came, unless something else was raised.
 
-    This holds only for signals that are Python's own `KeyboardInterrupt`: in the main thread, and with nobody else's
-    handler.
+    This is for Python's own `KeyboardInterrupt` in the main thread, without another handler.
     """
     waits = Held()
     held = _handled_by(signal.default_int_handler)
@@ -89,10 +87,7 @@ def all_alike() -> Iterator[None]:
 
 
 def report_to(descriptor: int) -> int:
-    """Have each signal written to a descriptor as it comes, whatever the main thread does; -1 is for none.
-
-    Return the descriptor before, and -1 outside of the main thread, where this does nothing.
-    """
+    """Write signals to a descriptor, -1 for none, as they come; return the one before, -1 off the main thread."""
     if threading.current_thread() is not threading.main_thread():
         return -1
     return signal.set_wakeup_fd(descriptor, warn_on_full_buffer=False)

@@ -1,7 +1,6 @@
 """The socket between a session and its consoles: a file of this machine that only its owner may open.
 
-The session's end is one thread, which is never waited for: a console that does not read misses views, and none of them
-holds the session up. Whoever connects says who they are; another user of the machine is refused by the system.
+The session's end is one thread that waits for no console: a slow one misses views.
 """
 
 import hashlib
@@ -36,10 +35,7 @@ AWAY_S = 5.0
 
 
 def place(dataset: Path, participant: str) -> Path:
-    """Return where the socket of a participant's session stands, in a folder that only its owner may open.
-
-    Raises `LinkError` where no such folder can be made, or where this system has no such sockets.
-    """
+    """Return a session's socket in a folder that only its owner may open. Raises `LinkError` where none is possible."""
     if not hasattr(socket, "AF_UNIX"):
         raise LinkError("this system has no sockets that are files; run the session on lines of text (--lines)")
     name = hashlib.sha256(f"{dataset.resolve()}\n{participant}".encode()).hexdigest()[:16]
@@ -47,10 +43,9 @@ def place(dataset: Path, participant: str) -> Path:
 
 
 def _own_folder(parent: Path) -> Path:
-    """Return the folder of this user's sockets, made if there is none. Raises `LinkError` if it cannot be made.
+    """Return the folder of this user's sockets, made if missing. Raises `LinkError` if it cannot be made.
 
-    Another user may have taken its usual name, where all share a folder of temporary files; then it has another one,
-    which both ends find because it is this user's own.
+    Another user may have its name in a shared temporary folder; then both ends use another.
     """
     usual = parent / f"palpate-{os.getuid()}"
     try:
@@ -327,10 +322,7 @@ class Line:
             return self._sent
 
     def messages(self) -> Iterator[messages.View | messages.Prompt | messages.Reply]:
-        """Yield what the session says, until it is gone; what one call leaves over is the next one's.
-
-        Raises `LinkError` for what cannot be understood.
-        """
+        """Yield the session's messages until it is gone, over several calls. Raises `LinkError` for invalid ones."""
         while True:
             said, newline, rest = self._read.partition(b"\n")
             if newline:

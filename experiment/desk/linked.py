@@ -1,8 +1,7 @@
 """A session's desk whose console and participant's screen are processes of their own, at the other end of a link.
 
-The session waits here for keys; the link's thread brings them, and waits for nobody: what a disk has to take first is
-done by a thread of its own. A key counts only for the question that was on the
-screen when it was pressed. While nobody is at the console nothing new is armed, and after a while the session pauses.
+The session waits here for keys from the link's thread; another thread waits for disks. A key counts only for the
+question on the screen when it was pressed. Without a console nothing new is armed, and then the session pauses.
 """
 
 import threading
@@ -58,8 +57,7 @@ KEEPS_STATE = ("answer", "confirm", "familiarise", "break", "continue")
 """Questions that belong to a state of the session; while any other is asked, and after it, what comes is prepared."""
 
 PATIENCE_NS = 300_000_000
-"""The participant is asked to wait after so long without anything else to show, ns: between two questions the screen
-stays as it is."""
+"""After so long without anything to show the participant is asked to wait, ns."""
 
 PROMPTS = 20
 """So many prompts are remembered, for the participant's screen to say when it showed them."""
@@ -84,10 +82,7 @@ class LinkedConsole:
     """Implements `Console` and the link's `SessionEnd`."""
 
     def __init__(self, view: View, *, theirs: Theirs = NOTHING, screen: bool = False, alone_s: float = ALONE_S) -> None:
-        """Begin with `view`, which says what does not change: the study and who takes part.
-
-        `theirs` is what the participant has at their screen, and `screen` says that the rig has one.
-        """
+        """Begin with `view`, which does not change; `theirs` is at the participant's screen, if there is a `screen`."""
         self._view = view
         self._alone_s = alone_s
         self._changed = threading.Condition()
@@ -520,9 +515,7 @@ class LinkedConsole:
         self.wake()
 
     def _watched(self) -> bool:
-        """Wait until somebody is at a console, and at first for the participant's screen; return whether either was
-        away. Raises `PauseAsked` and `LinkError`.
-        """
+        """Wait for a console, and at first the screen; return whether either was away. Raises as `_put`."""
         waited = self._awaits_screen and not self._screens
         if waited:
             without = Choice(key=ENTER, words="go on without the screen")
@@ -545,10 +538,7 @@ class LinkedConsole:
             return wanted
 
     def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...], *, most_s: float = inf) -> str:
-        """Ask, and return what was chosen, or "" after `most_s`; nobody is missed at what ends by itself.
-
-        Raises `PauseAsked` and `LinkError`.
-        """
+        """Ask, and return the choice, or "" after `most_s`. Raises `PauseAsked` and `LinkError`."""
         ends_s = monotonic_ns() / 1e9 + most_s
         with self._open(kind, text, choices), self._changed:
             # It may have been asked for before the question was.

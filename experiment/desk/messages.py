@@ -1,8 +1,7 @@
-"""What a session tells its console, and what a console asks of a session: typed messages, each one line of JSON.
+"""Typed messages between a session and its consoles, each one line of JSON.
 
-A session tells its whole `View` whenever something in it changed, so that a console which begins late, or anew, has
-caught up with the first line that it reads. A console sends commands; every one is answered by a `Reply`. The
-participant's screen gets a `Prompt` instead of a view: nothing of what is presented is in it.
+A session sends its whole `View` at every change, so that a later console is up to date; it answers every command by a
+`Reply`. The participant's screen gets a `Prompt`, without what is presented.
 """
 
 from typing import Annotated, Literal
@@ -72,10 +71,9 @@ Kind = Literal[
 
 
 class Question(Message):
-    """What is asked now. `number` is unlike that of any other question; an answer to another one is refused.
+    """What is asked now, with a unique `number`; answers to another are refused.
 
-    A question of kind `answer` is asked until a key is chosen; then `confirm` asks for its confirmation. One of kind
-    `write` is answered by `Write`: a line of text, or nothing.
+    Kind `answer` is asked until a key is chosen, then `confirm`; `write` is answered by `Write`, a line or nothing.
     """
 
     number: int
@@ -99,11 +97,10 @@ Pace = Literal["slow", "right", "fast"]
 class Measured(Message):
     """What a kind of trial measures all the time.
 
-    `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving` tells that a trial is under way
-    at this moment, `stepped` that its step counts and its question comes, and `last` what the one before was like, at
-    which `pace` if the protocol asks for one. `too_fast` says whether the participant moves too fast at this moment,
-    None where no lamp says so. `delivered` is the stimulus before: as intended, not, or not measured. `hand_mm` is how
-    high the hand is above a virtual block, and `second` whether that is the second of its pair, None where none is.
+    `trace` is the movement of the last seconds in `trace_unit`, oldest first; `moving`: a trial is under way;
+    `stepped`: its step counts and its question comes; `last` and `pace` are of the one before. `too_fast` is None
+    without a lamp. `delivered` is the stimulus before: as intended, not, or not measured. `hand_mm` is the hand's
+    height above a virtual block, and `second` whether that is the second of its pair, None without one.
     """
 
     trace: tuple[float, ...] = ()
@@ -122,9 +119,8 @@ class Measured(Message):
 class Gauges(Measured):
     """What is measured all the time, by the session too.
 
-    `left_s` is left of the protocol's session time, s. `masker_db_a` is its level, dB(A), None in silence, at most
-    `masker_limit_db_a`, None for a rig without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt so far,
-    `vibration_s` together, s.
+    `left_s` is left of the session, s. `masker_db_a` is dB(A), None in silence, at most `masker_limit_db_a`, None
+    without sound; `dose` is that of 24 hours, of 1. `stimuli` were felt, `vibration_s` together, s.
     """
 
     left_s: float
@@ -144,10 +140,7 @@ class Told(Message):
 
 
 class Standing(Message):
-    """How far a session is, and what it is for.
-
-    Of the task's `trials` so many are answered and so many remain; `recent` are the last answers, oldest first.
-    """
+    """A session's progress and purpose: answered and remaining `trials`, and `recent` answers, oldest first."""
 
     task: str = ""
     purpose: str = ""
@@ -165,16 +158,13 @@ class Ended(Message):
 
 
 class View(Message):
-    """All that a console shows. `label` is PRACTICE or PILOT, and empty in a study; in one of `pairs` samples are
-    compared, and nothing is armed.
+    """All that a console shows. `label` is PRACTICE or PILOT, empty in a study; in `pairs` samples are compared.
 
-    `step` is where the visit stands, one of `steps`. `trial` and `attempt` are under way. `lay_out` is what to lay out
-    in tasks with real objects. `instruction` is what the participant is told: in the familiarisation, and then, until a
-    first trial is answered, of the task. `heard`
-    is what the microphone proposes as the answer. `again` says, of a trial that is armed again, why the step before did
-    not count. `answers` are those that a trial of this task may have, once one was
-    asked for. `masked` tells that a masker was played in this task, on headphones. `pause_until_ns` is when a break is
-    over, or a familiarisation may end or is to, in nanoseconds of the system's clock.
+    `step` is where the visit is, one of `steps`. `trial` and `attempt` are under way, with real objects to `lay_out`.
+    `instruction` is the participant's: of the familiarization, then of the task until a first answer. `heard` is the
+    microphone's proposal. `again` says why the step before did not count. `answers` are this task's, once asked for.
+    `masked`: headphones played a masker in this task. `pause_until_ns` ends a break or a familiarization, ns of the
+    system's clock.
     """
 
     kind: Literal["view"] = "view"
@@ -211,13 +201,11 @@ Show = Literal["wait", "instructions", "masker", "rest", "ready", "answer", "com
 class Prompt(Message):
     """What the participant's screen shows. Nothing in it depends on what is presented.
 
-    `number` is unlike that of a prompt that looks otherwise. `text` is the protocol's instruction, `again` tells that
-    the step before did not count, `unplayed` that nothing plays what a masker hides, and `answers` are what may be said
-    in any trial. The participant may answer `question` with `keys`, those of its choices. `pace` is that of the last
-    step, and `lamp` whether the lamp is lit that says too fast, None for no lamp. `second` says whether the second of
-    two virtual surfaces is there, or the first; None without. `hand_mm` is where the hand is shown above the block,
-    None for no picture of them. `unmasked` tells that a masker was played and plays no longer. A break lasts until
-    `until_ns`, in nanoseconds of the system's clock. `label` is PRACTICE or PILOT, and empty in a study.
+    `number` is unique to its look. `text` is the protocol's instruction, `again`: the step before did not count,
+    `unplayed`: nothing plays what a masker hides, `answers` are allowed in any trial. `keys` answer `question`. `pace`
+    is of the last step; `lamp` says too fast, None for no lamp. `second`: the second of two virtual surfaces is there,
+    None without. `hand_mm` is the hand's height above the block, None for no picture. `unmasked`: a masker has stopped.
+    A break lasts until `until_ns`, ns of the system's clock. `label` is PRACTICE or PILOT, empty in a study.
     """
 
     kind: Literal["prompt"] = "prompt"

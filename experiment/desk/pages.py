@@ -1,7 +1,6 @@
 """What the participant's screen looks like: from a prompt to a page, and from a page to a picture.
 
-The background never changes and is dark, no colour is bright, and nothing moves or blinks: a page differs from the one
-before in its text alone.
+The background is always dark, no color is bright, and nothing moves or blinks.
 """
 
 from __future__ import annotations
@@ -61,11 +60,10 @@ REGULAR = ("NotoSansCJK-Regular", "NotoSans-Regular", "ipagp", "ipag", "DejaVuSa
 
 @dataclass(frozen=True)
 class Page:
-    """One page: a text, a clock below it, keys with what they do, and the pace of the last step in its range.
+    """One page: a text, a clock, keys with what they do, and the pace of the last step in its range.
 
-    `keys` holds what stands on a key, nothing for a remark without one, and what it does. `paces` holds each pace, its
-    words, and whether it was that of the last step; a lamp stands there alike. Whether there is a block is `block`: the
-    hand above it moves, and is no part of the page (`hand_px`).
+    `keys` pairs a key, or nothing, with a text. `paces` are words and whether each was the last, as for a lamp. With a
+    `block` the hand moves above it (`hand_px`).
     """
 
     text: str
@@ -199,10 +197,7 @@ def drawn(page: Page, size_px: tuple[int, int], font: Path) -> Image:
 
 
 def _fitted(text: str, room: tuple[float, float], unit: float, font: Path) -> tuple[list[str], FreeTypeFont, float]:
-    """Return a text in lines, its letters, and from line to line in pixels; as large as it fits in `room`.
-
-    What does not even fit in the smallest letters ends with three dots.
-    """
+    """Return a text in lines, its letters and line spacing in pixels, as large as fits in `room`, cut with dots."""
     for size in SIZES_PX:
         letters = _letters(font, size * unit)
         lines, pitch = wrapped(text, room[0], letters.getlength), 1.5 * size * unit
@@ -266,9 +261,9 @@ def _letters(font: Path, size_px: float) -> FreeTypeFont:
 
 
 def wrapped(text: str, width: float, measure: Callable[[str], float]) -> list[str]:
-    """Return a text in lines no wider than `width`, by `measure`, which a single letter alone may be.
+    """Return a text in lines no wider than `width` by `measure`, except for a single letter.
 
-    A line ends at a blank, between two letters of a script without blanks, or, where nothing else is left, in a word.
+    A line ends at a blank, between letters of a script without blanks, or else in a word.
     """
     lines = []
     for paragraph in text.strip().split("\n"):
@@ -305,11 +300,7 @@ def _unspaced(letter: str) -> bool:
 
 
 def font_for(letters: frozenset[str], wanted: Path | None) -> tuple[Path, str]:
-    """Return the font file to draw letters with, and which of them it does not hold.
-
-    It is the one that is wanted, or the one that comes with matplotlib, or, if that does not hold them all, one of this
-    machine that does.
-    """
+    """Return the font file for letters, and those that it lacks: the wanted, matplotlib's, or a complete one."""
     import matplotlib as mpl
 
     first = wanted or Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"

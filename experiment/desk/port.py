@@ -34,17 +34,13 @@ class Attended(Protocol):
 
 
 class Console(Rester, Protocol):
-    """What the experimenter sees and keys. It never decides what comes next; what it leaves out does nothing.
+    """What the experimenter sees and keys, without deciding what comes next; what it leaves out does nothing.
 
-    A console at which the experimenter may ask for a pause raises `PauseAsked` from whatever it waits in, and
-    `LinkError` once nobody can reach it any more.
+    A console may raise `PauseAsked` from whatever it waits in, and `LinkError` once nobody can reach it.
     """
 
     def attend(self, session: Attended | None) -> None:  # noqa: ARG002
-        """Take note of the session that is under way, or paused, from now on; None for none.
-
-        Nothing that a desk asked of the one before is still being done when this returns.
-        """
+        """Follow the session under way or paused from now on, None for none; all work for the one before has ended."""
         return
 
     def at(self, *, step: str, steps: Sequence[str]) -> None:  # noqa: ARG002
@@ -78,19 +74,16 @@ class Console(Rester, Protocol):
         """Return one of `keys`, to change the masker's level, or "" to keep it because `criterion` holds."""
 
     def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        """Return whether the participant now says `words`, as take `take` of `takes`, to compare answers with.
+        """Return whether the participant now says `words`, as take `take` of `takes`; False is without a microphone.
 
-        False goes on without a microphone. `why` says why the take before could not be used.
+        `why` says why the take before was not used.
         """
 
     def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
         """Return when the real object has been laid out, or, of a pair, both."""
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        """Say that the next step is trial `trial` of `trials`, for the foot is watched from now on.
-
-        Return whether the experimenter had to be waited for; where nobody is missed, this returns at once.
-        """
+        """Announce trial `trial` of `trials`, armed from now on; return whether the experimenter was waited for."""
 
     def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
         """Say that a step broke off, why, and that the trial is armed again; return as `arm` does."""

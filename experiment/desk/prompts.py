@@ -1,9 +1,8 @@
-"""What the participant's screen shows, from what the console does: nothing that is presented or laid out passes.
+"""What the participant's screen shows of a view: nothing that is presented or laid out passes.
 
-Of a view only its state, whether samples are compared, whether its step is the debriefing, the kind of its question,
-the keys of that, the protocol's own instruction, the pace of the last step and whether it counted, whether a hand is
-too fast, how high it is and which of two places it taps, whether a masker was played, the end of a break, whether a
-fault ended the session, and the label of a practice are looked at.
+It reads only the state, whether samples are compared or the step is the debriefing, the question's kind and keys, the
+instruction, the last step's pace and whether it counted, whether the hand is too fast, its height and place, whether a
+masker was played, the end of a break, a fault at the end, and the label of a practice.
 """
 
 from dataclasses import dataclass
@@ -45,10 +44,9 @@ IN_STATE: dict[str, Show] = {
 
 @dataclass(frozen=True)
 class Theirs:
-    """What a protocol leaves to the participant at their screen, the same in every trial.
+    """What a protocol leaves to the participant at their screen, in every trial.
 
-    They may answer questions of the kinds `answerable`: no trial, since they answer that aloud. `answers` are shown
-    while they do; there are none unless the protocol shows them.
+    They may answer questions of the kinds `answerable`, never a trial, and see `answers` if the protocol shows them.
     """
 
     answerable: frozenset[str] = frozenset()

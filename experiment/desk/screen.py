@@ -1,7 +1,6 @@
 """The participant's screen: a process of its own that shows a session's prompts in a window of PsychoPy.
 
-It may come, go and crash at any moment. The session goes on, and tells it what to show when it is back. Without a
-session it asks the participant to wait, and looks for one. Only here is PsychoPy imported.
+It may crash and come back at any moment. Without a session it asks the participant to wait, and looks for one.
 """
 
 from __future__ import annotations
@@ -188,10 +187,10 @@ def _check_display(display: int) -> None:
 
 
 def _press_once(window: Any) -> None:
-    """Have a key that is held in a window of pyglet pressed once.
+    """Have a held key in a window of pyglet pressed once.
 
-    X repeats it as releases and presses. pyglet asks the server to leave out those releases, and then tells repeats
-    from presses; but it asks on one connection alone, and a window of PsychoPy has another.
+    X repeats it as releases and presses; pyglet has the server omit releases on one connection alone, PsychoPy has
+    another.
     """
     if sys.platform.startswith("linux"):
         from ctypes import byref, c_int
@@ -213,10 +212,9 @@ def alone(path: Path) -> Iterator[None]:
 
 @dataclass(eq=False)
 class Screen:
-    """Shows what a session says, until somebody closes the window or the session has ended.
+    """Shows the prompts of `feed` until the window closes or the session ends; `folder` is where a font is looked for.
 
-    It shows the prompts of `feed`; `folder` is that of the rig file, from which a font is named. A screen that `stays`
-    looks for a session until somebody closes it; another leaves when none comes.
+    A screen that `stays` looks for a session until somebody closes it; another leaves when none comes.
     """
 
     feed: Feed
@@ -297,10 +295,9 @@ def _send(line: Line, deed: Deed) -> None:
 
 
 def show(path: Path, settings: ScreenRig, folder: Path, tell: Callable[[str], None], *, stays: bool) -> None:
-    """Be the participant's screen of the session at `path`, until it has ended, or the window or process is closed.
+    """Be the participant's screen of the session at `path`, until it ends, or the window or process is closed.
 
-    A screen that `stays` outlives a session that is lost. `tell` tells a line to whoever started the screen. Raises
-    `DisplayError` and `LinkError`.
+    A screen that `stays` outlives a lost session. `tell` reports a line. Raises `DisplayError` and `LinkError`.
     """
     with alone(path), closing(Window(settings)) as window, closing(Feed(path)) as feed, suppress(KeyboardInterrupt):
         Screen(feed, window, settings, folder, tell, stays=stays).run()

@@ -33,11 +33,7 @@ MOST_DIGITS = 6
 
 
 def typed_ahead(source: TextIO) -> str:
-    """Return what was typed on a terminal before now, and drop it; nothing where `source` is a pipe.
-
-    A pipe holds what was meant to be read later; a terminal holds what somebody typed too early. Raises `OSError` if
-    the terminal is lost.
-    """
+    """Return and drop what was typed early on a terminal, nothing on a pipe. Raises `OSError` for a lost terminal."""
     try:
         descriptor = source.fileno()
         if not os.isatty(descriptor):
@@ -75,10 +71,7 @@ class _Lines:
     """A text stream to show lines on, and what is typed at its prompts."""
 
     def __init__(self, *, write: TextIO, ask: Callable[[str], str], early: Callable[[], str] = str) -> None:
-        """Write lines to `write`; `ask` shows a prompt and returns the line typed.
-
-        `early` returns what was typed before now, and drops it.
-        """
+        """Write lines to `write`; `ask` prompts for a line, `early` returns and drops what was typed before."""
         self._write = write
         self._read = ask
         self._early = early
@@ -113,10 +106,7 @@ class _Lines:
 
 
 class TerminalConsole(_Lines, Console):
-    """Implements `Console` on a text stream: an answer's key is typed, and typed again to confirm it.
-
-    Nothing that was typed before a question answers it. The end of the input (Ctrl-D) pauses as Ctrl-C does.
-    """
+    """`Console` on a text stream: an answer's key is typed twice, early keys do not count, Ctrl-D pauses as Ctrl-C."""
 
     def __init__(
         self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = str

@@ -1,7 +1,6 @@
-"""What a process of one task holds of the machine, for `palpate plan`: it is started, opens everything, and says so.
+"""What a process of one task holds of the machine, for `palpate plan`.
 
-`python -m palpate.experiment.rehearsal.held` is that process. It opens what a session opens up to its first trial, with
-nobody in the room, and ends when its input does, so that others can look at its ports meanwhile.
+`python -m palpate.experiment.rehearsal.held` opens what a session opens up to its first trial, and ends with its input.
 """
 
 import json
@@ -46,10 +45,7 @@ class Held:
 
 
 def started(asked: Asked, opened: ExitStack) -> Held:
-    """Return what a process of its own holds once all is open; it stays open until the stack is closed.
-
-    Raises `SessionError` if it cannot open something, or this is no system that tells what a process holds.
-    """
+    """Return what a process of its own holds once all is open, until the stack is closed. Raises `SessionError`."""
     command = storage.python_command("-m", "palpate.experiment.rehearsal.held", json.dumps(asdict(asked)))
     pipe = subprocess.PIPE
     process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe, text=True)  # noqa: S603

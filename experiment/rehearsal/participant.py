@@ -1,7 +1,4 @@
-"""A simulated person behind the console's port, at the keys of a simulated experimenter or of one who practises.
-
-What every simulated participant does beside the trials stands here; what they feel and answer is their kind's.
-"""
+"""A simulated person behind the console's port, at the keys of a simulated or practicing experimenter."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -27,9 +24,8 @@ LISTENS_NS = 600_000_000
 class SimulatedPerson(Console):
     """Implements `Console`, but for what a kind of trial asks of a participant: `says`.
 
-    `who` are label of the participant and id of the task, and `entropy` names the random draws. Thinking and speaking
-    let the time of the session's `clock` pass. `tick` is called after each confirmed answer; `screen` shows what the
-    experimenter would see.
+    `who` are the ids of participant and task, `entropy` names the random draws. Thinking and speaking take `clock`'s
+    time. `tick` follows each confirmed answer; `screen` shows what the experimenter would see.
     """
 
     protocol: Protocol

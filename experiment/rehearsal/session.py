@@ -1,7 +1,4 @@
-"""Simulated participants: REHEARSAL of one after another or several at a time, and PRACTICE with one.
-
-The session is the real one; the simulated world stands at the far ends of its ports.
-"""
+"""REHEARSAL of participants one after another or several at a time, and PRACTICE with one, in real sessions."""
 
 from __future__ import annotations
 
@@ -59,10 +56,9 @@ TASK_NS = 2 * 3600 * 10**9
 
 @dataclass(frozen=True)
 class Job:
-    """One participant: the prepared folder of a rehearsal or of practice, their label, and the ids of their tasks in
-    order.
+    """One participant of a rehearsal or practice: the prepared folder, their label, and their tasks' ids in order.
 
-    `seed` names every draw, `control` is `none` or `silence`, and `real_time` says whether the wall clock paces it.
+    `seed` names every draw, `control` is `none` or `silence`, and `real_time` is paced by the wall clock.
     """
 
     dataset: Path
@@ -74,9 +70,9 @@ class Job:
 
 
 def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
-    """Run every task of one participant, or what remains of them; `tick` is called after each confirmed answer.
+    """Run what remains of a participant's tasks; `tick` follows each confirmed answer. Raises `PalpateError`.
 
-    `screen` shows what an experimenter would see; None for no screen. Raises `PalpateError` if a part failed.
+    `screen` shows what an experimenter would see; None for no screen.
     """
     for task_id in job.tasks:
         footer = run_task(job, task_id, tick, screen)
@@ -85,10 +81,7 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
 
 
 def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: Console | None = None) -> Footer:
-    """Run a task of a participant, or what remains of it; arguments and errors are those of `rehearse_participant`.
-
-    At `desk` an experimenter practises: the keys are theirs, and familiarisation may end at once.
-    """
+    """Run what remains of a task, as `rehearse_participant`, with an experimenter who practices at `desk`, if any."""
     kept = storage.protocol_path(job.dataset)
     rig_file = kept.with_name("rig.toml")
     protocol, rig = _study(kept, rig_file, storage.read_bytes(kept), storage.read_bytes(rig_file))
@@ -301,10 +294,9 @@ def rehearse_at_once(
 ) -> None:
     """Rehearse every participant of `todo`, `jobs` at a time; `tick` is called here after each confirmed answer.
 
-    `begun` is called once all processes have begun, which are forks of this one on Linux: it may begin threads. At the
-    end `finish` is called, with what calls a function in these processes.
-
-    Raises `Interrupted` at the keyboard, with what is confirmed on disk, and `PalpateError` if a part failed.
+    `begun` is called once all processes (forks on Linux) have begun, so it may begin threads; `finish` at the end with
+    what calls a function in them. Raises `Interrupted` at the keyboard, with what is confirmed on disk, and
+    `PalpateError`.
     """
     context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     others = set(multiprocessing.active_children())
@@ -338,11 +330,7 @@ def _end_at(interrupts: Sequence[int]) -> None:
 
 @contextmanager
 def _noted() -> Iterator[Sequence[int]]:
-    """Give a list that grows with each press of Ctrl-C, which does nothing else meanwhile.
-
-    As an exception it might come while the pool's locks are being taken; nobody would release those, and the process
-    would never end.
-    """
+    """Yield a list that grows with each press of Ctrl-C, which as an exception might leave the pool's locks taken."""
     pressed: list[int] = []
     before = signal.getsignal(signal.SIGINT)
     # A process that ignores it, as a background job does, goes on ignoring it; only the main thread may change that.

@@ -62,15 +62,13 @@ def rehearse(
 ) -> Path:
     """Rehearse a study, or what remains of an interrupted rehearsal, and return the complete dataset's folder.
 
-    `rig_file` is of a simulated rig. `out` is made, or continued where it holds the same rehearsal; None stands for a
-    folder under `participants/` that is named after the study and the seed. `participants` are rehearsed from the
-    first, None for all of the study's, `jobs` at a time, each in a process of its own; 0 is one a core. `seed` names
-    every random draw, and `real_time` paces by the wall clock. `total` is called with the number of answers, and of
-    those on disk already, and `tick` after each confirmed answer; `screen` shows what an experimenter would see, one
-    participant after another.
+    `out` is made or continued; None is a folder under `participants/` named after study and seed. The first
+    `participants` are rehearsed, None for all, in `jobs` processes at a time, 0 for one a core. `seed` names every
+    draw, and `real_time` paces by the wall clock. `total` gets the numbers of answers and of those on disk, `tick`
+    follows each confirmed answer; `screen` shows what an experimenter would see.
 
-    Raises `DatasetError` if `out` holds anything but this rehearsal, and `PalpateError` if a part failed; the same call
-    continues where it stopped. If no session has begun by then, nothing is left in `out`.
+    Raises `DatasetError` if `out` holds anything else, and `PalpateError` if a part failed; the same call continues.
+    Before any session nothing is left in `out`.
     """
     protocol = files.load(protocol_file)
     count = protocol.study.participants if participants is None else participants
@@ -144,12 +142,10 @@ def practice_folder(protocol: Protocol) -> Path:
 def practise(
     *, protocol_file: Path, rig_file: Path, participant: str, task_id: str | None, out: Path | None, console: Console
 ) -> Footer:
-    """Have an experimenter at `console` practise a session with a simulated participant, and return its footer.
+    """Have an experimenter at `console` practice a session with a simulated participant, and return its footer.
 
-    `rig_file` is of a simulated rig. `out` is made, or continued where it holds practice of the same protocol and rig;
-    None stands for a folder under `participants/` that is named after the study. `task_id` None stands for all of the
-    participant's tasks that are not complete. Raises as `rehearse`, and `RosterError` for a participant or a task
-    that the study does not have.
+    `out` is made or continued; None is a folder under `participants/` named after the study. `task_id` None is for all
+    incomplete tasks. Raises as `rehearse`, and `RosterError` for an unknown participant or task.
     """
     protocol = files.load(protocol_file)
     rig = _simulated_rig(rig_file, protocol)
@@ -254,10 +250,7 @@ def is_begun(out: Path, plan: Plan) -> bool:
 
 @contextmanager
 def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Iterator[None]:
-    """Make `out` with all that stands before the first participant, whole or not at all.
-
-    If this ends before the first session has begun, `out` is as it was before; what another call made stays.
-    """
+    """Make `out` with all that precedes the first participant, whole or not at all, and undo it without a session."""
     was_there, parents = out.exists(), [above for above in out.parents if not above.exists()]
     made = False
     try:

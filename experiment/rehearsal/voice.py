@@ -1,8 +1,7 @@
 """SIMULATED voice: says any word as sounds that are its own, louder than the room and like nobody's speech.
 
-A word's letters draw its sounds: buzzes with two resonances in turn with hisses, as vowels and consonants are. Another
-speaker says it at another pitch and with other resonances, and each time a little faster or slower, higher or lower. It
-says nothing of real participants.
+Letters draw buzzes with two resonances and hisses. Speakers differ in pitch and resonances, and each time a little in
+pace and pitch. It says nothing of real participants.
 """
 
 from __future__ import annotations

@@ -54,11 +54,7 @@ WRITES = (messages.Choice(key=messages.ENTER, words="write down the answer, or t
 
 @dataclass(frozen=True)
 class Left:
-    """Why a console was left.
-
-    The session ended, and told how (`ended`); its process was gone, and should run `again` or not; or the experimenter
-    left a session that goes on.
-    """
+    """Why a console was left: the session `ended`, its process was lost, to be run `again` or not, or it goes on."""
 
     why: Literal["ended", "gone", "left"]
     ended: messages.Ended | None = None
@@ -68,8 +64,7 @@ class Left:
 def attend(path: Path, hello: messages.Hello) -> Left:
     """Show the console of the session that listens at `path` until it is left, and return why.
 
-    Raises `LinkError` if no session listens there, or if it speaks another version's messages, and whatever ended a
-    console that is at fault itself; the session goes on in any case.
+    Raises `LinkError` if none listens or it is of another version, and a fault of the console; the session goes on.
     """
     host.favour()
     with closing(Line(path, hello)) as line:
@@ -111,8 +106,7 @@ class Console(App[Left]):
     def __init__(self, line: Line) -> None:
         """Show the session at the other end of `line`.
 
-        `view_now` is the newest view, `misunderstood` why the session could not be understood, and `failed` the fault
-        of the console that ended it, if there was one.
+        `view_now` is the newest view, `misunderstood` the link's fault, and `failed` the console's own.
         """
         super().__init__()
         self.misunderstood: LinkError | None = None

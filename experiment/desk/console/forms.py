@@ -26,10 +26,7 @@ class Blank:
 
 @dataclass(frozen=True)
 class Form:
-    """What is asked for: `title` says it, `does` what Enter does, `hint` what may be filled in.
-
-    `trial` is the one that was under way when the form was opened; `question` the one that it answers, if it does.
-    """
+    """What is asked for: `title`, `does` (of Enter) and `hint`, for a `trial` under way, or to answer a `question`."""
 
     name: str
     title: str

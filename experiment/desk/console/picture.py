@@ -1,8 +1,4 @@
-"""What the console draws of a view: words, colours and places, as texts of rich; nothing here knows the screen.
-
-A key or a command that may be clicked carries it in the text's style (`PRESSES`), so that the mouse does what the key
-does.
-"""
+"""What the console draws of a view, as texts of rich; keys and commands carry `PRESSES` in their style, for clicks."""
 
 import math
 from dataclasses import dataclass, replace
@@ -43,10 +39,7 @@ OFF, UNLIT = "#1c252c", "#5d6a74"
 
 @dataclass(frozen=True)
 class Phase:
-    """What happens now: one word for it, the strip's place where it is lit, its colour, and a sentence.
-
-    A place that the strip does not have stands for its first.
-    """
+    """The present phase: its word, its place on the strip (else the first), its color, and a sentence."""
 
     word: str
     place: str
@@ -60,8 +53,7 @@ class Phase:
 
 
 STEPS, PAIRS, VIRTUAL = ("", "ARMED", "STEPPING", "ANSWER"), ("", "LAY OUT", "ANSWER"), ("", "ANSWER")
-"""The strip from left to right, of footsteps, of comparisons, and of those of virtual surfaces, which nobody lays out;
-the first place is for all that is none of the others."""
+"""The strips of footsteps, comparisons, and virtual surfaces, from left to right; first the place for all else."""
 
 ASKED = {
     "agree": Phase("AGREE?", "", ORANGE),
@@ -240,10 +232,7 @@ def trace(values: tuple[float, ...], unit: str, width: int, rows: int) -> Text:
 
 
 def gauges(told: Gauges, roomy: bool, width: int) -> Text:
-    """Return what is measured, in words; the lamps of parts that are not well come with theirs.
-
-    Where no movement is measured, nothing is set off by one, and nothing of either is told.
-    """
+    """Return the measured values in words, movement only where it is measured; faulty parts come with lamps."""
     text = Text()
     if told.trace_unit:
         moved = f"Last: {told.last}" if told.last else "No movement yet"
@@ -267,10 +256,7 @@ def delivered(was: bool | None) -> Text:
 
 
 def lamps(told: tuple[Lamp, ...], *, roomy: bool, width: int) -> Text:
-    """Return the health of every part: what is not well first, with words; the others have words if it is roomy.
-
-    Names without words stand side by side, as many as the width takes.
-    """
+    """Return the health of every part, faults first with words; the others have words if `roomy`, or fill `width`."""
     text, brief_before = Text(), False
     for lamp in sorted(told, key=lambda one: (one.good is not False, one.good is not None)):
         brief = lamp.good is True and not roomy

@@ -1,10 +1,8 @@
 """Which press of a key, or of the mouse's button, counts: not one that repeats, nor one from before its question."""
 
 HELD_S = 0.75
-"""The same key again after less time than this is a key that is held down, s.
-
-A key that is held comes again after at most 0.66 s on X11, Wayland and the systems' own defaults, and then every 10 to
-50 ms.
+"""The same key again after less time than this is held down, s: a held key repeats after at most 0.66 s on X11, Wayland
+and the systems' own defaults, and then every 10 to 50 ms.
 """
 
 SEEN_S = 0.1
@@ -23,10 +21,7 @@ class Presses:
         self._since_s = 0.0
 
     def held(self, key: str, at_s: float) -> bool:
-        """Take note of a press, and return whether it only continues the one before.
-
-        That was of the same key: a key that is held repeats no longer once another one is pressed. A click is no key.
-        """
+        """Note a press, and return whether it continues the one before, of the same key; a click never does."""
         before, before_s = self._latest.get(key == MOUSE, ("", 0.0))
         self._latest[key == MOUSE] = key, at_s
         return key == before and at_s - before_s < HELD_S

@@ -1,9 +1,7 @@
-"""The console in a browser: one page for whoever has its address, which holds a secret; nobody else gets anything.
+"""The console in a browser: one page for whoever has its address, which begins with a secret.
 
-The secret is the first part of the address's path. A cookie would go to every port of this machine, other users' too.
-
-The page is open to this machine alone unless another address of it is named. What travels is not encrypted, so that
-from elsewhere it is best reached through an ssh tunnel.
+A cookie would go to every port of this machine, other users' too. Unless another address is named, the page is open to
+this machine alone; nothing is encrypted, so use an ssh tunnel from elsewhere.
 """
 
 import hmac
@@ -113,7 +111,7 @@ def _is_size(cells: object) -> bool:
 def served(command: Sequence[str], *, host: str = LOOPBACK, port: int = 8000) -> Served:
     """Return what serves a command's screen at an address of this machine; `.serve()` waits until Ctrl-C.
 
-    Raises `LinkError` for what is no single address: a page that is open everywhere is opened by nobody on purpose.
+    Raises `LinkError` unless it is a single address.
     """
     try:
         address = ipaddress.ip_address(host)

@@ -1,7 +1,4 @@
-"""The desk's first page: how far a study is, who comes next, and whose session is begun from here.
-
-It draws what `palpate status` knows, so the same stays concealed: no order of tasks stands here before its session.
-"""
+"""The desk's first page: a study's progress and the next session, as concealed as in `palpate status`."""
 
 import threading
 from collections import Counter
@@ -46,10 +43,9 @@ class Found(Message):
 
 
 class StudyPage(App[str]):
-    """Shows a study; ends with the label of the participant whose session is to be begun, or with None.
+    """Shows a study; ends with the label of the participant whose session is to begin, or with None.
 
-    `read` gives the study as it is now, or raises `PalpateError`. `refuses` says in words why no session can be begun
-    from here; it is empty where one can.
+    `read` gives the study or raises `PalpateError`; `refuses` says why no session can begin, empty where one can.
     """
 
     CSS_PATH = "study.tcss"

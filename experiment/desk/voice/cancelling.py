@@ -16,8 +16,7 @@ _RIDGE = 1e-6
 """Of the played power, added to the diagonal: where x has no power, as at the band's end, h stays 0."""
 
 _TURNS, _SOLVED = 20, 1e-4
-"""At most so many turns, and until the residual of the normal equations has fallen to this part: it adds about -80 dB
-of the masker, far below what a room leaves."""
+"""Most turns, and the residual of the normal equations at which to stop: it adds about -80 dB of the masker."""
 
 
 def leak(
@@ -25,9 +24,8 @@ def leak(
 ) -> NDArray[np.float64]:
     """Return the filter from played samples to the microphone, shape (TAPS,), 0 where nothing was played.
 
-    Both are in the band, of the same moments, shape (n,), with n of `SHORTEST` or more. Samples that are not `counted`,
-    shape (n,), have no equation: those in which somebody speaks, for speech of power s adds as much error as noise of
-    its power. Raises `VoiceError` for other shapes.
+    Both are in the band, at the same moments, shape (n,), with n of `SHORTEST` or more. Samples that are not `counted`,
+    shape (n,), are speech, which would add as much error as noise. Raises `VoiceError` for other shapes.
     """
     if microphone.shape != played.shape or microphone.ndim != 1 or microphone.size < SHORTEST:
         raise VoiceError(
@@ -72,10 +70,7 @@ def leak(
 def cancelled(
     microphone: NDArray[np.float64], played: NDArray[np.float64], taps: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the microphone without what `taps` make of the played samples, shape (n,), as both are.
-
-    The first of `taps.size` samples still hold what was played before them.
-    """
+    """Return the microphone less `taps` of the played samples, shape (n,); the first `taps.size` lack the past."""
     if not np.any(taps):
         return microphone
     n = fft.next_fast_len(microphone.size + taps.size, real=True)

@@ -1,7 +1,6 @@
-"""Has a participant say every answer twice, to compare with, and keeps what is computed of that for the visit.
+"""Has a participant say every answer twice, to compare with, and saves their cepstra, never a sound, for the visit.
 
-What is kept are cepstra, never a sound, in a file that its owner alone may open, outside of every dataset. A session
-that goes on after a kill, and the next task of the visit, find it there; the end of the visit deletes it.
+Its file is for its owner alone, outside of every dataset. The end of the visit deletes it.
 """
 
 import io
@@ -52,9 +51,9 @@ class Enroller:
     file: Path | None
 
     def enrol(self) -> tuple[Enrolment | None, str]:
-        """Return the enrolment, None to go on without the microphone, and in words how that came about.
+        """Return the enrolment, None to go on without the microphone, and how that came about, in words.
 
-        Raises `PalpateError` if the device has stopped, or the experimenter has the session pause.
+        Raises `PalpateError` if the device has stopped, or the experimenter pauses.
         """
         if kept := load(self.file, self.answers):
             return enrolled(kept), "what the participant said earlier in this visit is compared with"

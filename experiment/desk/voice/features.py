@@ -1,9 +1,7 @@
 """What an utterance sounds like from moment to moment: mel-frequency cepstral coefficients, in the band of a voice.
 
-The band reaches up to 8 kHz, at 16,000 samples a second, without what lies below 30 Hz. One Fourier transform takes the
-band and its rate at once, so no frequency is folded and nothing is delayed.
-
-Differences in time, and taking off the noise's energies, changed nothing that was measured, and are left out.
+The band is 30 Hz to 8 kHz, at 16,000 samples a second, by one Fourier transform without folding or delay. Differences
+in time, and subtracting the noise's energies, changed no measured figure.
 """
 
 from functools import lru_cache
@@ -44,8 +42,7 @@ _NOTHING = 1e-30
 def cepstra(samples: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the coefficients of every frame, shape (frames, COEFFICIENTS), of an utterance in the band, shape (n,).
 
-    Frames begin every `HOP` samples and lie within the utterance; one that is shorter than a frame is filled up with
-    zeros. The same samples louder or softer give the same coefficients.
+    Frames begin every `HOP` samples, a short one is filled up with zeros. They do not depend on the level.
     """
     x = np.pad(samples, (0, max(FRAME - samples.size, 0)))
     x = np.append(x[:1], x[1:] - _EMPHASIS * x[:-1])
@@ -71,7 +68,7 @@ def _bands() -> NDArray[np.float64]:
 def banded(samples: NDArray[np.floating[Any]], *, rate_hz: int) -> NDArray[np.float64]:
     """Return a channel of the stream in the band, any unit, shape (ceil(n RATE_HZ / rate_hz),), for samples of (n,).
 
-    Raises `VoiceError` for anything but a row of finite samples, and for a rate below `RATE_HZ`.
+    Raises `VoiceError` unless samples are a finite row, and for a rate below `RATE_HZ`.
     """
     x = np.asarray(samples, np.float64)
     if x.ndim != 1 or not np.all(np.isfinite(x)):

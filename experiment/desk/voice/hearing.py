@@ -1,10 +1,7 @@
 """From the microphone and the masker to what was said, when, and how sure that is.
 
-`listen` learns what the microphone hears while nobody speaks: what the masker leaks into it, and the quiet. It takes
-most of the time, and is done while the foot is awaited. `hear` then takes the masker out of the answer's samples, finds
-the utterances, and matches each against the participant's enrolment, whose takes `take` prepares.
-
-What is proposed is only that. The experimenter's key decides.
+`listen` learns the masker's leak and the quiet, which takes most of the time, while the foot is awaited. `hear` takes
+the masker out, finds the utterances, and matches each against the enrolment, whose takes `take` prepares.
 """
 
 from dataclasses import dataclass
@@ -70,9 +67,8 @@ SILENCE = Heard(None, None, 0.0, 0.0)
 def listen(microphone: Samples, played: Samples, *, rate_hz: int) -> Background:
     """Return what the microphone hears while nobody speaks, from samples of it and of what the masker played.
 
-    Both are of the same moments, 0.36 s or more; the last `LISTENED_S` of them count. Where somebody does speak, filter
-    and quiet are taken again without those moments. Raises `VoiceError` for fewer or unlike samples, and as `banded`
-    does.
+    Both are of the same moments, 0.36 s or more; the last `LISTENED_S` count, less those in which somebody speaks.
+    Raises `VoiceError` for fewer or unlike samples, and as `banded`.
     """
     _alike(microphone, played)
     last = slice(-round(LISTENED_S * rate_hz), None)
@@ -95,7 +91,7 @@ def take(
 ) -> Take:
     """Return the take of an answer that is said once, `answerable_s` after the first sample or later.
 
-    Raises `VoiceError` where nobody speaks or several utterances are heard, and as `hear` does.
+    Raises `VoiceError` for no utterance or several, and as `hear`.
     """
     samples, utterances, _, _ = _utterances(microphone, played, rate_hz, answerable_s, background)
     if len(utterances) != 1:
@@ -125,10 +121,9 @@ def hear(
 ) -> Heard:
     """Return what was said, `answerable_s` after the first sample or later.
 
-    Samples of the microphone and of what the masker played are of the same moments; they begin `BEFORE_S` or more
-    before an answer is allowed, and should end when somebody has been silent for a quarter of a second. Without a
-    `background` it is taken from what lies before. Raises `VoiceError` for unlike samples or samples that begin too
-    late, and as `banded` does.
+    The microphone and the played masker are of the same moments; they begin `BEFORE_S` or more before an answer is
+    allowed, and should end with a quarter of a second of silence. The `background` is by default from before. Raises
+    `VoiceError` for unlike samples or a late begin, and as `banded`.
     """
     samples, utterances, begin_s, quiet = _utterances(microphone, played, rate_hz, answerable_s, background)
     if not utterances:

@@ -22,14 +22,15 @@ Take = NDArray[np.float64]
 AGREES = 0.7
 """Agreement from which an utterance is an answer.
 
-Midway between the 3rd percentile of answers, 0.91, and the 95th of words that are no answer, 0.49, to the next tenth:
-360 utterances of each by ten SYNTHETIC voices, English and Japanese, at 20, 10 and 0 dB, which are not those whose
-figures are measured (`python -m tests.benchmarks.voice thresholds`). It says nothing of real participants.
+Midway between the 3rd percentile of answers, 0.91, and the 95th of other words, 0.49, to a tenth: 360 utterances of
+each by ten SYNTHETIC voices, English and Japanese, at 20, 10 and 0 dB, apart from those of the measured figures
+(`python -m tests.benchmarks.voice thresholds`). It says nothing of real participants.
 """
 
 CLEARLY = 0.05
-"""In units of agreement: five times what another beginning gained in clean answers of the voices that `AGREES` was set
-with, and a third of what it gained where an answer began within another sound."""
+"""In units of agreement: five times the gain from another beginning in clean answers of those voices, a third of that
+in answers that began within another sound.
+"""
 
 _TAKES = 2
 """At least, of each answer: fewer do not say how far apart they are."""
@@ -37,10 +38,7 @@ _TAKES = 2
 
 @dataclass(frozen=True, eq=False)
 class Enrolment:
-    """How one participant says the answers: every take with its answer, and typical distances of takes.
-
-    `own` is the mean distance of two takes of one answer, `other` that of takes of different answers.
-    """
+    """One participant's takes of each answer, and mean distances of two takes of one (`own`) or of two (`other`)."""
 
     answers: tuple[str, ...]
     takes: tuple[Take, ...]
@@ -66,9 +64,9 @@ class Match:
 
 
 def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
-    """Return a participant's enrolment from two takes or more of each answer, of two answers or more.
+    """Return a participant's enrolment from two takes or more of each of two answers or more.
 
-    Raises `VoiceError` for fewer, and where a take is nearest to one of another answer, as `unlike` says.
+    Raises `VoiceError` for fewer, or a take nearest to one of another answer (`unlike`).
     """
     few = [answer for answer, said in takes.items() if len(said) < _TAKES]
     if few or len(takes) < 2:
@@ -109,11 +107,10 @@ def _apart(takes: Mapping[str, Sequence[Take]]) -> tuple[tuple[str, ...], tuple[
 
 
 def match(utterance: Take, enrolment: Enrolment, begins: Sequence[int] = (0,)) -> Match:
-    """Return the answer that an utterance is nearest to, from the frame among `begins` from which it is so.
+    """Return the nearest answer to an utterance, from the frame among `begins` from which it is so.
 
-    Where something else sounds until the answer begins, what is left of the utterance agrees more by `CLEARLY` from
-    another frame on, and is taken from there. Frames that are not of the takes' kind, and beginnings that are none of
-    them, raise `VoiceError`.
+    A later frame, after another sound, counts if it agrees more by `CLEARLY`. Raises `VoiceError` for frames of another
+    kind, and for bad beginnings.
     """
     coefficients = enrolment.takes[0].shape[1]
     if utterance.ndim != 2 or utterance.shape[1] != coefficients or not all(0 <= b < len(utterance) for b in begins):
@@ -129,10 +126,7 @@ def match(utterance: Take, enrolment: Enrolment, begins: Sequence[int] = (0,)) -
 
 
 def _rests(utterance: Take, takes: Sequence[Take]) -> NDArray[np.float64]:
-    """Return the distance of what is left of an utterance from every frame on from every take, (frames, takes).
-
-    Read backwards, an utterance's end comes first, and one warping gives them all.
-    """
+    """Return the distance of an utterance from each frame on from every take, (frames, takes), by warping backwards."""
     return distances(utterance[::-1], [take[::-1] for take in takes])[::-1]
 
 
@@ -149,8 +143,7 @@ def _nearest(rests: NDArray[np.float64], enrolment: Enrolment, begin: int) -> Ma
 def distances(utterance: Take, takes: Sequence[Take]) -> NDArray[np.float64]:
     """Return the warped distance of every beginning of an utterance from every take, shape (frames, takes).
 
-    Row i is that of the utterance's first i + 1 frames from whole takes, in the unit of the coefficients; the last row
-    is that of the whole. All takes are warped at once, one frame of the utterance after the other.
+    Row i is for the first i + 1 frames, in the unit of the coefficients. All takes are warped at once.
     """
     lengths = np.array([len(take) for take in takes])
     padded = np.zeros((len(takes), int(np.max(lengths)), utterance.shape[1]))

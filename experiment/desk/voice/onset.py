@@ -1,10 +1,8 @@
 """Finds where a voice begins, and where it ends, in what is left after cancelling.
 
-What the microphone hears while nobody speaks is predicted linearly from the samples before (J. Makhoul, Proceedings of
-the IEEE 63 (1975) 561-580); the error of that prediction is white then, and a voice stands out of it at whatever
-frequency it is louder. Its energy in frames of 5 ms, against the median of the quiet seconds, says roughly when
-somebody speaks. The onset itself is the sample that parts two stretches of different variance best, by Akaike's
-criterion (N. Maeda, Zisin 38 (1985) 365-379, who picks the onsets of earthquakes so).
+The quiet is predicted linearly (J. Makhoul, Proceedings of the IEEE 63 (1975) 561-580): the error is white then, and a
+voice stands out. Its energy in frames of 5 ms against the quiet's median finds speech roughly; the onset is the sample
+that best parts two stretches of different variance, by Akaike's criterion (N. Maeda, Zisin 38 (1985) 365-379).
 """
 
 from dataclasses import dataclass
@@ -27,8 +25,7 @@ _BEFORE_MS, _WITHIN_WORDS_MS = 30, 250
 """Silences that belong to an utterance: before its first loud sound, and within it, as before a plosive."""
 
 _QUIETEST = 0.1
-"""Part of an answer's frames in which nobody speaks, at least: louder than the quiet, they take its place. For where
-somebody moves, the filter no longer fits, and more of the masker is left."""
+"""Least part of an answer's frames without speech; if louder, they replace the quiet: movement changes the leak."""
 
 _PICKED_BEFORE, _PICKED_AFTER = 240, 160
 """Samples around the rough onset, 15 and 10 ms, of which the best one is picked."""
@@ -73,10 +70,7 @@ def quiet(samples: NDArray[np.float64]) -> Quiet:
 
 
 def utterances(samples: NDArray[np.float64], *, after: int, quiet: Quiet) -> tuple[Utterance, ...]:
-    """Return every utterance from sample `after` on, in order, in samples in the band, shape (n,), 1 being full scale.
-
-    Frames begin at `after`; the samples before it serve the filter and the onset's refinement.
-    """
+    """Return every utterance from sample `after` on, where frames begin, in the band, shape (n,), of full scale 1."""
     white = _whitened(samples, quiet.whitening)
     energies = _energies(white[after:])
     if not energies.size:

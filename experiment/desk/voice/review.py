@@ -1,8 +1,7 @@
-"""A second rater listens to kept answers, blind to what was presented, keyed and proposed; how far both agree.
+"""A second rater listens to saved answers, blind to what was presented, keyed and proposed; how far both agree.
 
-Looked at is every answer on which key and proposal differ, of which nothing was proposed or hardly one answer more than
-another, and a share of the others that is drawn by chance. What the second rater says stands beside the sounds, in a
-file that only grows; the first answers stay as they are.
+They get every answer with a different, no or a narrow proposal, and a random share of the others. Their answers are in
+a file that only grows; the first answers stay.
 """
 
 import hashlib
@@ -43,10 +42,7 @@ class Second(Record):
 
 @dataclass(frozen=True)
 class Utterance:
-    """One answer whose sound was kept: the `first` answer is the experimenter's, as corrected; None for no answer.
-
-    `flagged` says why it is looked at in any case, and is empty for one that is drawn by chance.
-    """
+    """An answer with sound: the experimenter's `first`, as corrected, None for none; `flagged` says why, if it is."""
 
     file: Path
     sha256: str
@@ -58,9 +54,8 @@ class Utterance:
 class Agreement:
     """How far two raters agree on `pairs` answers, `alike` of them; Cohen's kappa with its 95 % interval.
 
-    J. Cohen, Educational and Psychological Measurement 20 (1960) 37-46; the interval is that of J. L. Fleiss, J. Cohen
-    and B. S. Everitt, Psychological Bulletin 72 (1969) 323-327, as statsmodels computes it. None where both raters
-    gave one and the same answer throughout, or there are no pairs: then kappa is not defined.
+    J. Cohen, Educational and Psychological Measurement 20 (1960) 37-46; interval of J. L. Fleiss, J. Cohen and B. S.
+    Everitt, Psychological Bulletin 72 (1969) 323-327, by statsmodels. None for a single answer throughout, or no pairs.
     """
 
     pairs: int
@@ -91,10 +86,9 @@ def flag(spoken: Spoken, answered: str | None) -> str:
 
 
 def utterances(root: Path, *, share: float, seed: int) -> tuple[Utterance, ...]:
-    """Return what is to be listened to in a dataset, in an order that says nothing of it.
+    """Return what to listen to in a dataset, in an uninformative order; a `share` of the unflagged is drawn by `seed`.
 
-    Of the answers that are not flagged a `share` from 0 to 1 is drawn; one that was drawn with a seed stays drawn.
-    Raises what `build.check_tables` raises, and `DatasetError` for a sound that is not the one on record.
+    Raises as `build.check_tables`, and `DatasetError` for a sound that is not the one on record.
     """
     dataset = build.check_tables(root)
     withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}

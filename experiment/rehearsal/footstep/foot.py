@@ -1,13 +1,11 @@
 """REHEARSAL: the simulated foot: how it steps, and its sensor and firmware at the device's end of a serial line.
 
-Reaching movements are close to minimum jerk (Flash and Hogan 1985, "The coordination of arm movements: an
-experimentally confirmed mathematical model", J. Neurosci. 5(7)): x(s) = 10 s^3 - 15 s^4 + 6 s^5. A step aims below the
-panel, as a foot that is put down does, so it meets the panel at speed. Its pace wavers a little, and some steps
-hesitate.
+Steps are close to minimum jerk (Flash and Hogan 1985, "The coordination of arm movements: an experimentally confirmed
+mathematical model", J. Neurosci. 5(7)): x(s) = 10 s^3 - 15 s^4 + 6 s^5. They aim below the panel, so they meet it at
+speed. The pace wavers a little, and some steps hesitate.
 
-In simulated time a step goes into the line as fast as the reader takes it, and nothing is sent from the lift of the
-foot to the next step: the device's time then jumps while sequence numbers run on. In real time frames go out by the
-clock, between steps too, and what a full line does not take is lost, as on a real device.
+In simulated time frames go out as fast as they are read, and none between steps: the device's time jumps, sequence
+numbers run on. In real time frames go out by the clock, and what a full line does not take is lost.
 """
 
 import math
@@ -28,8 +26,7 @@ from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 
 Hesitation = Literal["none", "pause", "dip", "stop", "turn"]
-"""Before the passage that leads to contact, a foot may pause above the gate, or dip into it and go back. One that stops
-or turns back between gate and panel does not land."""
+"""Before its last passage a foot may pause above the gate, or dip into it; one that stops below does not land."""
 
 GATE_TOP_MM = 20.0
 GATE_BOTTOM_MM = 10.0
@@ -52,12 +49,10 @@ Curve = tuple[NDArray[np.float64], NDArray[np.float64]]
 class Trajectory:
     """One step of a foot: it comes down, rests on the panel, and goes up again.
 
-    The knots are at `us`, microseconds from 0, float64, shape (n,), with the sole at `height_mm`, shape (n,); straight
-    lines between them are the truth. On the passage that leads to contact it crosses 20 mm at `gate_top_us` and 10 mm
-    at `gate_bottom_us`, with the mean speed `speed_mm_s` between them. `contact_us` is infinity if it never reaches the
-    panel. At `lift_us` it leaves the panel again, 0.22 s or more after contact; a step that never lands ends there.
-    `hesitation` is what came before it, and `noise_seed` names the sensor's noise during this step. `along_mm` is where
-    it is along the face at each knot, for a planar tracker; None stays at zero.
+    The truth is straight between knots at `us`, microseconds from 0, float64, and `height_mm`, shape (n,). On the last
+    passage it crosses 20 mm at `gate_top_us` and 10 mm at `gate_bottom_us`, with the mean speed `speed_mm_s`;
+    `contact_us` is infinity for no contact. At `lift_us` it leaves the panel, 0.22 s or more after contact, or the step
+    ends. `noise_seed` names the sensor's noise; `along_mm` is the place along the face at each knot, None for zero.
     """
 
     us: NDArray[np.float64]
@@ -90,8 +85,7 @@ def trajectory(
 ) -> Trajectory:
     """Return a step with the given mean speed from 20 mm to 10 mm above the panel; `rng` draws everything else.
 
-    The foot waits at `rest_mm`, mm, above 45, before and after the step. `hesitation` comes before the passage that
-    leads to contact, or instead of it; None draws one of a step that lands.
+    The foot waits at `rest_mm`, mm, above 45, before and after. `hesitation` None draws one of a step that lands.
     """
     if hesitation is None:
         hesitation = "none" if rng.random() >= HESITATES else ("pause" if rng.random() < 0.5 else "dip")
@@ -227,8 +221,7 @@ TICK_S = 0.002
 
 
 Fails = Callable[[bytes, int], tuple[bytes, Callable[[SerialLine], object] | None]]
-"""What goes wrong in a step, in tests: of the frames from a number on, the step's first being 0, it returns what is
-sent, and what then happens to the line, after which the device sends nothing, ever; None for nothing."""
+"""A step's fault, in tests: from frame n, from 0, it returns what is sent and does to the line, None for nothing."""
 
 
 @dataclass(frozen=True)
@@ -262,9 +255,8 @@ class Foot:
     ) -> None:
         """Power the device at a serial line, which the foot never closes; `tracker` has its rate and calibration.
 
-        `real_time` sends by `clock`, the machine's monotonic one if None, also between steps. `noise_mm` is the
-        standard deviation of the sensor's noise. `sole_mm` is how far above the sole the sensor sees the foot; tests of
-        zeroing set it, rehearsals do not. In real time frames go out every `tick_s`.
+        `real_time` sends every `tick_s` by `clock`, by default the machine's monotonic one. `noise_mm` is the sensor's
+        standard deviation, `sole_mm` the sensed height of the sole, for tests of zeroing.
         """
         self._tick_s = tick_s
         self._line = line
@@ -314,10 +306,7 @@ class Foot:
         self._between_mm = 0.0
 
     def finish(self) -> bool:
-        """Wait until the line has taken every step, or is full; return whether it has taken all.
-
-        Where the line is full, the rest follows as soon as somebody reads.
-        """
+        """Wait until the line has taken every step, or is full until somebody reads; return whether it has."""
         with self._changed:
             # The line may have been full only until the reader looked last.
             self._full = False

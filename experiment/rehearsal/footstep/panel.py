@@ -1,8 +1,7 @@
 """SIMULATED panel: the far end of the actuator's port. It keeps what was delivered, for whoever stands on it.
 
-`Panel` listens to a raw PCM port; `CardPanel` sits behind a simulated sound card and listens to what the actuator's
-channel really carries. Where the actuator takes volts, the panel answers them with a simulated response, of the kind
-that Figure 9 of Okamoto et al. shows; no rig was measured.
+`Panel` is a raw PCM port, `CardPanel` is behind a simulated sound card. Volts get a simulated response, like that in
+Figure 9 of Okamoto et al.; no rig was measured.
 """
 
 import queue
@@ -34,9 +33,7 @@ LEVELS_VRMS = (0.1, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5)
 
 
 def gain(frequencies_hz: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return G(f), amplitude of acceleration for each volt of amplitude in a small drive, m/s^2/V, shape of the
-    argument.
-    """
+    """Return G(f), acceleration for each volt of a small drive, both amplitudes, m/s^2/V, elementwise."""
     low, high = frequencies_hz / SUSPENSION_HZ, frequencies_hz / PANEL_HZ
     passed = low**2 / np.hypot(1 - low**2, 2 * SUSPENSION_DAMPING * low)
     return np.asarray(GAIN_M_S2_PER_V * passed / np.hypot(1 - high**2, 2 * PANEL_DAMPING * high))
@@ -48,11 +45,7 @@ def answered(frequencies_hz: NDArray[np.float64], amplitudes_v: NDArray[np.float
 
 
 def moved(waveform_v: NDArray[np.float64], *, rate_hz: int) -> NDArray[np.float64]:
-    """Return how the simulated panel moves, m/s^2, shape (n,): each frequency element of the voltage answered on its
-    own.
-
-    Raises `SynthesisError` if voltages are not finite.
-    """
+    """Return the panel's movement, m/s^2, shape (n,), by frequency. Raises `SynthesisError` unless volts are finite."""
     coefficients_v = spectrum(waveform_v)
     frequencies_hz = bin_frequencies_hz(bins=coefficients_v.size, rate_hz=rate_hz)
     return inverse(answered(frequencies_hz, coefficients_v))
@@ -73,10 +66,7 @@ class Panel:
     """Listens on the loopback interface for one connection a stimulus."""
 
     def __init__(self, actuator: ActuatorRig, *, real_time: bool = True) -> None:
-        """Listen at once; `actuator` says what a sample of 1.0 is, and whether samples are volts.
-
-        In real time a connection is closed when its last sample has been played, in simulated time at its end.
-        """
+        """Listen at once. In real time a connection closes after its last sample was played, simulated at its end."""
         self._actuator = actuator
         self._real_time = real_time
         self._server = socket.create_server(("127.0.0.1", 0))
@@ -88,10 +78,9 @@ class Panel:
             self._thread.start()
 
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
-        """Return the next stimulus that was delivered and not felt yet, or None if nothing comes within `timeout_s`.
+        """Return the next delivered stimulus, m/s^2, shape (n,), at the actuator's rate; None after `timeout_s`.
 
-        It is an acceleration, m/s^2, shape (n,), at the actuator's rate, and here before the actuator's `landed`
-        returns.
+        It is here before the actuator's `landed` returns.
         """
         try:
             return self._stimuli.get(block=timeout_s > 0, timeout=timeout_s)
@@ -146,11 +135,7 @@ _LOOK_S = 0.005
 
 
 class CardPanel:
-    """What the foot feels behind a sound card, as `Panel` does it for a raw PCM port.
-
-    The channel carries samples without end. A stimulus begins with the first that is not zero, and is over when
-    `QUIET_S` of zeros have followed.
-    """
+    """What the foot feels behind a sound card: a stimulus begins above zero, and ends after `QUIET_S` of zeros."""
 
     def __init__(self, tap: Tap, actuator: ActuatorRig) -> None:
         """Begin with what is carried from now on; `tap` is on the actuator's channel."""
@@ -160,11 +145,10 @@ class CardPanel:
         self._at = 0
 
     def felt(self, timeout_s: float) -> NDArray[np.float64] | None:
-        """Return the next stimulus that was delivered and not felt yet, or None if none begins within `timeout_s`.
+        """Return the next delivered stimulus, m/s^2, shape (n,), at the actuator's rate; None after `timeout_s`.
 
-        It is an acceleration, m/s^2, shape (n,), at the actuator's rate. With a `timeout_s` of 0 None also stands for a
-        stimulus that is not over yet. Raises `AudioError` if a stimulus that has begun does not end, or nobody listens
-        to the card any more.
+        With a `timeout_s` of 0 it is also None before the stimulus ends. Raises `AudioError` if it does not end, or
+        nobody listens to the card.
         """
         ends = time.monotonic() + timeout_s
         while True:

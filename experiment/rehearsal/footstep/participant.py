@@ -1,16 +1,10 @@
 """A simulated participant, behind the console's port, with a simulated experimenter at the keys or a real one.
 
-It sees what the experimenter's screen shows, steps with a foot that speaks through the tracker's port, feels what the
-panel received from the actuator's port, and answers with a key. In the task `virtual` nothing but the delivered
-waveform tells it which material was meant.
-
-Its `Observer` is its touch: it answers from the vibration that reached it, and from nothing else. Before a task it
-crinkles each real material at several speeds and remembers their spectra. In a trial it compares what it felt with what
-it remembers by equation (6) of Okamoto et al., and answers by the similarity-choice rule (Shepard 1957, Luce 1963): the
-probability of an answer falls exponentially with the dissimilarity. The rule knows no material by name: which materials
-are confused follows from the waveforms alone.
-
-The parameters are few and the same for all materials; `experiment/decisions.md` says what each rests on.
+It steps with a foot at the tracker's port, feels what the panel received, and answers with a key. Its `Observer`
+answers from the vibration alone: before a task it remembers each real material's spectra at several speeds. In a trial
+it compares by equation (6) of Okamoto et al., and answers by the similarity-choice rule (Shepard 1957, Luce 1963):
+probability falls exponentially with dissimilarity. The parameters are the same for all materials
+(`experiment/decisions.md`).
 """
 
 from collections.abc import Sequence
@@ -45,8 +39,8 @@ SATURATION_M_S2 = 1e3
 class Bands:
     """Bands into which touch smooths a spectrum.
 
-    `averages` are weights that average the bins of each band, shape (B, bins), for bins evenly spaced from 0 Hz; `bins`
-    is how many bins each band holds, shape (B,).
+    `averages` are weights for the bins of each band, shape (B, bins), of bins evenly spaced from 0 Hz; `bins` counts
+    each band's, shape (B,).
     """
 
     averages: NDArray[np.float64]
@@ -66,9 +60,9 @@ class Bands:
 
 
 def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0) -> Bands:
-    """Return bands of a third of an octave between the two frequencies; bands without a bin are left out.
+    """Return bands of a third of an octave between the two frequencies, without empty ones.
 
-    Raises `SynthesisError` if the bins are so wide that none lies in a band; takes this short cannot be felt.
+    Raises `SynthesisError` if all are empty, as for takes too short to be felt.
     """
     frequencies_hz = np.arange(int(high_hz / bin_hz) + 1) * bin_hz
     band = np.floor(3 * np.log2(np.maximum(frequencies_hz, bin_hz / 2) / low_hz) + 1e-9).astype(int)
@@ -108,10 +102,10 @@ class Observer:
         self._remembered = np.reshape(remembered, shape)
 
     def judge_real(self, take: NDArray[np.float64], *, speed_mm_s: float, rng: np.random.Generator) -> str:
-        """Return the material that a real cylinder is judged to be.
+        """Return the material that a real cylinder is judged to be; `rng` draws this answer.
 
-        `take` is the acceleration of the panel under it, m/s^2, shape (n,), at the materials' rate; `rng` draws this
-        answer. Raises `SessionError` if not familiarised yet.
+        `take` is the panel's acceleration, m/s^2, shape (n,), at the materials' rate. Raises `SessionError` unless
+        familiarized.
         """
         return self._answer(self._felt(take), speed_mm_s=speed_mm_s, sensitivity=self._sensitivity, rng=rng)
 
@@ -126,9 +120,8 @@ class Observer:
     ) -> str:
         """Return the material that a virtual stimulus is judged to be, felt together with the bare panel.
 
-        `panel_take` is the panel's acceleration under this step, m/s^2, shape (n,), at the materials' rate. `delivered`
-        is what the actuator added from contact on, m/s^2, shape (m,), at `rate_hz`, None for nothing; samples that are
-        not numbers move nothing. `rng` draws this answer. Raises `SessionError` if not familiarised yet.
+        `panel_take` is as in `judge_real`; `delivered` is what the actuator added from contact on, m/s^2, shape (m,),
+        at `rate_hz`, None for nothing; samples that are not numbers move nothing. Raises as `judge_real`.
         """
         coefficients = self._coefficients(panel_take, self._materials.rate_hz)
         if delivered is not None:
@@ -155,9 +148,7 @@ class Observer:
         return below_top
 
     def _at_speed(self, speed_mm_s: float) -> NDArray[np.float64]:
-        """Return what is remembered of panel and materials at this speed, linear between familiar ones, shape (1 + M,
-        B).
-        """
+        """Return what is remembered of panel and materials, linear between familiar speeds, (1 + M, B)."""
         if self._remembered is None:
             raise SessionError("the simulated participant does not know the materials; let it familiarise itself first")
         speeds = FAMILIAR_SPEEDS_MM_S
@@ -186,8 +177,7 @@ LATEST_FELT_S = 60.0
 """The same in simulated time, by the machine's clock: a stimulus that was sent comes, however busy the machine is."""
 
 MOST_RESTS = 5
-"""How often in a row a participant rests its foot for one zeroing. A busy machine may spoil one or two rests; a foot
-that rests too far from contact spoils all of them."""
+"""Most rests in a row for one zeroing: a busy machine may spoil one or two, a foot too far from contact all."""
 
 SPEED_MEDIAN_MM_S = 180.0
 SPEED_SIGMA = 0.35
@@ -213,9 +203,8 @@ SPEAKS_LOG_S = (0.3, 0.3)
 class SimulatedParticipant(SimulatedPerson):
     """Implements `Console`: a participant before the panel, and a simulated experimenter at the keys.
 
-    `foot` and `panel` are at the devices' ends of the ports; `panel` is None where the task has no actuator. The foot's
-    device was powered at the session time `powered_ns`, when its clock showed zero, and streams by the clock if
-    `real_time`. A `speaker` says the answers into a microphone, None where none listens.
+    `foot` and `panel` are at the ports' far ends, `panel` None without an actuator. The foot's device was powered at
+    the session time `powered_ns`, and streams by the clock if `real_time`. `speaker` says answers, None for none.
     """
 
     materials: SimulatedMaterials

@@ -50,10 +50,9 @@ class Mode:
 
 @dataclass(frozen=True)
 class Crackle:
-    """A crackling material, with its pulse rate at the reference speed.
+    """A crackling material, with its pulse rate at the reference speed, and the `exponent` of its pulse energies.
 
-    `exponent` is that of the power law of pulse energies; `modes` are its resonances, to which a pulse of mean energy
-    is a unit impulse.
+    `modes` are its resonances, to which a pulse of mean energy is a unit impulse.
     """
 
     exponent: float
@@ -63,10 +62,7 @@ class Crackle:
 
 @dataclass(frozen=True)
 class Course:
-    """How often pulses come: steadily for `crush_s`, then dying away with the time constant `relaxation_s`.
-
-    No pulse comes after `window_s`.
-    """
+    """Pulses come steadily for `crush_s`, then die away with the time constant `relaxation_s`, until `window_s`."""
 
     rate_per_s: float
     crush_s: float
@@ -99,8 +95,7 @@ def pulses(
 ) -> NDArray[np.float64]:
     """Return the sum of a take's impulses in each sample, shape (samples,).
 
-    There are as many impulses, with as much energy, as `course` expects of pulses of energy 1; `exponent` is that of
-    the power law of their energies.
+    Number and energy are what `course` expects of pulses of energy 1; `exponent` is that of their power law.
     """
     times_s = course.times_s(rng)
     energies = power_law_energies(exponent=exponent, size=times_s.size, rng=rng)
@@ -164,10 +159,9 @@ class SimulatedMaterials:
         return np.asarray(fft.rfft(impulse, fft.next_fast_len(2 * self.samples)), dtype=np.complex128)
 
     def take(self, material: str | None, *, speed_mm_s: float, rng: np.random.Generator) -> NDArray[np.float64]:
-        """Return a fresh take of a foot that scrunches a cylinder of this material, or lands on the bare panel.
+        """Return a fresh take of a foot on this material, or on the bare panel: m/s^2, shape (samples,).
 
-        It is the acceleration of the panel, m/s^2, shape (samples,). Raises `SynthesisError` if the speed is not above
-        zero, or above `FASTEST_MM_S`.
+        Raises `SynthesisError` if the speed is not above zero, or above `FASTEST_MM_S`.
         """
         if not 0 < speed_mm_s <= FASTEST_MM_S:
             raise SynthesisError(
@@ -252,18 +246,14 @@ MOST_SESSIONS = 1000
 
 @dataclass(frozen=True)
 class Attempt:
-    """One step of the simulated foot: its speed through the gate, and the panel's acceleration from
-    contact on, m/s^2.
-    """
+    """One simulated step: its speed through the gate, and the panel's acceleration from contact, m/s^2."""
 
     speed_mm_s: float
     samples_m_s2: NDArray[np.float64]
 
 
 class RecordingSession:
-    """One simulated session, numbered from 0; every draw is named by the seed, so attempts may be asked for in any
-    order.
-    """
+    """A simulated session, numbered from 0; every draw is named by the seed, so attempts come in any order."""
 
     def __init__(self, planned: Plan, *, seed: int, number: int) -> None:
         self.planned = planned
@@ -309,10 +299,7 @@ class RecordingSession:
 
 
 def session(planned: Plan, *, seed: int) -> RecordingSession:
-    """Return the first session of a seed that meets Table 3; where the plan is not the paper's, the first of all.
-
-    Raises `RecordingError` if no session meets the table.
-    """
+    """Return the first session of a seed that meets Table 3, or of another plan the first. Raises `RecordingError`."""
     first = RecordingSession(planned, seed=seed, number=0)
     if not _as_published(planned):
         return first
@@ -327,10 +314,7 @@ def session(planned: Plan, *, seed: int) -> RecordingSession:
 
 
 def make_recordings(directory: Path, *, protocol: Protocol, seed: int) -> Path:
-    """Write SIMULATED recordings of a protocol's materials and of the bare panel, and return the manifest's path.
-
-    Raises `RecordingError` as `session`, or if the directory is in use.
-    """
+    """Write SIMULATED recordings of a protocol's materials and panel; return the manifest. Raises `RecordingError`."""
     drawn = session(plan(protocol, source=source(seed), simulated=True), seed=seed)
 
     def take(condition: Condition) -> Take:

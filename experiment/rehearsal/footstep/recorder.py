@@ -1,9 +1,7 @@
 """SIMULATED recording: a foot at the tracker's port, a sensor at the accelerometer's, and nobody at the keys.
 
-The walk and the drivers are those of a real recording; the simulated experimenter keeps what is on target. Nobody waits
-in a simulated recording, so the machine's clock cannot tell which vibration belongs to which step. The host's clock is
-simulated too: it shows the foot's device time, moves on as frames of the foot are read, and the sensor sends what it
-recorded until then.
+Walk and drivers are the real ones. The host's clock shows the foot's device time and moves on as its frames are read,
+so that vibrations belong to steps; the sensor sends what it recorded until then.
 """
 
 import socket
@@ -42,9 +40,7 @@ AFTER_S = 1.0
 
 
 class Sensor:
-    """SIMULATED accelerometer at the far end of its port: it listens on the loopback interface; one
-    connection a take.
-    """
+    """SIMULATED accelerometer at the far end of its port, on the loopback interface; one connection a take."""
 
     def __init__(self, settings: AccelerometerRig, clock: Clock) -> None:
         """Listen at once; only what was recorded until now, on the simulated host's clock, is sent."""
@@ -62,10 +58,7 @@ class Sensor:
         self._thread.start()
 
     def shake(self, heard_m_s2: NDArray[np.float64], at_ns: int, rng: np.random.Generator) -> None:
-        """Have the panel shake from `at_ns` on, and rest before and after; `rng` draws the noise at rest.
-
-        `heard_m_s2` is the acceleration at the sensor's rate, m/s^2, shape (n,).
-        """
+        """Have the panel shake from `at_ns` on by an acceleration, m/s^2, shape (n,); `rng` draws the noise at rest."""
         after_m_s2 = rng.normal(0.0, REST_NOISE_M_S2, round(AFTER_S * self._settings.rate_hz))
         # Drawn from its end on, so that what comes just before does not depend on how long the panel has been at rest.
         before_m_s2 = rng.normal(0.0, REST_NOISE_M_S2, max(self._samples_until(at_ns) - self.sent, 0))[::-1]
@@ -120,9 +113,7 @@ class Sensor:
 
 @dataclass(frozen=True)
 class PassingTime:
-    """Implements `Tracker` and `Accelerometer` on others: the simulated host's time passes while they
-    are waited for.
-    """
+    """`Tracker` and `Accelerometer` on others: the simulated host's time passes while they are awaited."""
 
     tracker: Tracker
     accelerometer: Accelerometer
@@ -217,10 +208,9 @@ def record_simulated(
     speeds_mm_s: tuple[float, ...] = (),
     takes: int | None = None,
 ) -> Path:
-    """Record SIMULATED materials unattended, or continue such a recording, and return the manifest's path.
+    """Record SIMULATED materials unattended, or continue, and return the manifest's path.
 
-    Arguments are those of `workflow.record_on_rig`; `seed` names every random draw. The rig's actuator and its table
-    are not opened. Raises `PalpateError` if a file cannot be used.
+    Arguments are as in `workflow.record_on_rig`; `seed` names the draws. Raises `PalpateError` for an unusable file.
     """
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if not rig.rig.simulated:
@@ -269,10 +259,7 @@ def record_simulated(
 
 
 def fresh_takes(recorded: Recordings, *, seed: int) -> Recordings:
-    """Return new SIMULATED takes of the materials of simulated recordings; `seed` shares no draw with any recording.
-
-    Raises `RecordingError` if the recordings are of real materials.
-    """
+    """Return new SIMULATED takes, with a `seed` of their own. Raises `RecordingError` if the old ones are real."""
     if not recorded.simulated:
         raise RecordingError(
             "fresh takes: got none; allowed: takes of the real materials, because the recordings are real; record them "

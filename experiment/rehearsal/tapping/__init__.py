@@ -1,5 +1,4 @@
 """SIMULATED taps: surfaces that ring as those of Wellman and Howe, and a participant who compares them.
 
-What is printed of the surfaces comes in, and answers go out. The judgement of virtual taps is FITTED to the printed
-percentages of Table 3, that of live taps to nothing. Nothing here says anything of real participants or materials.
+Judgments of virtual taps are FITTED to Table 3, those of live taps to nothing. No number is of real participants.
 """

@@ -1,10 +1,8 @@
 """SIMULATED hand: how it taps, at the far end of the tracker's line; `footstep.foot` is its sensor and firmware.
 
-A tap is a minimum jerk reach that aims below the face, so that it meets the face at speed, and is stopped there by the
-fingers' own compliance: the hand yields exponentially, presses for a moment, and is lifted. Meanwhile it moves a little
-along the face, by a minimum jerk reach until it is lifted and another one back, which a planar tracker sees. The hand
-is not pushed by the simulated force: its path is given. Speeds are ours, below the 175 mm/s of Wellman and Howe but for
-a few.
+A tap is a minimum jerk reach that aims below the face, is stopped there by the fingers' compliance (exponentially),
+presses for a moment, and is lifted. Meanwhile it reaches along the face and back, which a planar tracker sees. The
+force does not push it. Speeds are ours, mostly below the 175 mm/s of Wellman and Howe.
 """
 
 import numpy as np

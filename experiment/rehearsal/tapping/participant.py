@@ -1,11 +1,9 @@
 """A simulated participant who compares two samples by tapping them.
 
-It judges a sample's hardness by how high its taps feel (`surfaces.felt_hz`), and by nothing else: in each trial both
-samples are felt with an error of their own, and the harder one is chosen. A live sample is the harder the higher it
-feels; what the height of a virtual one of Table 1 says of its hardness is FITTED to Table 3 of Wellman and Howe
-(`surfaces.virtual_hardness`). A pair that feels nearly alike is thus called by chance, and takes longer.
-
-Further parameters are few, none of them fitted to percentages of right answers; `experiment/decisions.md` has them.
+It judges hardness by how high taps feel (`surfaces.felt_hz`), with an error a sample: the higher live sample is the
+harder one; for virtual ones of Table 1 hardness is FITTED to Table 3 of Wellman and Howe (`surfaces.virtual_hardness`).
+A pair that feels nearly alike takes longer. `experiment/decisions.md` has the other parameters, none of which is
+fitted.
 """
 
 from collections import Counter
@@ -26,8 +24,7 @@ LEANING = 0.05
 NEARLY = 0.5
 
 DECIDES_LOG_S = (1.6, 0.35)
-"""From both samples laid out to the keyed answer, where they feel far apart: mean and standard deviation of the
-logarithm of seconds; median 5 s, and up to twice as long where they feel alike. Ours."""
+"""Mean and sd of log seconds from both samples laid out to the keyed answer: median 5 s, up to twice if alike. Ours."""
 
 LAYS_OUT_S = (2.0, 5.0)
 """What the simulated experimenter takes to lay out a pair, s. Ours."""
@@ -44,10 +41,7 @@ FELT_TIMEOUT_S = 5.0
 
 @dataclass(frozen=True)
 class Fingers:
-    """A hand at the tracker's end of its line, and what vibrates its fingers at the actuator's end of its own.
-
-    The tracker was powered at the session time `powered_ns`. The vibration has `rate_hz` samples a second.
-    """
+    """A hand at the tracker's line, powered at session time `powered_ns`, and the vibration it feels, at `rate_hz`."""
 
     foot: Foot
     powered_ns: int
@@ -59,7 +53,7 @@ class Fingers:
 class SimulatedTapper(SimulatedPerson):
     """Implements `Console`: a participant before two samples, and a simulated experimenter who lays them out.
 
-    With `fingers` the samples are virtual: one is tapped, the other asked for, and what is felt is what was delivered.
+    With `fingers` the samples are virtual: what is felt is what was delivered.
     """
 
     fingers: Fingers | None = None

@@ -1,14 +1,12 @@
 """SIMULATED surfaces: how each rings when it is tapped, and how high that feels through the skin.
 
-A tap rings as equation (2) of Wellman and Howe, with the frequency that Table 1 prints for the surface. Any other
-material is simulated generically: the materials of a study take stiffnesses from the least to the most of Table 1, in
-equal ratios, and ring at the frequency that Table 1 has for their stiffness. It resembles nothing.
+A tap rings as equation (2) of Wellman and Howe, with the surface's frequency in Table 1. Other materials are generic:
+their stiffnesses span Table 1 in equal ratios, with the frequency for each. They resemble nothing.
 
-What reaches the receptors is the vibration behind a low-pass filter. The threshold of the Pacinian channel in
-displacement falls by 12 dB an octave up to about 300 Hz (Bolanowski, Gescheider, Verrillo and Checkosky 1988), which is
-a constant threshold in acceleration, and rises steeply above; ours is a Butterworth filter of fourth order there. How
-high a vibration feels is the mean frequency of the power that passes. So the 4000 Hz of aluminum hardly arrive, and it
-feels no higher than plastic: no number of Table 2 is used for that.
+Receptors get the vibration behind a low-pass filter. The Pacinian threshold in displacement falls by 12 dB an octave up
+to about 300 Hz (Bolanowski, Gescheider, Verrillo and Checkosky 1988), a constant in acceleration, and rises steeply
+above; ours is a Butterworth filter of fourth order. The felt height is the mean frequency of the power that passes, so
+aluminum's 4000 Hz hardly arrive; no number of Table 2 is used for that.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,10 +33,10 @@ FILTER_ORDER = 4
 
 
 FITTED = ((0.0, 1.0), (1.35, 1.0), (1.74, 1.0), (6.31, 7.17), (7.69, 1.0))
-"""Hardness of each virtual surface of Table 1, and the error of its judgement, in errors of any surface but plastic.
+"""Hardness of each virtual surface of Table 1, and the error of its judgment, in errors of any surface but plastic.
 
-FITTED to Table 3 by greatest likelihood, 56 answers a pair (Thurstone's case III). Why plastic's error is so large the
-paper does not say; its 1000 Hz lie where vibration ceases to be felt.
+FITTED to Table 3 by greatest likelihood, 56 answers a pair (Thurstone's case III). The paper does not explain plastic's
+large error; its 1000 Hz lie where vibration ceases to be felt.
 """
 
 NOTHING = (-10.0, 1.0)
@@ -61,10 +59,7 @@ def rings(frequency_hz: float) -> NDArray[np.float64]:
 
 
 def felt_hz(vibration: NDArray[np.float64], rate_hz: int) -> float | None:
-    """Return how high an acceleration, shape (n,), feels: the mean frequency of what passes the skin, Hz.
-
-    It does not depend on the amplitude. Return None for silence.
-    """
+    """Return how high an acceleration, shape (n,), feels, Hz: the mean frequency past the skin; None for silence."""
     bins_hz = np.fft.rfftfreq(2 * len(vibration), 1 / rate_hz)
     passed = np.abs(np.fft.rfft(vibration, 2 * len(vibration))) ** 2
     passed /= 1 + (bins_hz / FELT_BELOW_HZ) ** (2 * FILTER_ORDER)
@@ -81,9 +76,9 @@ def _fitted() -> NDArray[np.float64]:
 
 
 def virtual_hardness(felt: float | None) -> tuple[float, float]:
-    """Return how hard a virtual surface of this felt height, Hz, is judged, and with what error, as in `FITTED`.
+    """Return the judged hardness of a virtual surface of this felt height, Hz, and its error, as in `FITTED`.
 
-    Between the heights of Table 1 both are linear in the logarithm of the height.
+    Between heights of Table 1 both are linear in the logarithm of the height.
     """
     if felt is None:
         return NOTHING

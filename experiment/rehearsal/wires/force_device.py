@@ -1,11 +1,9 @@
 """SIMULATED force device: the far end of the servo's line, a process of its own with a clock of its own.
 
-`python -m palpate.experiment.rehearsal.wires.force_device [FILE]` prints its port. Its first connection is that of
-whoever started it, and it ends when that does, so it outlives nobody. It serves the others one after the other, and
-keeps what it pushed in a file: 24 bytes each time, little-endian, the machine's monotonic clock in ns (int64), the
-force out of the block and along it, N (float32), why (uint32: `PUSHED`, `SILENT` or `HUNG_UP`) and the lamp (uint32).
-It does what `apparatus.servo.device` asks of a device: it drops its force when nothing good has come for 2 ms, and when
-the connection ends.
+`python -m palpate.experiment.rehearsal.wires.force_device [FILE]` prints its port, and ends with its first connection.
+It serves the others one after the other, as `apparatus.servo.device` demands, and writes what it pushed to a file: 24
+bytes each, little-endian: the machine's monotonic clock in ns (int64), the force out of the block and along it, N
+(float32), why (uint32: `PUSHED`, `SILENT` or `HUNG_UP`) and the lamp (uint32).
 """
 
 import select

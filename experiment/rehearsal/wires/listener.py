@@ -1,8 +1,7 @@
 """REHEARSAL: listens to an output of the simulated sound card, from a process of its own.
 
-A panel on a desk takes no turn at the session's interpreter, and this one must not either, or the session would wait
-for it with each block of the sound server. It asks the listener over a socket: a number in a line, answered by a line
-and the samples.
+So the session need not wait for it at each block of the sound server. It is asked over a socket: a number in a line,
+answered by a line and the samples.
 """
 
 import os
@@ -31,10 +30,7 @@ class Tap:
     """What one output carries, kept from the moment of tapping on."""
 
     def __init__(self, server: str, output: str, *, seconds: float) -> None:
-        """Listen from now on to a port of a running JACK server, both by name; keep the last `seconds`.
-
-        Raises `AudioError` if the server has ended, or there is no such port.
-        """
+        """Listen to a port of a running JACK server, both by name; keep the last `seconds`. Raises `AudioError`."""
         self.listener = Neighbour("palpate.experiment.rehearsal.wires.listener", server, output, str(seconds))
         try:
             said = self.listener.line.readline()
@@ -44,9 +40,8 @@ class Tap:
             raise self._failed(said.decode("utf-8", "replace"))
 
     def since(self, first: int) -> tuple[int, NDArray[np.float32]]:
-        """Return what was heard from a sample on; samples count from the moment of tapping.
+        """Return the first sample's number, at least `first`, and all samples from there on, counted from the tapping.
 
-        The number of the first sample that is still kept, not below `first`, comes with the samples from there on.
         Raises `AudioError` if the listener has ended, or does not answer.
         """
         try:

@@ -1,8 +1,7 @@
 """REHEARSAL: a participant's mouth before the microphone of the simulated sound card, from a process of its own.
 
-The microphone hears what the mouth says, the quiet of a room, and what the headphones leak: the output that they hang
-on, through an impulse response. As the listener's, this process takes no turn at the session's interpreter; the session
-writes samples to it over a socket.
+The microphone hears the mouth, the quiet of a room, and the headphones' output through an impulse response. The session
+writes samples over a socket.
 """
 
 import os
@@ -47,10 +46,7 @@ class Mouth:
     """Speaks into one input of the simulated card."""
 
     def __init__(self, server: str, *, headphones: str, microphone: str, response: Samples) -> None:
-        """Stand between two ports of a running JACK server, by name, from now on; `response` is the leak's, (n,).
-
-        Raises `AudioError` if the server has ended, or there is no such port.
-        """
+        """Stand between two ports of a JACK server, by name; `response` is the leak's, (n,). Raises `AudioError`."""
         self._process = Neighbour("palpate.experiment.rehearsal.wires.mouth", server, headphones, microphone)
         try:
             self.say(response)

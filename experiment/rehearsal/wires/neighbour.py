@@ -1,7 +1,4 @@
-"""REHEARSAL: a process of its own beside the simulated sound card, at the far end of a socket.
-
-It takes no turn at the session's interpreter, and ends when whoever started it has gone.
-"""
+"""REHEARSAL: a process beside the simulated sound card, off the session's interpreter, that ends with its starter."""
 
 import os
 import signal

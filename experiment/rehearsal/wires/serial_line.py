@@ -1,7 +1,4 @@
-"""A serial line with both ends on this machine: pyserial opens one, the simulated device writes to the other.
-
-On POSIX it is a pseudo-terminal in raw mode; where there is none (Windows) a TCP server on the loopback interface.
-"""
+"""A serial line on this machine: a raw pseudo-terminal, or on Windows a TCP server on the loopback interface."""
 
 import os
 import select
@@ -35,10 +32,7 @@ class SerialLine:
         """What pyserial opens."""
 
     def offer(self, data: bytes | memoryview) -> int:
-        """Write what the line takes at once, and return how many bytes that was.
-
-        Raises `UnpluggedError` if the line was unplugged.
-        """
+        """Write what the line takes at once, and return how many bytes. Raises `UnpluggedError`."""
         with self._lock:
             self._check()
             return self._end.take(memoryview(data))

@@ -1,7 +1,6 @@
 """REHEARSAL: the simulated sound card, a JACK server of palpate's own with its dummy driver. It plays to nobody.
 
-Whatever a session's stream sends to an output can be taken from there, sample for sample: `connect` is the cable from
-an output to an input, `Tap` listens to an output from outside, and `WiredCard` lays the cables of a rig.
+`connect` is a cable from an output to an input, `Tap` listens to an output, `WiredCard` has a rig's cables.
 """
 
 from __future__ import annotations
@@ -41,8 +40,7 @@ READY_S = 10.0
 """How long the server may take to start, s."""
 
 PLACES = 6
-"""How many servers of this kind may run at a time on a machine; JACK itself allows eight of any kind. A few names are
-used again and again, because JACK gives the place of a killed server to the next one of its name only."""
+"""Most servers of this kind on a machine (JACK allows eight of any); names are reused, as JACK frees places by name."""
 
 _SERVER = "JACK_DEFAULT_SERVER"
 _VARIABLES = {"JACK_NO_AUDIO_RESERVATION": "1", "JACK_NO_START_SERVER": "1"}
@@ -54,9 +52,8 @@ class SoundCard:
     def __init__(self, *, rate_hz: int, block: int, inputs: int, outputs: int, exact: bool = True) -> None:
         """Start the server and wait for it. No audio stream may be open in this process.
 
-        A period has `block` frames, and `inputs` and `outputs` are numbers of channels. If `exact`, a period waits
-        until every client has done its part, so that no sample is ever lost; else the server goes on without them, as a
-        device does. Raises `AudioError` if JACK is not installed, or the server does not start.
+        A period has `block` frames; `inputs` and `outputs` are numbers of channels. If `exact`, a period waits for
+        every client, so that no sample is lost. Raises `AudioError` without JACK or a start.
         """
         if sys.platform == "win32":
             raise AudioError("simulated sound card: got Windows; allowed: Linux or macOS; name a rig without one")
@@ -82,10 +79,7 @@ class SoundCard:
             raise
 
     def connect(self, output: int, *to: int) -> None:
-        """Lay a cable from an output of the session's stream to some of its inputs; channels count from 1.
-
-        Raises `AudioError` if there is no such channel, or no stream is open.
-        """
+        """Lay a cable from an output of the open stream to some of its inputs, from 1. Raises `AudioError`."""
         for entry in to:
             self._wired(self._wiring.connect, self._port("out", output), self._port("in", entry))
 
@@ -96,9 +90,7 @@ class SoundCard:
             self._wired(self._wiring.disconnect, source, port)
 
     def tap(self, output: int, *, seconds: float) -> Tap:
-        """Listen to an output of the session's stream from now on. Raises `AudioError` as `connect`, or if the server
-        has ended.
-        """
+        """Listen to an output of the session's stream from now on. Raises `AudioError`, also without a server."""
         with host.elsewhere(), host.taking_turns():
             return Tap(self.name, self._port("out", output).name, seconds=seconds)
 
@@ -150,9 +142,7 @@ class SoundCard:
         )
 
     def _client(self) -> Any:
-        """Return a client of the server, with which cables are laid; None where it has ended, or is
-        not ready in time.
-        """
+        """Return a client of the server, to lay cables; None where it has ended or is not ready in time."""
         ends = time.monotonic() + READY_S
         while self.server.poll() is None and time.monotonic() < ends:
             try:
@@ -221,10 +211,7 @@ def _jack() -> ModuleType:
 
 
 class WiredCard:
-    """A sound card wired as a rig is: the actuator's channel leads into the loopback and to the panel.
-
-    Leaving it closes the card and its panel.
-    """
+    """A sound card wired as a rig: the actuator's channel leads to loopback and panel; leaving it closes both."""
 
     def __init__(self, rig: Rig) -> None:
         """Start the card of a simulated rig with an audio device. Raises `AudioError` where JACK does not run."""
@@ -239,9 +226,7 @@ class WiredCard:
             self._opened = opened.pop_all()
 
     def wire(self) -> None:
-        """Lay those of the rig's cables whose ends are open, once a stream is; JACK connects a new stream to every
-        input by itself.
-        """
+        """Lay the rig's open cables once a stream is open; JACK connects a new stream to every input by itself."""
         inputs = self.card.channels("in")
         for entry in range(1, inputs + 1):
             self.card.disconnect(entry)
