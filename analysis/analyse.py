@@ -159,8 +159,7 @@ def analyse(
             drawn = sheets(results, study.label, titles=titles)
     # With the study in its caption each figure can stand alone.
     drawn = tuple(replace(one, caption=f"{one.caption} Study {study.id}.") for one in drawn)
-    title = study.name.removeprefix(f"{study.label}: ")
-    content = page.folder(title, study.label, parts, drawn, formulas, numbers, further=further, pictures=pictures)
+    content = page.folder(study.title, study.label, parts, drawn, formulas, numbers, further=further, pictures=pictures)
     written = publish(place, content | _bids(study), study.label, "analyse")
     return Analysis(study, found, comparison, parts, place, written)
 
@@ -193,7 +192,7 @@ def _counts(results: Results) -> Section:
         for task in results.tasks
         for who, presented, answered, count, total in task.confusion.cells()
     )
-    return Section("counts", "Counts", records=records)
+    return Section("counts", "Counts", further=records)
 
 
 def _facts(study: Study) -> dict[str, Any]:

@@ -79,8 +79,6 @@ UNDECIDED = ("cannot be decided", "not in this dataset")
 MARKS = {"mean": "", "SD": " ± ", "stars": ""}
 """What stands before each part of a cell."""
 
-Row = tuple[str, str, str, str]
-
 SAME = {"agrees": "same", "agrees if truncated": "same if truncated"}
 """Verdicts in words that fit answers of one's own."""
 
@@ -271,7 +269,11 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
         places.setdefault((line.where, line.task), []).append(line)
     for (where, task), lines in places.items():
         groups = [list(group) for _, group in groupby(lines, key=lambda line: (line.subject, line.quantity in MARKS))]
-        rows, notes = _once([_row(group, origin) for group in groups])
+        doubts = Counter(doubt for group in groups if (doubt := _doubt(group)))
+        often = [doubt for doubt, count in doubts.items() if count > 1]
+        shared = often[0] if len(often) == 1 else None
+        rows = tuple(_row(group, origin, shared) for group in groups)
+        notes = (f"{shared[0].capitalize()}, where nothing else is said: {shared[1]}.",) if shared else ()
         doubtful = [i for i, group in enumerate(groups) if not all(line.agrees for line in group)]
         marked = frozenset((i, 3) for i in doubtful if held)
         header = ("quantity", "printed", own, "agrees?" if held else "same?")
@@ -311,22 +313,24 @@ def _verdict(line: Line, origin: str) -> str:
     return line.verdict if origin in HELD else SAME.get(line.verdict, line.verdict)
 
 
-def _once(rows: Sequence[Row]) -> tuple[tuple[Row, ...], tuple[str, ...]]:
-    """Return rows that cannot be decided for one reason without it, and a note that has it once."""
-    often = Counter(row[3] for row in rows)
-    shared = [
-        told for told, count in often.items() if count > 1 and told.startswith(tuple(f"{one}: " for one in UNDECIDED))
-    ]
-    if len(shared) != 1:
-        return tuple(rows), ()
-    verdict, _, reason = shared[0].partition(": ")
-    note = f"{verdict.capitalize()}, where nothing else is said: {reason}."
-    return tuple((*row[:3], verdict if row[3] == shared[0] else row[3]) for row in rows), (note,)
+def _apart(lines: Sequence[Line]) -> Sequence[Line]:
+    """Return the lines of a row without degrees of freedom that agree, which stand beside their t or F already."""
+    return [line for line in lines if not (line.quantity.startswith("df") and line.agrees)] or lines
 
 
-def _row(lines: Sequence[Line], origin: str) -> Row:
-    # Degrees of freedom stand beside their t or F already; they get words only where they are wrong.
-    lines = [line for line in lines if not (line.quantity.startswith("df") and line.agrees)] or lines
+def _alike(lines: Sequence[Line]) -> bool:
+    return all((line.verdict, line.reason) == (lines[0].verdict, lines[0].reason) for line in lines)
+
+
+def _doubt(group: Sequence[Line]) -> tuple[str, str] | None:
+    """Return the verdict and the reason of a row that cannot be decided, for one reason."""
+    first, *_ = lines = _apart(group)
+    return (first.verdict, first.reason) if first.verdict in UNDECIDED and first.reason and _alike(lines) else None
+
+
+def _row(group: Sequence[Line], origin: str, shared: tuple[str, str] | None) -> tuple[str, str, str, str]:
+    """Return the cells of a row; a reason that is `shared` stands in a note."""
+    lines = _apart(group)
     if lines[0].quantity == "mean":
         printed = _cell([(line.quantity, line.printed) for line in lines])
         known = [(line.quantity, line.recomputed) for line in lines if line.recomputed != "-"]
@@ -334,7 +338,9 @@ def _row(lines: Sequence[Line], origin: str) -> Row:
     else:
         printed = ", ".join(_with_name(line) for line in lines)
         found = ", ".join(line.recomputed for line in lines)
-    alike = all((line.verdict, line.reason) == (lines[0].verdict, lines[0].reason) for line in lines)
+    if shared and _doubt(group) == shared:
+        return lines[0].subject, printed, found, shared[0]
+    alike = _alike(lines)
     said = lines[:1] if alike else [line for line in lines if line.verdict != "agrees"]
     remarks = [_remark(line, origin, alone=alike) for line in said] or ["agrees"]
     return lines[0].subject, printed, found, "; ".join(remarks)

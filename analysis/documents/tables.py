@@ -1,4 +1,6 @@
-r"""Sections and their tables, and the ways to show them: text for a terminal, Markdown, CSV and LaTeX.
+r"""Sections, tables and their columns, and the ways to show them: text for a terminal, Markdown, CSV and LaTeX.
+
+A record holds values; CSV and JSON hold the records, and a `Column` shows one value in print.
 
 LaTeX is one `table` environment a table, for `\input` into a paper, and needs the package booktabs.
 """
@@ -9,10 +11,10 @@ import io
 import math
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Protocol
+from typing import Any, Protocol
 
 WIDTH = 100
 """The most columns of characters in a line of a terminal."""
@@ -25,13 +27,16 @@ NARROWEST = 22
 
 GAP = "  "
 
+Record = Mapping[str, Any]
+"""Values by key: None is not defined, and a key that is missing does not apply."""
+
 
 @dataclass(frozen=True)
 class Table:
     """Cells as text; columns in `left` are flush left, and the (row, column) cells in `marked` stand out.
 
-    A terminal breaks the cells of a `matrix` before ± or a bracket, where that keeps its columns beside one another.
-    `standing` says in a word or two how far to trust it, such as "planned", and stands beside the title.
+    A terminal breaks the cells of a `matrix` before ± or a bracket, where its columns then fit beside one another.
+    `standing` says beside the title how far to trust the table, such as "planned". `records` are those of its rows.
     """
 
     title: str
@@ -42,6 +47,7 @@ class Table:
     notes: tuple[str, ...] = ()
     matrix: bool = False
     standing: str = ""
+    records: tuple[Record, ...] = ()
 
     @property
     def heading(self) -> str:
@@ -51,22 +57,88 @@ class Table:
 
 @dataclass(frozen=True)
 class Section:
-    """Part of the report: paragraphs, tables, and the records behind them, one for each row of the CSV file.
+    """Part of the report: paragraphs, tables, and records `further` to those of the tables.
 
-    `slug` names its files. In a terminal, `brief` tables replace the tables, if there are any, unless it shows all; in
-    the report they stand before the tables of a section that is `folded`, which a reader opens. What is said in `aside`
-    stands below the tables, and in a terminal only where it shows all. Sections of one `part` stand under its name.
+    `slug` names the files. A terminal shows `brief` tables, if any, instead of the tables, and `aside`, which follows
+    the tables, only with all. The report shows `brief` first where a reader must open a `folded` section. Sections of
+    one `part` are under its name.
     """
 
     slug: str
     title: str
     paragraphs: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
-    records: tuple[Mapping[str, object], ...] = ()
+    further: tuple[Record, ...] = ()
     brief: tuple[Table, ...] = ()
     folded: bool = False
     aside: tuple[str, ...] = ()
     part: str = ""
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """The records of the tables, then the further ones: the rows of the CSV file."""
+        return (*(record for table in self.tables for record in table.records), *self.further)
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column in print: `show` makes each cell from the values under the key, or keys, of a record.
+
+    The heading is the key by default. Without `show`, fractions and intervals (two keys) have fixed `decimals`, and
+    None is `-`. The cell of a record without the key is empty. Short tables have the columns that are `brief`.
+    """
+
+    key: str | tuple[str, ...]
+    heading: str | None = None
+    decimals: int = 3
+    show: Callable[..., str] | None = None
+    left: bool = False
+    brief: bool = True
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys of the values of a cell."""
+        return (self.key,) if isinstance(self.key, str) else self.key
+
+    def cell(self, record: Record) -> str:
+        """Return the cell of a record."""
+        if self.keys[0] not in record:
+            return ""
+        values = [record[key] for key in self.keys]
+        if self.show is not None:
+            return self.show(*values)
+        if len(values) == 2:
+            return span(values[0], values[1], self.decimals)
+        (value,) = values
+        return number(value, self.decimals) if value is None or isinstance(value, float) else str(value)
+
+
+def tabulate(
+    title: str,
+    columns: Iterable[Column],
+    records: Iterable[Record],
+    notes: Iterable[str] = (),
+    *,
+    brief: bool = False,
+    standing: str = "",
+    marked: frozenset[tuple[int, int]] = frozenset(),
+) -> Table:
+    """Return the table of these records, a row each, with the columns, or `brief` columns, that have values."""
+    rows = tuple(records)
+    known = {key for record in rows for key in record}
+    shown = [
+        column for column in columns if (column.brief or not brief) and (not rows or known.issuperset(column.keys))
+    ]
+    return Table(
+        title,
+        tuple(column.keys[0] if column.heading is None else column.heading for column in shown),
+        tuple(tuple(column.cell(record) for column in shown) for record in rows),
+        frozenset(place for place, column in enumerate(shown) if column.left),
+        marked,
+        tuple(notes),
+        standing=standing,
+        records=rows,
+    )
 
 
 def number(value: float | None, decimals: int = 3) -> str:
@@ -100,9 +172,23 @@ class Limits(Protocol):
 
 def interval(limits: Limits | None, decimals: int = 3) -> str:
     """Return both limits at fixed decimals, or `-` if one is not defined."""
-    if limits is None or limits.low is None or limits.high is None:
-        return "-"
-    return f"{limits.low:.{decimals}f} to {limits.high:.{decimals}f}"
+    return "-" if limits is None else span(limits.low, limits.high, decimals)
+
+
+def span(low: float | None, high: float | None, decimals: int = 3) -> str:
+    """Return two limits at fixed decimals, or `-` if one is not defined."""
+    return "-" if low is None or high is None else f"{low:.{decimals}f} to {high:.{decimals}f}"
+
+
+def ends(limits: Limits | None, name: str = "") -> dict[str, float | None]:
+    """Return an interval as values of a record: `low` and `high`, behind the name of what it is of."""
+    low, high = (limits.low, limits.high) if limits is not None else (None, None)
+    return {f"{name}low": low, f"{name}high": high}
+
+
+def count_of(count: int, total: int) -> str:
+    """Return `3 of 10`."""
+    return f"{count} of {total}"
 
 
 def lacks_a_limit(limits: Limits | None) -> bool:
@@ -185,11 +271,12 @@ def comma_separated(section: Section, label: str) -> str:
 
     Texts are written as `cell` returns them.
     """
-    columns = list(dict.fromkeys(key for record in section.records for key in record))
+    records = section.records
+    columns = list(dict.fromkeys(key for record in records for key in record))
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(["dataset", *columns])
-    for record in section.records:
+    for record in records:
         writer.writerow([cell(label or "measured"), *(cell(record.get(column)) for column in columns)])
     return file.getvalue()
 
@@ -201,10 +288,9 @@ NUMBER = re.compile(r"[-+]?([0-9]+(\.[0-9]*)?|\.[0-9]+)(e[-+]?[0-9]+)?%?", re.IG
 
 
 def cell(value: object) -> object:
-    """Return a cell of a CSV file: nothing for None, and a text that a spreadsheet would compute behind an apostrophe.
-
-    Numbers stay as they are, and so do numbers that are written as text.
-    """
+    """Return a cell of a CSV file: None is empty, names are joined, and a formula follows an apostrophe."""
+    if isinstance(value, tuple):
+        value = " and ".join(value)
     if isinstance(value, str) and FORMULA.match(value) and not NUMBER.fullmatch(value):
         return f"'{value}"
     return "" if value is None else value

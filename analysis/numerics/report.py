@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.analysis.documents.drawing import png, svg
 from palpate.analysis.documents.output import check, publish
-from palpate.analysis.documents.tables import WIDTH, Section, Table, comma_separated, markdown
+from palpate.analysis.documents.tables import WIDTH, Column, Section, Table, comma_separated, markdown, tabulate
 from palpate.analysis.documents.tables import text as section_text
 from palpate.analysis.numerics import contact, figures, played
 from palpate.analysis.numerics.cases import Outcome
@@ -223,22 +223,30 @@ def _record(one: Measured) -> dict[str, object]:
     }  # fmt: skip
 
 
+GIVEN = Column("given", left=True)
+OUTCOME = Column("holds", "outcome", show=lambda holds: "holds" if holds else "FAILS", left=True)
+SEEN = Column("seen", left=True)
+CASES = (GIVEN, Column("invariant", "must hold", left=True), OUTCOME, SEEN)
+BOTH = Column(("invariant", "seen"), "must hold -> seen", show=lambda *of: " -> ".join(of), left=True)
+
+
 def _cases(outcomes: tuple[Outcome, ...]) -> Section:
     full, brief = [], []
     for group, members in groupby(outcomes, key=lambda one: one.group):
-        rows = list(members)
-        broken = frozenset((i, 2) for i, one in enumerate(rows) if not one.holds)
-        cells = tuple((one.given, one.invariant, _outcome(one), one.seen) for one in rows)
+        records = [asdict(one) for one in members]
+        broken = frozenset((i, 2) for i, one in enumerate(records) if not one["holds"])
         title = f"{group[0].upper()}{group[1:]}"
-        header = ("given", "must hold", "outcome", "seen")
-        full.append(Table(title, header, cells, left=frozenset({0, 1, 2, 3}), marked=broken))
-        brief.append(_brief(title, rows))
+        full.append(tabulate(title, CASES, records, marked=broken))
+        # In a terminal an invariant that all rows share stands in the title.
+        shared = len({one["invariant"] for one in records}) == 1
+        named = f"{title}: {records[0]['invariant']}" if shared else title
+        brief.append(tabulate(named, (GIVEN, OUTCOME, SEEN if shared else BOTH), records))
     about = (
         f"Stimuli have as many bins as a study, N = {PAPER_SAMPLES}, but for other lengths and the printed sum. The "
         "cases test ways at every output rate, what a stimulus states about itself, what a rig in volts plays, and the "
         "oracle against itself."
     )
-    return Section("cases", "Extreme cases", (about,), tuple(full), tuple(map(asdict, outcomes)), tuple(brief))
+    return Section("cases", "Extreme cases", (about,), tuple(full), brief=tuple(brief))
 
 
 def _budget(result: Sequence[Played]) -> Section:
@@ -283,9 +291,11 @@ def _conditions(result: Numerics) -> Section:
         "In the middle of two speeds measured, where by equation (4) signs change, a stimulus has none: the next speed "
         f"plays a waveform that differs by {result.jump:.0%} (rms).",
     )
-    cells = tuple((one.of, one.on, f"{one.number:.3g}", one.where) for one in result.conditions)
-    table = Table("", ("of", "on", "condition number", "largest at"), cells, left=frozenset({0, 1, 3}))
-    return Section("conditions", "Condition numbers", about, (table,), tuple(map(asdict, result.conditions)))
+    columns = (
+        Column("of", left=True), Column("on", left=True),
+        Column("number", "condition number", show="{:.3g}".format), Column("where", "largest at", left=True),
+    )  # fmt: skip
+    return Section("conditions", "Condition numbers", about, (tabulate("", columns, map(asdict, result.conditions)),))
 
 
 def methods(result: Numerics) -> Section:
@@ -342,17 +352,3 @@ def _dominated(one: Measured, rows: Sequence[Measured]) -> str:
 
 
 UNITS = {"samples": "bins", "output_rate_hz": "Hz", "speed_mm_s": "mm/s", "frequencies": "frequencies", "length_s": "s"}
-
-
-def _outcome(one: Outcome) -> str:
-    return "holds" if one.holds else "FAILS"
-
-
-def _brief(title: str, rows: list[Outcome]) -> Table:
-    """Return the table for a terminal; an invariant that all rows share stands in its title."""
-    shared = len({one.invariant for one in rows}) == 1
-    if shared:
-        title = f"{title}: {rows[0].invariant}"
-    seen = "seen" if shared else "must hold -> seen"
-    cells = tuple((one.given, _outcome(one), one.seen if shared else f"{one.invariant} -> {one.seen}") for one in rows)
-    return Table(title, ("given", "outcome", seen), cells, left=frozenset({0, 1, 2}))

@@ -13,7 +13,7 @@ from matplotlib.axes import Axes
 from palpate.analysis.documents import page
 from palpate.analysis.documents.drawing import COLUMN_STYLE, LINES, Sheet, colour, key, marker, sheet
 from palpate.analysis.documents.output import publish
-from palpate.analysis.documents.tables import Section, Table, number
+from palpate.analysis.documents.tables import Column, Record, Section, Table, number, tabulate
 from palpate.analysis.documents.tables import text as in_terminal
 from palpate.analysis.power.comparisons import PairModel
 from palpate.analysis.power.planned_tests import ADJUSTED, Question
@@ -58,7 +58,11 @@ def sections(result: Power) -> tuple[Section, ...]:
 
 def subject(question: Question) -> str:
     """Return what a question asks about, in a few words."""
-    return f"{question.subject} ({ADJUSTED})" if question.adjusted else question.subject
+    return _subject(question.subject, ADJUSTED if question.adjusted else "")
+
+
+def _subject(of: str, p: str) -> str:
+    return f"{of} ({p})" if p == ADJUSTED else of
 
 
 def title(question: Question) -> str:
@@ -229,56 +233,54 @@ def _error(rows: Sequence[Row]) -> tuple[str, ...]:
     )
 
 
+ESTIMATES = (
+    Column(("of", "p", "tasks"), "form", show=lambda of, p, tasks: f"{_subject(of, p)}, {tasks}", left=True),
+    Column("answers", left=True), Column("participants", "n"), Column("median"),
+    Column(("low", "high"), "95 % of studies", show=lambda low, high: f"{number(low)} to {number(high)}"),
+)  # fmt: skip
+UNDEFINED = (
+    Column(("test", "tasks"), "test", show=lambda *of: ", ".join(of), left=True),
+    Column(("of", "p"), "of", show=lambda *of: _subject(*of), left=True), Column("answers", left=True),
+    Column("participants", "n"), Column("undefined", "studies"),
+    Column(("undefined", "studies"), "share", show=lambda count, studies: number(count / studies, 4)),
+    Column("reason", "because", left=True),
+)  # fmt: skip
+
+
 def _estimates(result: Power) -> tuple[Section, ...]:
-    rows = [row for row in result.rows if row.tally.estimates is not None]
-    if not rows:
+    records: list[Record] = [
+        {**_simulated(row), "studies": row.tally.studies, "undefined": row.tally.undefined, "median": middle,
+         "low": low, "high": high}
+        for row in result.rows if row.tally.estimates is not None
+        for low, middle, high in (row.quantiles or (None, None, None),)
+    ]  # fmt: skip
+    if not records:
         return ()
-    shown, records = [], []
-    for row in rows:
-        low, middle, high = row.quantiles or (None, None, None)
-        limits = f"{number(low)} to {number(high)}"
-        name = f"{subject(row.question)}, {' and '.join(row.question.tasks)}"
-        shown.append((name, row.kind, str(row.participants), number(middle), limits))
-        records.append(
-            {**_simulated(row), "studies": row.tally.studies, "undefined": row.tally.undefined, "median": middle,
-             "low": low, "high": high}
-        )  # fmt: skip
-    header = ("form", "answers", "n", "median", "95 % of studies")
     about = "A coefficient without a test has no power; the table shows how far its estimates lie apart instead."
-    left = frozenset({0, 1})
-    few = tuple(line for line, row in zip(shown, rows, strict=True) if row.participants == _as_planned(result))
-    tables = Table("", header, tuple(shown), left=left), Table("", header, few, left=left)
-    return (Section("estimates", "Estimates of reliability", (about,), tables[:1], tuple(records), tables[1:]),)
+    few = [record for record in records if record["participants"] == _as_planned(result)]
+    brief = (tabulate("", ESTIMATES, few),)
+    return (Section("estimates", "Estimates of reliability", (about,), (tabulate("", ESTIMATES, records),), (), brief),)
 
 
 def _undefined(result: Power) -> Section:
-    rows = [row for row in result.rows if row.tally.undefined]
-    if not rows:
-        return Section("undefined", "Not defined", ("Every test of every study is defined.",))
-    records = tuple(
+    records: list[Record] = [
         {**_simulated(row), "undefined": row.tally.undefined, "studies": row.tally.studies,
          "reason": _reason(result, row)}
-        for row in rows
-    )  # fmt: skip
-    header = ("test", "of", "answers", "n", "studies", "share", "because")
-    left = frozenset({0, 1, 2, 6})
-    every = [row for row in rows if not row.question.adjusted]
-    worst: dict[tuple[Question, Kind], Row] = {}
-    for row in every:
-        held = worst.setdefault((row.question, row.kind), row)
-        if row.tally.undefined > held.tally.undefined:
-            worst[row.question, row.kind] = row
-    tables = []
-    for some in (every, [row for row in worst.values() if row.kind == "model"]):
-        lines = tuple(
-            (title(row.question), subject(row.question), row.kind, str(row.participants), str(row.tally.undefined),
-             f"{row.tally.undefined / row.tally.studies:.4f}", _reason(result, row))
-            for row in some
-        )  # fmt: skip
-        tables.append(Table("", header, lines, left=left))
+        for row in result.rows if row.tally.undefined
+    ]  # fmt: skip
+    if not records:
+        return Section("undefined", "Not defined", ("Every test of every study is defined.",))
+    every = [record for record in records if record["p"] != ADJUSTED]
+    worst: dict[tuple[object, ...], Record] = {}
+    for record in every:
+        question = tuple(record[key] for key in ("planned_test", "tasks", "of", "answers"))
+        if record["undefined"] > worst.setdefault(question, record)["undefined"]:
+            worst[question] = record
     about = "The values of these simulated studies define no statistic; the studies count as finding nothing."
     say = "The sizes at which that was most frequent" if len(every) > len(worst) else ""
-    return Section("undefined", "Not defined", (about,), (tables[0],), records, (replace(tables[1], title=say),))
+    brief = tabulate(say, UNDEFINED, (record for record in worst.values() if record["answers"] == "model"))
+    table = replace(tabulate("", UNDEFINED, every), records=tuple(records))
+    return Section("undefined", "Not defined", (about,), (table,), (), (brief,))
 
 
 def _reason(result: Power, row: Row) -> str:
@@ -302,7 +304,7 @@ def _simulated(row: Row) -> dict[str, object]:
 
 def _named(question: Question) -> dict[str, object]:
     return {
-        "planned_test": question.plan + 1, "test": question.test, "tasks": " ".join(question.tasks),
+        "planned_test": question.plan + 1, "test": question.test, "tasks": " and ".join(question.tasks),
         "of": question.subject, "p": ADJUSTED if question.adjusted else "unadjusted", "alpha": question.alpha,
     }  # fmt: skip
 

@@ -214,6 +214,11 @@ class Study:
     answers: tuple[str, ...] | None = None
     ordered: bool = True
 
+    @property
+    def title(self) -> str:
+        """The name without the label before it."""
+        return self.name.removeprefix(f"{self.label}: ")
+
     def trials(self, task: str) -> pd.DataFrame:
         """Return the trials of one task that the analysis counts."""
         return self.attempts[self.attempts["included"] & (self.attempts["task"] == task)]

@@ -1,17 +1,71 @@
 """What is ours of right answers -> sections: tests beside the analyses of variance, contrasts, equivalence, lapses."""
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 
 from scipy.special import expit
 
-from palpate.analysis.documents.tables import Section, Table, bayes_factor, interval, number, p_is, probability
+from palpate.analysis.documents.tables import (
+    Column,
+    Record,
+    Section,
+    Table,
+    bayes_factor,
+    ends,
+    interval,
+    number,
+    p_is,
+    probability,
+    span,
+    tabulate,
+)
 from palpate.analysis.identification.beside import Beside, Paired, SlopesLogit
-from palpate.analysis.identification.contrasts import MARGIN, Contrast, Equivalences, Equivalent, Marginal
+from palpate.analysis.identification.contrasts import MARGIN, Contrast, Equivalent, Marginal
 from palpate.analysis.identification.results import Results
 from palpate.analysis.report.plan import TWO_WAY, Standing, marked
 from palpate.analysis.statistics.participants import Jackknife, Repeated
+
+
+def _versus(*names: str) -> str:
+    return " - ".join(names)
+
+
+def _odds_ratio(log_odds: float) -> str:
+    return number(math.exp(log_odds), 2)
+
+
+def _odds_ratios(low: float, high: float) -> str:
+    return span(math.exp(low), math.exp(high), 2)
+
+
+P, HOLM = Column("p", "P", show=probability), Column("p_holm", "P (Holm)", show=probability)
+LOG_ODDS = Column("log_odds", "log odds"), Column("error", "SE")
+REPEATED = (
+    Column("task", show=lambda task: "every task" if task == "all" else task, left=True),
+    Column("source", left=True), Column("n"),
+    Column("f", "F", 2), Column(("df", "df2"), "df", show=lambda *df: ", ".join(map(str, df))), Column("epsilon", "ε"),
+    P, Column("p_uncorrected", "P, ε = 1", show=probability),
+)  # fmt: skip
+PAIRED = (
+    Column("task", "tasks", left=True), Column("n"), Column("mean", "difference"), Column("sd", "SD"),
+    Column("t", decimals=2), Column("df"), P, Column("cohens_d", "d", 2),
+    Column(("d_low", "d_high"), "95 % CI of d", 2), Column("p_sign_flip", "sign flips: P", show=probability),
+)  # fmt: skip
+LOGIT = (
+    Column("source", "term", left=True), Column("log_odds", "odds ratio", show=_odds_ratio),
+    Column(("log_odds", "se"), "95 % CI", show=lambda mean, se: _odds_ratios(mean - 1.96 * se, mean + 1.96 * se)),
+)  # fmt: skip
+MEANS = (
+    Column("task", left=True), Column("material", "presented", left=True), *LOG_ODDS,
+    Column(("low", "high"), "95 % CI"), Column("log_odds", "share", show=lambda log_odds: number(expit(log_odds))),
+    Column(("low", "high"), "95 % CI", show=lambda low, high: span(expit(low), expit(high))),
+)  # fmt: skip
+CONTRASTS = (
+    Column(("first", "second"), "difference", show=_versus, left=True), *LOG_ODDS,
+    Column("log_odds", "odds ratio", show=_odds_ratio), Column(("low", "high"), "95 % CI", show=_odds_ratios),
+    Column("t", decimals=2), Column("df"), P, HOLM,
+)  # fmt: skip
 
 
 def beside_section(found: Beside, stands: Standing, common: tuple[str, ...] = ()) -> Section:
@@ -22,97 +76,67 @@ def beside_section(found: Beside, stands: Standing, common: tuple[str, ...] = ()
     )
     missing = (f"There is no {name}: {reason}." for name, reason in found.statements.items())
     mark = stands.ours(TWO_WAY, *found.materials)
-    section = Section(
-        "beside",
-        "Materials and tasks",
-        (about, *common, *missing),
-        _beside_tables(found),
-        tuple(_beside_records(found)),
-    )
-    return marked(section, mark)
-
-
-def _beside_tables(found: Beside) -> tuple[Table, ...]:
-    """Return a table of repeated measures, of paired tasks and of the logit; one without rows is left out."""
+    logit: Record = {"analysis": "logit by participant, material and task (ours)", "task": "all"}
     lines = [(task, line) for task, of in found.materials.items() for line in of]
-    lines += [("every task", line) for line in found.both]
-    rows = tuple(
-        (task, line.effect, str(line.n), number(line.f, 2), f"{line.df1}, {line.df2}", number(line.epsilon),
-         probability(line.p), probability(line.p_uncorrected))
+    lines += [("all", line) for line in found.both]
+    tables = [_repeated(lines), _paired(found.paired), *([_logit(found.logit, logit)] if found.logit else ())]
+    tested: list[Record] = []
+    if found.logit:
+        tested = [
+            {**logit, "source": term.name, "f": term.f, "df": term.df1, "df2": term.df2, "p": term.p}
+            for term in found.logit.terms
+        ]
+        tested += [{**logit, "source": f"SD, {name}", "sd": sd} for name, sd in found.logit.sds.items()]
+    shown = tuple(table for table in tables if table.rows)
+    return marked(Section("beside", "Materials and tasks", (about, *common, *missing), shown, tuple(tested)), mark)
+
+
+def _repeated(lines: Iterable[tuple[str, Repeated]]) -> Table:
+    records: list[Record] = [
+        {"analysis": "repeated measures (ours)", "task": task, "source": line.effect, "n": line.n, "f": line.f,
+         "df": line.df1, "df2": line.df2, "epsilon": line.epsilon, "p": line.p, "p_uncorrected": line.p_uncorrected}
         for task, line in lines
-    )  # fmt: skip
-    header = ("task", "source", "n", "F", "df", "ε", "P", "P, ε = 1")
-    notes = (
+    ]  # fmt: skip
+    note = (
         "Participants with every material, and every task, count. P has the correction of Greenhouse and Geisser. In "
-        "SIMULATED studies, at a nominal 5 %, it erred in 2 to 3 % with 6 participants, and in 3 to 5 % from 10 on.",
+        "SIMULATED studies, at a nominal 5 %, it erred in 2 to 3 % with 6 participants, and in 3 to 5 % from 10 on."
     )
-    repeated = Table("Repeated measures: correct ratios, with participants as the unit", header, rows,
-                     left=frozenset({0, 1}), notes=notes)  # fmt: skip
-    tables = [repeated, _paired(found.paired), *([_logit(found.logit)] if found.logit else ())]
-    return tuple(table for table in tables if table.rows)
+    return tabulate("Repeated measures: correct ratios, with participants as the unit", REPEATED, records, [note])
 
 
-def _paired(pairs: tuple[Paired, ...]) -> Table:
-    rows = tuple(
-        (f"{one.first} - {one.second}", str(one.test.n), number(one.test.mean), number(one.test.sd),
-         number(one.test.t, 2), str(one.test.df), probability(one.test.p), number(one.test.d, 2), interval(one.d, 2),
-         probability(one.flip.p))
+def _paired(pairs: Iterable[Paired]) -> Table:
+    records: list[Record] = [
+        {"analysis": "paired tasks (ours)", "task": _versus(one.first, one.second), "n": one.test.n,
+         "mean": one.test.mean, "sd": one.test.sd, "t": one.test.t, "df": one.test.df, "p": one.test.p,
+         "cohens_d": one.test.d, **ends(one.d, "d_"), "p_sign_flip": one.flip.p}
         for one in pairs
-    )  # fmt: skip
-    header = ("tasks", "n", "difference", "SD", "t", "df", "P", "d", "95 % CI of d", "sign flips: P")
-    notes = tuple(f"{one.first} - {one.second}: {one.test.statement}." for one in pairs if one.test.statement)
-    said = (
+    ]  # fmt: skip
+    notes = [f"{_versus(one.first, one.second)}: {one.test.statement}." for one in pairs if one.test.statement]
+    notes.append(
         "In SIMULATED studies, at a nominal 5 %, t erred in 4 to 6 %, and sign flips in 1 to 2 % with 6 "
-        "participants and in 3 to 5 % from 10 on.",
+        "participants and in 3 to 5 % from 10 on."
     )
-    title = "Paired: mean correct ratios of participants who did both tasks"
-    return Table(title, header, rows, notes=(*notes, *said))
+    return tabulate("Paired: mean correct ratios of participants who did both tasks", PAIRED, records, notes)
 
 
-def _logit(found: SlopesLogit) -> Table:
-    rows = tuple(
-        (name, number(math.exp(estimate), 2),
-         f"{math.exp(estimate - 1.96 * error):.2f} to {math.exp(estimate + 1.96 * error):.2f}")
+def _logit(found: SlopesLogit, kind: Record) -> Table:
+    records: list[Record] = [
+        {**kind, "source": name, "log_odds": estimate, "se": error}
         for name, (estimate, error) in found.coefficients.items()
-    )  # fmt: skip
+    ]
     tests = "; ".join(f"{t.name}: F({t.df1}, {t.df2}) = {t.f:.2f}, {p_is(t.p)}" for t in found.terms)
-    spread = ", ".join(f"{name} {sd:.2f}" for name, sd in found.sds.items())
     notes = (
         f"Wald tests: {tests}.",
-        f"The SDs of the log odds among participants are: {spread}.",
+        f"The SDs of the log odds among participants are: {_named(found.sds)}.",
         "In 60 SIMULATED studies of each size, from 6 to 25 participants, the tests erred in 0 to 8 %, at a nominal "
         "5 %.",
     )
     title = f"Logit in which {found.participants} participants differ in level, by material and by task"
-    return Table(title, ("term", "odds ratio", "95 % CI"), rows, notes=notes)
+    return tabulate(title, LOGIT, records, notes)
 
 
-def _beside_records(found: Beside) -> list[dict[str, object]]:
-    """Return the records of every table, with full precision."""
-    records = [_repeated(task, line) for task, lines in found.materials.items() for line in lines]
-    records += [_repeated("all", line) for line in found.both]
-    for one in found.paired:
-        low, high = (one.d.low, one.d.high) if one.d else (None, None)
-        records.append(
-            {"analysis": "paired tasks (ours)", "task": f"{one.first} - {one.second}", "n": one.test.n,
-             "mean": one.test.mean, "sd": one.test.sd, "t": one.test.t, "df": one.test.df, "p": one.test.p,
-             "cohens_d": one.test.d, "d_low": low, "d_high": high, "p_sign_flip": one.flip.p}
-        )  # fmt: skip
-    if found.logit:
-        kind: Mapping[str, object] = {"analysis": "logit by participant, material and task (ours)", "task": "all"}
-        for name, (estimate, error) in found.logit.coefficients.items():
-            records.append({**kind, "source": name, "log_odds": estimate, "se": error})
-        for term in found.logit.terms:
-            records.append({**kind, "source": term.name, "f": term.f, "df": term.df1, "df2": term.df2, "p": term.p})
-        records += [{**kind, "source": f"SD, {name}", "sd": sd} for name, sd in found.logit.sds.items()]
-    return records
-
-
-def _repeated(task: str, line: Repeated) -> dict[str, object]:
-    return {
-        "analysis": "repeated measures (ours)", "task": task, "source": line.effect, "n": line.n, "f": line.f,
-        "df": line.df1, "df2": line.df2, "epsilon": line.epsilon, "p": line.p, "p_uncorrected": line.p_uncorrected,
-    }  # fmt: skip
+def _named(sds: Mapping[str, float]) -> str:
+    return ", ".join(f"{name} {sd:.2f}" for name, sd in sds.items())
 
 
 def contrasts_section(results: Results) -> Section:
@@ -120,13 +144,8 @@ def contrasts_section(results: Results) -> Section:
     found, why = results.marginal
     if found is None:
         return Section("contrasts", "Marginal means and contrasts", (f"There are no marginal means: {why}.",))
-    records: list[Mapping[str, object]] = [{"table": "mean", **asdict(one)} for one in found.means]
-    for name, of in (("materials within a task", found.materials), ("tasks within a material", found.tasks)):
-        records += [{"table": name, **asdict(one)} for one in of]
-    keys = dict.fromkeys(key for record in records for key in record)
-    same = tuple({key: record.get(key) for key in keys} for record in records)
     tables = tuple(table for table in _tables(found) if table.rows)
-    return Section("contrasts", "Marginal means and contrasts", _about(found), tables, same)
+    return Section("contrasts", "Marginal means and contrasts", _about(found), tables)
 
 
 def equivalence_section(results: Results) -> Section:
@@ -140,16 +159,6 @@ def equivalence_section(results: Results) -> Section:
         f"erred in {EQUIVALENT}, at a nominal 5 %.",
         *(f"{why[0].upper()}{why[1:]}." for why in found.statements),
     )
-    tables = tuple(table for table in _equivalences(found) if table.rows)
-    records = tuple(
-        {"tasks": " and ".join(one.tasks), "of": one.subject, "planned": one.planned, **asdict(one.result),
-         "p_holm": one.p_holm}
-        for one in (*found.tasks, *found.pairs)
-    )  # fmt: skip
-    return Section("equivalence", "Equivalence", about, tables, records)
-
-
-def _equivalences(found: Equivalences) -> tuple[Table, ...]:
     own = (
         "The margin is that of the protocol where it says planned. Elsewhere it is ours, "
         f"{MARGIN:g}, one answer in ten, and the test is exploratory."
@@ -163,23 +172,27 @@ def _equivalences(found: Equivalences) -> tuple[Table, ...]:
         "pair was, the mean of both: 1 for a pair that is always told apart, 0 for one that is not at all. P (Holm) is "
         f"adjusted over the pairs of a task. {own}"
     )
-    return (
+    tables = (
         _equivalent("Ours, the same in both tasks: right answers", "tasks", "presented", found.tasks, tasks),
         _equivalent("Ours, not told apart: pairs of materials", "task", "pair", found.pairs, pairs),
     )
+    return Section("equivalence", "Equivalence", about, tuple(table for table in tables if table.rows))
 
 
-def _equivalent(title: str, tasks: str, what: str, of: Sequence[Equivalent], note: str) -> Table:
-    rows = tuple(
-        (" - ".join(one.tasks), one.subject, str(one.result.n), number(one.result.mean), number(one.result.sd),
-         f"{one.result.low:.3f} to {one.result.high:.3f}",
-         f"{one.result.margin:g}, {'planned' if one.planned else 'exploratory'}", probability(one.result.p),
-         probability(one.p_holm), bayes_factor(one.result.log_bf01))
+def _equivalent(title: str, tasks: str, what: str, of: Iterable[Equivalent], note: str) -> Table:
+    records = [
+        {"tasks": one.tasks, "of": one.subject, "planned": one.planned, **asdict(one.result), "p_holm": one.p_holm}
         for one in of
+    ]
+    columns = (
+        Column("tasks", tasks, show=lambda names: _versus(*names), left=True), Column("of", what, left=True),
+        Column("n"), Column("mean", "difference" if tasks == "tasks" else "told apart"), Column("sd", "SD"),
+        Column(("low", "high"), "90 % CI"),
+        Column(("margin", "planned"), "margin", left=True,
+               show=lambda margin, planned: f"{margin:g}, {'planned' if planned else 'exploratory'}"),
+        P, HOLM, Column("log_bf01", "BF01", show=bayes_factor),
     )  # fmt: skip
-    header = (tasks, what, "n", "difference", "SD", "90 % CI", "margin", "P", "P (Holm)", "BF01")
-    header = header if len(of) == 0 or len(of[0].tasks) > 1 else (*header[:3], "told apart", *header[4:])
-    return Table(title, header, rows, left=frozenset({0, 1, 6}), notes=(note,))
+    return tabulate(title, columns, records, [note])
 
 
 EQUIVALENT = "0 to 5 %"
@@ -187,28 +200,22 @@ EQUIVALENT = "0 to 5 %"
 
 
 def _about(found: Marginal) -> tuple[str, ...]:
-    spread = ", ".join(f"{name} {sd:.2f}" for name, sd in found.sds.items())
     left_out = " and ".join(f"{material} in {task}" for task, material in found.left_out)
     return (
         f"All of this is ours: means and differences of log odds, from a logit in which {found.participants} "
         "participants differ in level, by material, by task and by each material in each task. It is the model with "
         "participants that holds: with random intercepts alone a quarter of SIMULATED studies err, at a nominal 5 %, "
         "and GEE has fewer degrees of freedom than there are means where participants are few. The share is that of a "
-        f"participant in the middle, not the mean share. The SDs of the log odds among participants are: {spread}.",
+        f"participant in the middle, not the mean share. The SDs of the log odds among participants are: "
+        f"{_named(found.sds)}.",
         *(f"Without a limit, and left out, are the odds of {left_out}: all answers were right, or all wrong."
           for _ in found.left_out[:1]),
     )  # fmt: skip
 
 
 def _tables(found: Marginal) -> tuple[Table, ...]:
-    rows = tuple(
-        (one.task, one.material, number(one.log_odds), number(one.error), f"{one.low:.3f} to {one.high:.3f}",
-         number(expit(one.log_odds)), f"{expit(one.low):.3f} to {expit(one.high):.3f}")
-        for one in found.means
-    )  # fmt: skip
-    header = ("task", "presented", "log odds", "SE", "95 % CI", "share", "95 % CI")
+    means = [{"table": "mean", **asdict(one)} for one in found.means]
     note = "Limits are those of Student's t on n - 1 degrees of freedom."
-    means = Table("Ours, marginal means of right answers", header, rows, left=frozenset({0, 1}), notes=(note,))
     held = (
         "In SIMULATED studies of 6 to 25 participants, at a nominal 5 %, one of these tests erred in {often}, least "
         "often with 6. Odds ratio and its interval are not adjusted."
@@ -216,16 +223,15 @@ def _tables(found: Marginal) -> tuple[Table, ...]:
     pairs = "P (Holm) is adjusted over the pairs of one task. "
     every = "P (Holm) is adjusted over all rows of this table. "
     return (
-        means,
-        _contrasts("Ours, materials within a task", "task", found.materials, pairs + held.format(often=MATERIALS)),
-        _contrasts("Ours, tasks within a material", "presented", found.tasks, every + held.format(often=TASKS)),
+        tabulate("Ours, marginal means of right answers", MEANS, means, [note]),
+        _contrasts("materials within a task", "task", found.materials, pairs + held.format(often=MATERIALS)),
+        _contrasts("tasks within a material", "presented", found.tasks, every + held.format(often=TASKS)),
     )
 
 
 def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
     """Return what the bias and lapse model says of each task: who lapses, at what, and what is named then."""
-    tables: list[Table] = []
-    records: list[Mapping[str, object]] = []
+    tables, records = [], list[Record]()
     about = (
         "Ours: each trial is known, or lapses and is guessed, by a bias that is the same for all materials. Lapses "
         "above 1 are fewer right answers than such guesses give. A G² far above its df says that wrong answers "
@@ -275,12 +281,6 @@ MATERIALS, TASKS = "2 to 6 %", "0 to 5 %"
 """How often the contrasts erred in `tests.benchmarks.inference`."""
 
 
-def _contrasts(title: str, within: str, of: Sequence[Contrast], note: str) -> Table:
-    rows = tuple(
-        (one.within, f"{one.first} - {one.second}", number(one.log_odds), number(one.error),
-         number(math.exp(one.log_odds), 2), f"{math.exp(one.low):.2f} to {math.exp(one.high):.2f}",
-         number(one.t, 2), str(one.df), probability(one.p), probability(one.p_holm))
-        for one in of
-    )  # fmt: skip
-    header = (within, "difference", "log odds", "SE", "odds ratio", "95 % CI", "t", "df", "P", "P (Holm)")
-    return Table(title, header, rows, left=frozenset({0, 1}), notes=(note,))
+def _contrasts(name: str, within: str, of: Iterable[Contrast], note: str) -> Table:
+    records = [{"table": name, **asdict(one)} for one in of]
+    return tabulate(f"Ours, {name}", (Column("within", within, left=True), *CONTRASTS), records, [note])

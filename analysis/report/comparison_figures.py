@@ -89,5 +89,5 @@ def scale(axes: Axes, task: TaskComparisons, one: Scaled, materials: tuple[str, 
     axes.axvline(0, color="0.7", linewidth=0.6, zorder=0)
     axes.set_yticks(rows, [drawing.short(material, 26) for material in materials])
     axes.set_ylim(len(materials) - 0.5, -0.5)
-    axes.set_xlabel(textwrap.fill(LAWS[one.law], 40))
+    axes.set_xlabel(textwrap.fill(", ".join(LAWS[one.law]), 40))
     axes.set_title(drawing.short(task.task.title, 40))

@@ -13,11 +13,11 @@ from palpate.analysis.report.found import UNNAMED, compared_section, more
 from palpate.analysis.report.sections import formulas
 
 LAWS = {
-    "bradley-terry": "Bradley-Terry, in logits",
-    "thurstone": "Thurstone's case V, in standard deviations of a difference",
-    "davidson": "Davidson, with ties, in logits",
+    "bradley-terry": ("Bradley-Terry", "in logits"),
+    "thurstone": ("Thurstone's case V", "in standard deviations of a difference"),
+    "davidson": ("Davidson", "with ties, in logits"),
 }
-"""What is said of each law. A protocol writes the same name with capitals, as `str.title` gives it."""
+"""The name of each law, and more about it. A protocol writes the same name with capitals, as `str.title` gives it."""
 
 FIT = (
     "The P of a deviance takes all answers as independent and every participant as having the same scale, and needs "
@@ -31,7 +31,9 @@ def sections(study: Study, results: Compared, printed: Published | None = None) 
     stands = plan.standing(study, printed)
     in_print = [task for task in results.tasks if task.in_print is not None]
     pairs = _pairs(results)
-    against = [_of_pairs(stands, task.task.id) for task in results.tasks]
+    # Right choices are printed, or lie behind a planned scale.
+    tests = (plan.PAIRS, *map(str.title, LAWS))
+    against = [stands.of_any(tests, task.task.id) for task in results.tasks]
     parts = {
         stands.results: (plan.marked(pairs, *against), _scales(results, stands)),
         "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
@@ -43,12 +45,6 @@ def sections(study: Study, results: Compared, printed: Published | None = None) 
         _overview(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
-
-
-def _of_pairs(stands: plan.Standing, task: str) -> str:
-    """Return how the right choices stand, which are printed, or lie behind a planned scale."""
-    marks = {mark for test in (plan.PAIRS, *map(str.title, LAWS)) for mark in stands.of(test, task).split(", ")}
-    return ", ".join(mark for mark in (plan.PLANNED, plan.PUBLISHED) if mark in marks) or plan.EXPLORATORY
 
 
 def percent(share: Share) -> str:
@@ -190,8 +186,7 @@ def _scales(results: Compared, stands: plan.Standing) -> Section:
     for task in results.tasks:
         for one in task.scales:
             if one.scale is None:
-                law = LAWS[one.law].partition(",")[0]
-                paragraphs.append(f"{task.task.id}: there is no scale of {law}: {one.statement}.")
+                paragraphs.append(f"{task.task.id}: there is no scale of {LAWS[one.law][0]}: {one.statement}.")
                 continue
             mark = stands.of(one.law.title(), task.task.id)
             tables.append(replace(_scale(results, task, one), standing=mark))
@@ -221,7 +216,7 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:
             f"{plural(one.scale.df, 'degree')} of freedom, {p_is(one.p)}."
         )
     header = ("material", "value", "95 % CI", "above the one before", "95 % CI")
-    return Table(f"{task.task.title}: {LAWS[one.law]}", header, rows, notes=tuple(notes))
+    return Table(f"{task.task.title}: {', '.join(LAWS[one.law])}", header, rows, notes=tuple(notes))
 
 
 def methods() -> tuple[tuple[str, str], ...]:

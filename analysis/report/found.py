@@ -5,7 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from palpate.analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
+from palpate.analysis.documents.tables import (
+    Column,
+    Record,
+    Section,
+    Table,
+    count_of,
+    ends,
+    interval,
+    number,
+    p_is,
+    plural,
+    probability,
+    tabulate,
+)
 from palpate.analysis.identification.identify import Cell, Identification
 from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from palpate.analysis.reading.study import Study
@@ -59,12 +72,11 @@ def asked(study: Study) -> list[str]:
 
 
 def _record(task: TaskResult, test: MaterialTest, cell: Cell) -> dict[str, object]:
-    limits = cell.bootstrap
     return {
         "quantity": "correct answer ratio", "task": task.task.id, "of": test.material, "n": test.result.n,
-        "value": test.result.mean, "low": limits.low if limits else None, "high": limits.high if limits else None,
-        "statistic": test.result.t, "p": test.result.p, "p_holm": test.p_holm,
-        "p_sign_flip_ours": test.flip.p if test.flip else None, "stars": task.stars(test), "also_in": "tests.csv",
+        "value": test.result.mean, **ends(cell.bootstrap), "statistic": test.result.t, "p": test.result.p,
+        "p_holm": test.p_holm, "p_sign_flip_ours": test.flip and test.flip.p, "stars": task.stars(test),
+        "also_in": "tests.csv",
     }  # fmt: skip
 
 
@@ -191,28 +203,29 @@ def compared_section(study: Study, results: Compared, mark: str) -> Section:
     """Return the same of comparisons, a table with a `mark`: how often pairs were told right, and steps of a scale."""
     paragraphs = [*asked(study)]
     paragraphs += [" ".join(_compared(task, results)) for task in results.tasks]
-    rows, records = [], []
+    records: list[Record] = []
     for task in results.tasks:
         scaled = _first_scale(task)
         for low in range(len(results.materials) - 1):
-            right = task.pair(low, low + 1).right
-            step = scaled.steps[low] if scaled else None
-            names = f"{results.materials[low + 1]} above {results.materials[low]}"
-            told = "-" if right.value is None else f"{100 * right.value:.0f} %"
-            rows.append((task.task.id, names, f"{right.count} of {right.trials}", told,
-                         number(step.value if step else None, 2), interval(step, 2)))  # fmt: skip
+            right, step = task.pair(low, low + 1).right, scaled.steps[low] if scaled else None
             records.append(
-                {"task": task.task.id, "of": names, "right": right.count, "trials": right.trials,
-                 "share": right.value, "law": scaled.law if scaled else None, "step": step.value if step else None,
-                 "low": step.low if step else None, "high": step.high if step else None,
+                {"task": task.task.id, "of": f"{results.materials[low + 1]} above {results.materials[low]}",
+                 "right": right.count, "trials": right.trials, "share": right.value,
+                 "law": scaled.law if scaled else None, "step": step.value if step else None, **ends(step),
                  "also_in": "pairs.csv, scales.csv"}
             )  # fmt: skip
     laws = {scaled.law for task in results.tasks if (scaled := _first_scale(task))}
     of = f", and the step between them on the scale of {joined([LAWS[law] for law in sorted(laws)])}" * bool(laws)
     notes = (f"Neighbours in {results.quality}: how often they were told right{of}, with participants as the units.",)
-    header = ("task", "neighbours", "right", "", "step", "95 % CI")
-    table = Table("Neighbours", header, tuple(rows), left=frozenset({0, 1}), notes=notes, standing=mark)
-    return Section("found", FOUND, tuple(paragraphs), (table,), tuple(records))
+    table = tabulate("Neighbours", NEIGHBORS, records, notes, standing=mark)
+    return Section("found", FOUND, tuple(paragraphs), (table,))
+
+
+NEIGHBORS = (
+    Column("task", left=True), Column("of", "neighbours", left=True), Column(("right", "trials"), show=count_of),
+    Column("share", "", show=lambda share: "-" if share is None else f"{100 * share:.0f} %"),
+    Column("step", decimals=2), Column(("low", "high"), "95 % CI", 2),
+)  # fmt: skip
 
 
 UNNAMED = "what was compared"

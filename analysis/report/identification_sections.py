@@ -3,11 +3,26 @@
 import math
 import statistics
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.analysis.documents.tables import Section, Table, interval, number, p_is, plural, probability
+from palpate.analysis.documents.tables import (
+    Column,
+    Record,
+    Section,
+    Table,
+    count_of,
+    ends,
+    interval,
+    number,
+    p_is,
+    plural,
+    probability,
+    span,
+    tabulate,
+)
 from palpate.analysis.identification.identify import CHOICE_RESAMPLES, ChoiceIntervals, Identification
 from palpate.analysis.identification.results import Results
 from palpate.analysis.identification.time_course import WINDOW, TimeCourse
@@ -21,35 +36,34 @@ ARBITRARY = (
 )
 
 
+INTERVALS = (
+    Column("presented", left=True), Column("answered", left=True), Column(("count", "trials"), "count", show=count_of),
+    Column("ratio"), Column(("wilson_low", "wilson_high"), "Wilson"),
+    Column(("clopper_pearson_low", "clopper_pearson_high"), "Clopper-Pearson"),
+    Column(("bootstrap_low", "bootstrap_high"), "BCa bootstrap"),
+)  # fmt: skip
+
+
 def intervals_section(results: Results) -> Section:
     """Return every ratio with its intervals."""
-    records: list[Mapping[str, object]] = []
     tables, brief = [], []
-    header = ("presented", "answered", "count", "ratio", "Wilson", "Clopper-Pearson", "BCa bootstrap")
     for task, found in zip(results.tasks, results.identifications, strict=True):
-        rows = []
-        for cell in found.cells:
-            ratio = cell.count / cell.trials if cell.trials else None
-            three = {"wilson": cell.wilson, "clopper_pearson": cell.clopper_pearson, "bootstrap": cell.bootstrap}
-            shown = map(interval, three.values())
-            rows.append((cell.presented, cell.answered, f"{cell.count} of {cell.trials}", number(ratio), *shown))
-            record: dict[str, object] = {
-                "task": found.task, "presented": cell.presented, "answered": cell.answered, "count": cell.count,
-                "trials": cell.trials, "ratio": ratio,
-            }  # fmt: skip
-            for name, limits in three.items():
-                record[f"{name}_low"], record[f"{name}_high"] = _ends(limits)
-            records.append({**record, "statement": cell.statement})
+        records: list[Record] = [
+            {"task": found.task, "presented": cell.presented, "answered": cell.answered, "count": cell.count,
+             "trials": cell.trials, "ratio": cell.count / cell.trials if cell.trials else None,
+             **ends(cell.wilson, "wilson_"), **ends(cell.clopper_pearson, "clopper_pearson_"),
+             **ends(cell.bootstrap, "bootstrap_"), "statement": cell.statement}
+            for cell in found.cells
+        ]  # fmt: skip
         missing = {cell.statement: cell for cell in found.cells[::-1] if cell.statement}
-        notes = tuple(
+        notes = [
             f"Some ratios have no bootstrap interval, such as {cell.presented} answered as {cell.answered}: {why}."
             for why, cell in missing.items()
-        )
-        tables.append(Table(task.task.title, header, tuple(rows), left=frozenset({0, 1}), notes=notes))
-        right = tuple(row for row in rows if row[0] == row[1])
+        ]
+        tables.append(tabulate(task.task.title, INTERVALS, records, notes))
+        right = [record for record in records if record["presented"] == record["answered"]]
         where = "The report and intervals.csv give all answers."
-        title = f"{task.task.title}: correct answers"
-        brief.append(Table(title, header, right, frozenset({0, 1}), notes=(*notes, where)))
+        brief.append(tabulate(f"{task.task.title}: correct answers", INTERVALS, right, (*notes, where)))
     about = (
         "All intervals are 95 % intervals. Those of Wilson and of Clopper and Pearson treat all trials as independent, "
         "although the trials of one participant are not. The BCa interval is that of the mean among participants, from "
@@ -57,7 +71,7 @@ def intervals_section(results: Results) -> Section:
         "part: of 60 SIMULATED studies of each size it held the truth in 82 to 93 % with 6 participants, and in 85 to "
         "97 % with 10 to 25."
     )
-    return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), tuple(records), tuple(brief))
+    return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), brief=tuple(brief))
 
 
 def confusions_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
@@ -255,10 +269,12 @@ def trials_section(results: Results) -> Section:
         ("GEE logit", "", "correlation within a participant", found.gee),
         ("mixed logit", ", with a random intercept for each participant", "SD of the random intercepts", found.mixed),
     )
-    fitted = [(name, of, spread, model) for name, of, spread, model in models if model is not None]
-    tables = tuple(_model_table(name[0].upper() + name[1:] + of, spread, model) for name, of, spread, model in fitted)
-    records = tuple(record for name, _, spread, model in fitted for record in _trial_records(name, spread, model))
-    return Section("trials", "Single trials", paragraphs, tables, records)
+    tables = tuple(
+        _model_table(name, more, spread, model, GEE if model is found.gee else MIXED)
+        for name, more, spread, model in models
+        if model is not None
+    )
+    return Section("trials", "Single trials", paragraphs, tables)
 
 
 def _left_out(found: TrialLevel) -> list[str]:
@@ -270,50 +286,49 @@ def _left_out(found: TrialLevel) -> list[str]:
     return [f"The models leave out {trials} that lack one of the values used ({by_task}){who}."]
 
 
-def _model_table(title: str, spread: str, model: TrialModel) -> Table:
-    rows = tuple(
-        (one.name, number(math.exp(one.estimate), 2), f"{math.exp(one.low):.2f} to {math.exp(one.high):.2f}",
-         probability(one.p))
+GEE = (
+    "The {spread} is {value:.3f}. The standard errors are those of Kauermann and Carroll. F is ours, after Hotelling, "
+    "and erred in 4 to 6 % of SIMULATED studies of 6 to 25 participants, at a nominal 5 %; taken as chi-squared, tests "
+    "of four materials erred in 19 to 20 % with 10."
+)
+MIXED = (
+    "The {spread} is {value:.2f}. The fit is by maximum likelihood. These are the odds of one participant; the more "
+    "participants differ, the further they are from 1 than those of the population. The P of material and task hold "
+    "only if participants differ in level alone: where they differed by material and task, they erred in 25 to 47 % of "
+    "SIMULATED studies, at a nominal 5 %. The logit beside the analysis of variance allows for that."
+)
+ODDS = (
+    Column("term", left=True), Column("log_odds", "odds ratio", show=lambda odds: number(math.exp(odds), 2)),
+    Column(("low", "high"), "95 % CI", show=lambda low, high: span(math.exp(low), math.exp(high), 2)),
+    Column("p", "P", show=probability),
+)  # fmt: skip
+
+
+def _model_table(name: str, more: str, spread: str, model: TrialModel, about: str) -> Table:
+    records: list[Record] = [
+        {"model": name, "term": one.name, "log_odds": one.estimate, "se": one.error, "low": one.low, "high": one.high,
+         "p": one.p}
         for one in model.coefficients
-    )  # fmt: skip
-    tests = "; ".join(_tested(term) for term in model.terms)
-    if title.startswith("GEE"):
-        about = (
-            f"The {spread} is {model.spread:.3f}. The standard errors are those of Kauermann and Carroll. F is ours, "
-            "after Hotelling, and erred in 4 to 6 % of SIMULATED studies of 6 to 25 participants, at a nominal 5 %; "
-            "taken as chi-squared, tests of four materials erred in 19 to 20 % with 10."
-        )
-    else:
-        about = (
-            f"The {spread} is {model.spread:.2f}. The fit is by maximum likelihood. These are the odds of one "
-            "participant; the more participants differ, the further they are from 1 than those of the population. The "
-            "P of material and task hold only if participants differ in level alone: where they differed by "
-            "material and task, they erred in 25 to 47 % of SIMULATED studies, at a nominal 5 %. The logit beside the "
-            "analysis of variance allows for that."
-        )
-    notes = (f"Wald tests: {tests}.", about, *(f"statsmodels warned during the fit: {said}." for said in model.warned))
-    size = f"{model.trials} trials of {model.participants} participants"
-    return Table(f"{title}: {size}", ("term", "odds ratio", "95 % CI", "P"), rows, notes=notes)
+    ]  # fmt: skip
+    tests: list[Record] = [
+        {"model": name, "term": term.name, "chi2" if term.df2 is None else "f": term.statistic, "df": term.df,
+         "df2": term.df2, "p": term.p}
+        for term in model.terms
+    ]  # fmt: skip
+    notes = (
+        f"Wald tests: {'; '.join(map(_tested, model.terms))}.",
+        about.format(spread=spread, value=model.spread),
+        *(f"statsmodels warned during the fit: {said}." for said in model.warned),
+    )
+    title = f"{name[0].upper()}{name[1:]}{more}: {model.trials} trials of {model.participants} participants"
+    last = {"model": name, "term": spread, "value": model.spread}
+    return replace(tabulate(title, ODDS, records, notes), records=(*records, *tests, last))
 
 
 def _tested(term: Term) -> str:
     """Return Wald's test of a term in words."""
     name, df = ("chi2", f"{term.df}") if term.df2 is None else ("F", f"{term.df}, {term.df2}")
     return f"{term.name}: {name}({df}) = {term.statistic:.2f}, {p_is(term.p)}"
-
-
-def _trial_records(kind: str, spread: str, model: TrialModel) -> list[Mapping[str, object]]:
-    records: list[Mapping[str, object]] = [
-        {"model": kind, "term": one.name, "log_odds": one.estimate, "se": one.error, "low": one.low, "high": one.high,
-         "p": one.p}
-        for one in model.coefficients
-    ]  # fmt: skip
-    records += [
-        {"model": kind, "term": t.name, "chi2" if t.df2 is None else "f": t.statistic, "df": t.df, "df2": t.df2,
-         "p": t.p}
-        for t in model.terms
-    ]  # fmt: skip
-    return [*records, {"model": kind, "term": spread, "value": model.spread}]
 
 
 def course_section(found: TimeCourse) -> Section:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
+from itertools import product
 from typing import TYPE_CHECKING
 
-from palpate.analysis.documents.tables import Section, Table, number, p_is, plural
+from palpate.analysis.documents.tables import Column, Record, Section, Table, number, p_is, plural, tabulate
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Exclusion, Study, sentences
 
@@ -58,7 +59,11 @@ class Standing:
 
     def of(self, test: str, *tasks: str) -> str:
         """Return the mark of a test of these tasks."""
-        these = {(test, task) for task in tasks}
+        return self.of_any([test], *tasks)
+
+    def of_any(self, tests: Iterable[str], *tasks: str) -> str:
+        """Return the mark of what belongs to several tests of these tasks."""
+        these = set(product(tests, tasks))
         return ", ".join(_marks(these & self.planned, these & self.printed)) or EXPLORATORY
 
     def of_pair(self, pair: PairTest) -> str:
@@ -122,43 +127,44 @@ def icc_marks(study: Study, stands: Standing, results: Results) -> tuple[str, ..
     return (of_forms,) * len(results.reliabilities) + (mark,) * (results.components is not None)
 
 
-def overview(study: Study, rows: tuple[Mapping[str, object], ...], done: Callable[[PlannedTest], str]) -> Section:
+def _of_planned(count: int, planned: int | None) -> str:
+    return f"{count}" if planned is None else f"{count} of {planned}"
+
+
+TASKS = (
+    Column("task", left=True), Column("title", left=True),
+    Column(("participants", "participants_planned"), show=_of_planned),
+    Column(("trials", "trials_planned"), show=_of_planned), Column("without_answer", "no answer"),
+    Column("chance", show=lambda chance: f"{chance:.4g}"),
+)  # fmt: skip
+TESTS = (
+    Column("test", left=True), Column("tasks", left=True), Column("alpha"), Column("stars", "stars by", left=True),
+    Column("done", "what was run", left=True), Column("question", "question and form", left=True, brief=False),
+)  # fmt: skip
+
+
+def overview(study: Study, rows: tuple[Record, ...], done: Callable[[PlannedTest], str]) -> Section:
     """Return participants, trials and tests, those planned beside those done.
 
-    `rows` has a mapping for each task: task, title, participants and trials as analysed, and more. `done` says what was
+    `rows` has a record for each task: task, title, participants and trials as analysed, and more. `done` says what was
     run of a planned test.
     """
-    name = study.name.removeprefix(f"{study.label}: ")
-    counts = [_counts(study, str(row["task"])) for row in rows]
-    records = tuple({**row, **count} for row, count in zip(rows, counts, strict=True))
-    shown = tuple(
-        (str(row["task"]), str(row["title"]), _of(row["participants"], count["participants_planned"]),
-         _of(row["trials"], count["trials_planned"]), *(f"{value:.4g}" if key == "chance" else str(value)
-         for key, value in row.items() if key in ("without_answer", "chance")))
-        for row, count in zip(rows, counts, strict=True)
-    )  # fmt: skip
-    header = ("task", "title", "participants", "trials", "no answer", "chance")[: len(shown[0]) if shown else 6]
-    planned = any(count["participants_planned"] is not None for count in counts)
+    records = [{**row, **_counts(study, row["task"])} for row in rows]
+    planned = any(record["participants_planned"] is not None for record in records)
     notes = ("Analysed, of those planned.",) * planned
-    tables = [
-        Table("Participants and trials", header, shown, left=frozenset({0, 1}), notes=notes, standing=DESCRIPTIVE)
-    ]
+    tables = [tabulate("Participants and trials", TASKS, records, notes, standing=DESCRIPTIVE)]
     brief = list(tables)
     if tests := list(_tests(study, done)):
-        head = ("test", "tasks", "alpha", "stars by", "what was run")
-        left = frozenset({0, 1, 3, 4, 5})
-        tables.append(Table("Planned tests", (*head, "question and form"), tuple(tests), left=left, standing=PLANNED))
-        brief.append(Table("Planned tests", head, tuple(row[:-1] for row in tests), left=left, standing=PLANNED))
+        for shown, short in ((tables, False), (brief, True)):
+            table = tabulate("Planned tests", TESTS, tests, brief=short, standing=PLANNED)
+            shown.append(replace(table, records=()))
     paragraphs = (
-        f"{name}. The study is {study.id}, with {plural(len(study.participants), 'participant')} in the dataset.",
+        f"{study.title}. The study is {study.id}, with {plural(len(study.participants), 'participant')} in the "
+        "dataset.",
         *_source(study),
         *sentences(study),
     )
-    return Section("overview", "Planned and done", paragraphs, tuple(tables), records, tuple(brief), aside=(MARKS,))
-
-
-def _of(done: object, planned: int | None) -> str:
-    return f"{done}" if planned is None else f"{done} of {planned}"
+    return Section("overview", "Planned and done", paragraphs, tuple(tables), brief=tuple(brief), aside=(MARKS,))
 
 
 def _counts(study: Study, task: str) -> dict[str, int | None]:
@@ -182,23 +188,19 @@ def _source(study: Study) -> list[str]:
     return [f"The plan{f' of {part.name}' * several} is sourcedata/protocol.toml; {part.sealed}." for part in known]
 
 
-def _tests(study: Study, done: Callable[[PlannedTest], str]) -> Iterator[tuple[str, ...]]:
+def _tests(study: Study, done: Callable[[PlannedTest], str]) -> Iterator[Record]:
     found: dict[str, tuple[PlannedTest, list[str]]] = {}
     for part in study.parts:
         for plan in part.protocol.analysis if part.protocol else ():
             found.setdefault(plan.model_dump_json(), (plan, []))[1].append(part.name)
     for plan, parts in found.values():
         where = f" ({', '.join(parts)} alone)" * (len(parts) < len(study.parts))
-        stars = "-" if plan.test != T else "P" if plan.correction is None else f"Holm, {plan.correction}"
-        question = " ".join(f"{plan.question} {plan.form or ''}".split())
-        yield (
-            plan.test,
-            ", ".join(plan.tasks) + where,
-            f"{plan.alpha:g}" if plan.test in (T, ONE_WAY, TWO_WAY) else "-",
-            stars,
-            done(plan),
-            question,
-        )
+        yield {
+            "test": plan.test, "tasks": ", ".join(plan.tasks) + where,
+            "alpha": f"{plan.alpha:g}" if plan.test in (T, ONE_WAY, TWO_WAY) else None,
+            "stars": None if plan.test != T else "P" if plan.correction is None else f"Holm, {plan.correction}",
+            "done": done(plan), "question": " ".join(f"{plan.question} {plan.form or ''}".split()),
+        }  # fmt: skip
 
 
 def done_of(results: Results, plan: PlannedTest) -> str:
@@ -288,7 +290,7 @@ def exclusions_section(study: Study) -> Section:
         shown = (replace(brief, standing=_rules_standing(study)),) if by_rule else ()
         # A table without a row could not say what the dataset is.
         none = {**dict.fromkeys(field.name for field in fields(Exclusion)), "reason": "nothing was left out"}
-        return Section("exclusions", "Left out", (about, *_unasked(study)), shown, records=(none,))
+        return Section("exclusions", "Left out", (about, *_unasked(study)), shown, further=(none,))
     rows = tuple(tuple("-" if cell is None else str(cell) for cell in asdict(one).values()) for one in study.exclusions)
     each = Table("", ("participant", "task", "trial", "attempt", "rule", "reason"), rows, left=frozenset({0, 1, 4, 5}))
     brief = replace(brief, notes=("The report and exclusions.csv list each one.",))

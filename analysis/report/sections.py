@@ -1,7 +1,7 @@
 """Results -> sections: the tables of the report, the records behind them, and every formula by its name."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -9,14 +9,17 @@ from string import Template
 
 from palpate.analysis.audit.audit import Comparison, comparison_section
 from palpate.analysis.documents.tables import (
+    Column,
+    Record,
     Section,
     Table,
     bayes_factor,
-    interval,
+    ends,
     lacks_a_limit,
     number,
     plural,
     probability,
+    tabulate,
 )
 from palpate.analysis.identification.identify import CHOICE_RESAMPLES
 from palpate.analysis.identification.maps import MOST, ORDERS
@@ -42,45 +45,42 @@ from palpate.analysis.report.identification_sections import (
     trials_section,
 )
 from palpate.analysis.report.played_section import left_out, played_sections
-from palpate.analysis.statistics.anova import Anova, Effect
+from palpate.analysis.statistics.anova import Anova
 from palpate.analysis.statistics.icc import NAMES
-from palpate.analysis.statistics.inference import RESAMPLES, EffectSize
+from palpate.analysis.statistics.inference import RESAMPLES
 from palpate.experiment.records.events import NO_ANSWER
 
 FEW = 10
 """The most participants left out of a matrix that a terminal names; it counts the others."""
 
 
+P = Column("p", "P", show=probability)
+FORMS = (
+    Column("form", "Shrout-Fleiss", left=True), Column("also", "McGraw-Wong", left=True), Column("icc", "ICC"),
+    Column(("low", "high"), "95 % CI"), Column("f", "F", 2), Column("df1"), Column("df2"), P,
+)  # fmt: skip
+
+
 def icc_section(results: Results) -> Section:
     """Return every ICC form for every matrix, and the variance-component form."""
-    header = ("Shrout-Fleiss", "McGraw-Wong", "ICC", "95 % CI", "F", "df1", "df2", "P")
     tables = []
-    for table in results.reliabilities:
-        rows = tuple(
-            (f.shrout_fleiss, f.mcgraw_wong, number(f.value), interval(f), number(f.f, 2), str(f.df1), str(f.df2),
-             probability(f.p))
-            for f in (table.icc.forms if table.icc else ())
-        )  # fmt: skip
-        tables.append(Table(table.matrix, header, rows, left=frozenset({0, 1}), notes=_icc_notes(table)))
+    for one in results.reliabilities:
+        records: list[Record] = [
+            {"matrix": one.matrix, "form": form.shrout_fleiss, "also": form.mcgraw_wong, "model": form.model,
+             "icc": form.value, "f": form.f, "df1": form.df1, "df2": form.df2, "p": form.p, "low": form.low,
+             "high": form.high, "statement": form.statement}
+            for form in (one.icc.forms if one.icc else ())
+        ]  # fmt: skip
+        tables.append(tabulate(one.matrix, FORMS, records, _icc_notes(one)))
     shown = tuple(
         (r.matrix, *(number(r.icc.form(name).value) if r.icc else "-" for name in NAMES)) for r in results.reliabilities
     )
     told = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
     more = "The report and icc.csv give F, P and the intervals."
     brief = [Table("", ("matrix", *NAMES), shown, notes=(*told, more))]
-    records: list[Mapping[str, object]] = [
-        {"matrix": table.matrix, "form": form.shrout_fleiss, "also": form.mcgraw_wong, "model": form.model,
-         "icc": form.value, "f": form.f, "df1": form.df1, "df2": form.df2, "p": form.p, "low": form.low,
-         "high": form.high, "statement": form.statement}
-        for table in results.reliabilities if table.icc for form in table.icc.forms
-    ]  # fmt: skip
     if results.components:
         tables.append(_components_table(results.components))
         brief.append(tables[-1])
-        records += [
-            {"matrix": "two-way ANOVA", "form": f"variance-component, k = {k}", "model": meaning, "icc": value}
-            for k, meaning, value in results.components.by_k
-        ]
     about = (
         "The cells are the targets and the participants are the raters. ICC(1,.) is the one-way random form, ICC(2,.) "
         "the two-way form for absolute agreement, and ICC(3,.) the two-way form for consistency. McGraw and Wong call "
@@ -90,7 +90,7 @@ def icc_section(results: Results) -> Section:
     )
     why = results.two_way_statement
     missing = (f"There is no variance-component ICC: {why}.",) * bool(why)
-    return Section("icc", "Intraclass correlations", (about, *missing), tuple(tables), tuple(records), tuple(brief))
+    return Section("icc", "Intraclass correlations", (about, *missing), tuple(tables), brief=tuple(brief))
 
 
 def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, ...]:
@@ -121,9 +121,13 @@ def _components_table(reliability: ComponentReliability) -> Table:
         notes.append(f"These components were estimated below zero and count as zero: {', '.join(c.negative)}.")
     if any(value is None for _, _, value in reliability.by_k):
         notes.append("The ICC is not defined, because no component is above zero.")
+    records: list[Record] = [
+        {"matrix": "two-way ANOVA", "form": f"variance-component, k = {k}", "model": meaning, "icc": value}
+        for k, meaning, value in reliability.by_k
+    ]
     rows = tuple((str(k), number(value), meaning) for k, meaning, value in reliability.by_k)
     title = "Two-way ANOVA, task x material: variance-component ICC of the mean of k participants"
-    return Table(title, ("k", "ICC", "k is"), rows, left=frozenset({2}), notes=tuple(notes))
+    return Table(title, ("k", "ICC", "k is"), rows, frozenset({2}), notes=tuple(notes), records=tuple(records))
 
 
 def sections(
@@ -192,7 +196,7 @@ def overview_section(study: Study, results: Results) -> Section:
 
 def confusion_section(results: Results) -> Section:
     """Return the confusion matrices in the layout of Okamoto's Tables 1 and 2."""
-    records: list[Mapping[str, object]] = [
+    records: list[Record] = [
         {"task": task.task.id, "presented": presented, "answered": answered, "participants": matrix.n(i),
          "trials": int(matrix.trials[:, i].sum()), "count": int(matrix.counts[:, i, j].sum()),
          "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.stars(task.test(presented)) if i == j else ""}
@@ -203,28 +207,30 @@ def confusion_section(results: Results) -> Section:
     return Section("confusion", "Answer ratios", (), tuple(map(_confusion_table, results.tasks)), tuple(records))
 
 
+TESTS = (
+    Column("material", "presented", left=True), Column("n", brief=False), Column("mean"),
+    Column("sd", "SD", brief=False), Column("t", decimals=2), Column("df"), P,
+    Column("p_holm", "P (Holm)", show=probability), Column("stars", "", left=True), Column("cohens_d", "d", 2),
+    Column(("d_low", "d_high"), "95 % CI of d", 2, brief=False),
+    Column("log_bf10", "BF10", show=bayes_factor, brief=False),
+    Column("p_sign_flip_ours", "ours: P", show=probability),
+    Column("p_sign_flip_holm", "ours: Holm", show=probability, brief=False),
+)  # fmt: skip
+
+
 def tests_section(results: Results) -> Section:
     """Return the tests of correct answers against chance."""
-    tables, brief, records = [], [], []
+    tables, brief = [], []
     for task in results.tasks:
-        rows = []
-        for test in task.tests:
-            r = test.result
-            rows.append(
-                (test.material, str(r.n), number(r.mean), number(r.sd), number(r.t, 2), str(r.df), probability(r.p),
-                 probability(test.p_holm), task.stars(test), number(r.d, 2), interval(test.d, 2),
-                 bayes_factor(test.log_bf10), probability(test.flip.p if test.flip else None),
-                 probability(test.flip_holm))
-            )  # fmt: skip
-            records.append(
-                {"task": task.task.id, "material": test.material, "n": r.n, "mean": r.mean, "sd": r.sd,
-                 "chance": r.chance, "t": r.t, "df": r.df, "p": r.p, "p_holm": test.p_holm, "cohens_d": r.d,
-                 "d_low": test.d.low if test.d else None, "d_high": test.d.high if test.d else None,
-                 "log_bf10": test.log_bf10, "p_sign_flip_ours": test.flip.p if test.flip else None,
-                 "p_sign_flip_holm": test.flip_holm, "least_p_sign_flip": test.flip.least if test.flip else None,
-                 "stars": task.stars(test), "statement": r.statement}
-            )  # fmt: skip
-        records += [
+        tests: list[Record] = [
+            {"task": task.task.id, "material": test.material, "n": r.n, "mean": r.mean, "sd": r.sd, "chance": r.chance,
+             "t": r.t, "df": r.df, "p": r.p, "p_holm": test.p_holm, "cohens_d": r.d, **ends(test.d, "d_"),
+             "log_bf10": test.log_bf10, "p_sign_flip_ours": test.flip and test.flip.p,
+             "p_sign_flip_holm": test.flip_holm, "least_p_sign_flip": test.flip and test.flip.least,
+             "stars": task.stars(test), "statement": r.statement}
+            for test in task.tests for r in (test.result,)
+        ]  # fmt: skip
+        absent: list[Record] = [
             {"task": task.task.id, "material": material, "n": 0, "statement": f"{material} {ABSENT}"}
             for material in task.confusion.absent
         ]
@@ -237,17 +243,10 @@ def tests_section(results: Results) -> Section:
             for test in task.tests
             if lacks_a_limit(test.d)
         ]
-        header = (
-            "presented", "n", "mean", "SD", "t", "df", "P", "P (Holm)", "", "d", "95 % CI of d", "BF10", "ours: P",
-            "ours: Holm",
-        )  # fmt: skip
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
-        tables.append(Table(title, header, tuple(rows), left=frozenset({0, 8}), notes=tuple(notes)))
-        few = [0, 2, 4, 5, 6, 7, 8, 9, 12]
-        short = tuple(tuple(row[place] for place in few) for row in rows)
-        names = tuple(header[place] for place in few)
-        said = (*notes, f"Ours: the exact test by sign flips.{bracketed([task])}")
-        brief.append(Table(title, names, short, left=frozenset({0, 6}), notes=said))
+        tables.append(replace(tabulate(title, TESTS, tests, notes), records=(*tests, *absent)))
+        said = f"Ours: the exact test by sign flips.{bracketed([task])}"
+        brief.append(tabulate(title, TESTS, tests, (*notes, said), brief=True))
     about = (
         "These are two-tailed one-sample t-tests. The effect size d is Cohen's. BF10 is the JZS Bayes factor; above 1 "
         "it favours a mean that differs from chance. The exact test by sign flips is ours: participants are its unit, "
@@ -255,8 +254,8 @@ def tests_section(results: Results) -> Section:
         "2 / 2^n. In SIMULATED studies of 6 to 25 participants, at a nominal 5 %, it erred in 3 to 5 %, and t in 4 to "
         "9 %, the more the more participants differ."
     )
-    said = tuple(_families(results))
-    return Section("tests", "Tests against chance", said, tuple(tables), tuple(records), tuple(brief), aside=(about,))
+    families = tuple(_families(results))
+    return Section("tests", "Tests against chance", families, tuple(tables), brief=tuple(brief), aside=(about,))
 
 
 def _families(results: Results) -> list[str]:
@@ -277,58 +276,66 @@ def _families(results: Results) -> list[str]:
     ]  # fmt: skip
 
 
+EFFECTS = (
+    Column("source", left=True), Column("ss", "SS", 4), Column("df"), Column("ms", "MS", 4), Column("f", "F", 2),
+    P, Column("partial_eta_squared", "partial η²"), Column(("eta_low", "eta_high"), "90 % CI"),
+)  # fmt: skip
+TYPE = Column("analysis", "type", show=lambda kind: kind.removeprefix("two-way, type "), left=True)
+
+
 def anova_section(results: Results, remark: tuple[str, ...], stands: plans.Standing) -> Section:
     """Return the ANOVAs: one-way of confused materials, two-way of correct ratios in types I to III."""
     tables = []
     for pair in results.pairs:
         if pair.anova is not None:
-            title = f"One-way, {pair.task}: the four answer ratios of {' and '.join(pair.pair)} ({pair.chosen})"
-            tables.append(Table(title, ANOVA, tuple(map(_cells, _lines(pair.anova))), standing=stands.of_pair(pair)))
-    one_way = [
-        (pair.task, f"{' and '.join(pair.pair)} ({pair.chosen})", line)
-        for pair in results.pairs
-        for line in _lines(pair.anova)
-    ]
-    two_way = [(anova.kind.removeprefix("two-way, type "), line) for anova in results.two_way for line in _lines(anova)]
-    if two_way:
+            of = f"{' and '.join(pair.pair)} ({pair.chosen})"
+            lines = _effects(pair.anova, analysis="one-way", task=pair.task, of=of)
+            title = f"One-way, {pair.task}: the four answer ratios of {of}"
+            tables.append(tabulate(title, EFFECTS, lines, standing=stands.of_pair(pair)))
+    if two_way := [line for each in results.two_way for line in _effects(each, analysis=each.kind, task="all")]:
         title = "Two-way: correct ratios by task and material"
-        rows = tuple((kind, *_cells(line)) for kind, line in two_way)
         mark = stands.of(plans.TWO_WAY, *(task.task.id for task in results.tasks))
-        tables.append(Table(title, ("type", *ANOVA), rows, frozenset({0, 1}), standing=mark))
-    records = [{"analysis": "one-way", "task": task, "of": of, **_record(line)} for task, of, line in one_way]
-    records += [{"analysis": f"two-way, type {kind}", "task": "all", **_record(line)} for kind, line in two_way]
-    said = [(f"one-way ANOVA of {p.task}", p.anova.statement if p.anova else p.statement) for p in results.pairs]
-    said += [(each.kind.replace(",", " ANOVA of"), each.statement) for each in results.two_way]
-    reasons = dict(one for one in said if one[1])
-    tested = {pair.task for pair in results.pairs}
-    sized = [(f"{task}, {of}", line) for task, of, line in one_way]
-    sized += [(f"two-way, type {kind}", line) for kind, line in two_way]
-    paragraphs = [
-        *remark,
+        tables.append(tabulate(title, (TYPE, *EFFECTS), two_way, standing=mark))
+    lines_of = [line for table in tables for line in table.records]
+    return Section("anova", "Analysis of variance", (*remark, *_about_anova(results, lines_of)), tuple(tables))
+
+
+def _effects(anova: Anova, **of: str) -> Iterator[Record]:
+    """Yield a record of each effect, and of the residual, which has no F."""
+    for effect in (*anova.effects, anova.residual):
+        line = {**of, "source": effect.name, "ss": effect.ss, "df": effect.df, "ms": effect.ms}
+        if effect is not anova.residual:
+            size = anova.eta_squared(effect)
+            line |= {"f": effect.f, "p": effect.p, "partial_eta_squared": size and size.value, **ends(size, "eta_")}
+        yield line
+
+
+def _about_anova(results: Results, lines: list[Record]) -> Iterator[str]:
+    """Yield what the analyses assume, and why one of them, or an interval, is missing."""
+    yield (
         "Each ratio of each participant counts as an independent value. F and P are approximate, because the ratios of "
         "one presented material add up to one and a participant may have done both tasks. In SIMULATED studies, at a "
         "nominal 5 %, the two-way ANOVA erred in 0.1 to 1 % where the same participants, who differed in level, did "
         "both tasks, so that it misses effects; and a one-way ANOVA of the pair that was chosen because it was "
-        "confused most erred in 11 to 14 %, because of that choice.",
-        *(f"The {name} is not defined: {reason}." for name, reason in reasons.items()),
-        *(
-            f"There is no one-way ANOVA of {task.task.id}: {plans.NEVER}."
-            for task in results.tasks
-            if task.task.id not in tested
-        ),
-        *(
-            f"The interval of partial η² is not defined for {of}, {effect.name}: the noncentral F cannot be computed "
-            "so far out."
-            for of, (effect, size) in sized
-            if lacks_a_limit(size)
-        ),
-    ]
+        "confused most erred in 11 to 14 %, because of that choice."
+    )
+    said = [(f"one-way ANOVA of {p.task}", p.anova.statement if p.anova else p.statement) for p in results.pairs]
+    said += [(each.kind.replace(",", " ANOVA of"), each.statement) for each in results.two_way]
+    for name, reason in dict(one for one in said if one[1]).items():
+        yield f"The {name} is not defined: {reason}."
+    tested = {pair.task for pair in results.pairs}
+    for task in results.tasks:
+        if task.task.id not in tested:
+            yield f"There is no one-way ANOVA of {task.task.id}: {plans.NEVER}."
+    for line in lines:
+        if line.get("partial_eta_squared") is not None and None in (line["eta_low"], line["eta_high"]):
+            of = f"{line['task']}, {line['of']}" if "of" in line else line["analysis"]
+            yield (
+                f"The interval of partial η² is not defined for {of}, {line['source']}: the noncentral F cannot be "
+                "computed so far out."
+            )
     if results.two_way_statement:
-        paragraphs.append(f"There is no two-way ANOVA: {results.two_way_statement}.")
-    return Section("anova", "Analysis of variance", tuple(paragraphs), tuple(tables), tuple(records))
-
-
-ANOVA = ("source", "SS", "df", "MS", "F", "P", "partial η²", "90 % CI")
+        yield f"There is no two-way ANOVA: {results.two_way_statement}."
 
 
 def _confusion_table(task: TaskResult) -> Table:
@@ -378,32 +385,6 @@ def _never(task: TaskResult) -> Iterator[str]:
             if who := [f"sub-{label}" for label, one in zip(matrix.participants, which, strict=True) if one]:
                 more = f" and {len(who) - FEW} more" * (len(who) > FEW)
                 yield f"{said} {', '.join(who[:FEW])}{more}."
-
-
-Line = tuple[Effect, EffectSize | None]
-
-
-def _lines(anova: Anova | None) -> tuple[Line, ...]:
-    if anova is None:
-        return ()
-    return (*((effect, anova.eta_squared(effect)) for effect in anova.effects), (anova.residual, None))
-
-
-def _cells(line: Line) -> tuple[str, ...]:
-    effect, size = line
-    tested = ("", "", "", "")
-    if size is not None:
-        tested = number(effect.f, 2), probability(effect.p), number(size.value), interval(size)
-    return effect.name, number(effect.ss, 4), str(effect.df), number(effect.ms, 4), *tested
-
-
-def _record(line: Line) -> dict[str, object]:
-    effect, size = line
-    sizes = (size.value, size.low, size.high) if size else (None, None, None)
-    return {
-        "source": effect.name, "ss": effect.ss, "df": effect.df, "ms": effect.ms, "f": effect.f, "p": effect.p,
-        **dict(zip(("partial_eta_squared", "eta_low", "eta_high"), sizes, strict=True)),
-    }  # fmt: skip
 
 
 def formulas(file: str, **known: object) -> tuple[tuple[str, str], ...]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.analysis.documents import drawing, page
 from palpate.analysis.documents.output import check, publish
-from palpate.analysis.documents.tables import WIDTH, Section, Table, number, text
+from palpate.analysis.documents.tables import WIDTH, Column, Record, Section, Table, number, tabulate, text
 from palpate.analysis.reading import dissimilarities
 from palpate.analysis.report.figures import against_dissimilarity
 from palpate.analysis.validation.validate import Classified, Overlay, Recorded, Validation, compute
@@ -185,45 +185,40 @@ def _overlay(validation: Validation) -> Section:
 
 def _dissimilarity(validation: Validation) -> Section:
     printed = dissimilarities.load().pairs
-    rows = []
-    records: list[dict[str, object]] = []
+    other = validation.other
     ratios = {(point.presented, point.answered): point.ratio for point in validation.confusable}
-    for (a, b), value in validation.pairs.items():
-        there = printed.get(frozenset((a, b)))
-        ways = (ratios.get((a, b)), ratios.get((b, a)))
-        other = validation.other.pairs[a, b]
-        shown = (number(value, 2), number(other, 2), there.text if there else "-", *(number(way, 2) for way in ways))
-        rows.append((a, b, *shown))
-        records.append(
-            {"material_a": a, "material_b": b, "dissimilarity": value,
-             f"dissimilarity_{validation.other.average}": other,
-             "printed_dissimilarity": there.value if there else None, "a_answered_b": ways[0], "b_answered_a": ways[1]}
-        )  # fmt: skip
-    table = Table(
-        f"Normalised dissimilarity at {validation.reference_mm_s:g} mm/s",
-        ("a", "b", "here", validation.other.average, "Table 3", "a taken for b", "b taken for a"),
-        tuple(rows),
-        left=frozenset({0, 1}),
-        notes=(
-            f"Takes are averaged by {validation.average}, and in the next column by {validation.other.average}.",
-            "The last two columns are the answer ratios that Table 2 prints for real materials.",
-        ),
+    records: list[Record] = [
+        {"material_a": a, "material_b": b, "dissimilarity": value,
+         f"dissimilarity_{other.average}": other.pairs[a, b],
+         "printed_dissimilarity": there.value if (there := printed.get(frozenset((a, b)))) else None,
+         "a_answered_b": ratios.get((a, b)), "b_answered_a": ratios.get((b, a))}
+        for (a, b), value in validation.pairs.items()
+    ]  # fmt: skip
+    columns = (
+        Column("material_a", "a", left=True), Column("material_b", "b", left=True), Column("dissimilarity", "here", 2),
+        Column(f"dissimilarity_{other.average}", other.average, 2), Column("printed_dissimilarity", "Table 3", 2),
+        Column("a_answered_b", "a taken for b", 2), Column("b_answered_a", "b taken for a", 2),
+    )  # fmt: skip
+    notes = (
+        f"Takes are averaged by {validation.average}, and in the next column by {other.average}.",
+        "The last two columns are the answer ratios that Table 2 prints for real materials.",
     )
+    table = tabulate(f"Normalised dissimilarity at {validation.reference_mm_s:g} mm/s", columns, records, notes)
     outside = (
         f"{validation.reference_mm_s:g} mm/s, at which the paper compares materials, lies outside the recorded speeds: "
         "these spectra are EXTRAPOLATED."
     )
-    rho, swapped = validation.rank_correlation, validation.other.rank_correlation
+    rho, swapped = validation.rank_correlation, other.rank_correlation
     found = "The paper has no answer ratios of these materials, or too few for a correlation."
     if rho is not None:
-        also = f" ({swapped:.2f} averaged by {validation.other.average})" if swapped is not None else ""
+        also = f" ({swapped:.2f} averaged by {other.average})" if swapped is not None else ""
         found = f"Spearman's rank correlation of ratio and dissimilarity is {rho:.2f}, over {len(ratios)} ratios{also}."
     paragraphs = (
         *([validation.fitted] if validation.fitted else []),
         *([outside] if validation.extrapolated else []),
         f"Materials whose spectra differ less should be confused more often. {found}",
     )
-    return Section("dissimilarity", "Dissimilarity of materials", paragraphs, (table,), tuple(records))
+    return Section("dissimilarity", "Dissimilarity of materials", paragraphs, (table,))
 
 
 def sheets(validation: Validation) -> tuple[drawing.Sheet, ...]:

@@ -386,7 +386,7 @@ def _computed(root: Path) -> Count:
             else:
                 tally.note(written(where), f"{text!r} is a name")
         rule = Exclusion("01", "all", None, None, text, text)
-        tables = [comma_separated(Section("s", "T", records=({"a": text, "b": -0.5},)), text)]
+        tables = [comma_separated(Section("s", "T", further=({"a": text, "b": -0.5},)), text)]
         tables += [one.decode() for one in export.files(replace(study, exclusions=(rule,), label=text)).values()]
         for table in tables:
             cells = [cell for row in csv.reader(io.StringIO(table, newline="")) for cell in row]

@@ -26,7 +26,7 @@ RECORDS = ({"a": "x", "b": 1},)
     [
         (Section("part", "Part", ("Said.",), (TABLE,), RECORDS), ["csv", "md", "tex"]),
         (Section("part", "Part", ("Said.",)), ["md"]),
-        (Section("part", "Part", records=RECORDS), ["csv"]),
+        (Section("part", "Part", further=RECORDS), ["csv"]),
         (Section("part", "Part"), []),
     ],
 )

@@ -132,7 +132,7 @@ def test_markdown_keeps_stars_and_bars() -> None:
 
 def test_csv_keeps_every_digit_and_the_label() -> None:
     records = ({"a": 1 / 3, "b": None}, {"a": 5.0244768e-7, "c": 'say "x", y'})
-    rows = list(csv.DictReader(io.StringIO(comma_separated(Section("s", "T", records=records), "REHEARSAL - x"))))
+    rows = list(csv.DictReader(io.StringIO(comma_separated(Section("s", "T", further=records), "REHEARSAL - x"))))
     assert [float(row["a"]) for row in rows] == [1 / 3, 5.0244768e-7]
     assert (rows[0]["b"], rows[1]["c"]) == ("", 'say "x", y')
     assert {row["dataset"] for row in rows} == {"REHEARSAL - x"}
@@ -152,7 +152,7 @@ def test_csv_keeps_every_digit_and_the_label() -> None:
     ],
 )
 def test_a_text_that_a_spreadsheet_would_compute_stands_behind_an_apostrophe(held: object, written: str) -> None:
-    content = comma_separated(Section("s", "T", records=({"a": held},)), "=label")
+    content = comma_separated(Section("s", "T", further=({"a": held},)), "=label")
     assert list(csv.reader(io.StringIO(content, newline="")))[1] == ["'=label", written]
     assert cell("\r=1") == "'\r=1"
 
