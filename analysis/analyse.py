@@ -110,13 +110,9 @@ def analyse(
 ) -> Analysis:
     """Analyse these BIDS datasets, pooled if there are several, and write everything into `out`.
 
-    `out` is by default `derivatives/palpate` in a single dataset. Drawing the figures takes most of the time, half of
-    it for `pictures`, which are PNG files of them. They have `titles` inside for slides, and for a paper none, for the
-    caption says what they show. The CSV file of `dissimilarities` is one that
-    `reading/dissimilarities.py` reads; by default they are the published ones. `say` is told what is done.
-    Raises `DatasetError` for a dataset or file that cannot be read, datasets that do not go together or have no trial
-    left, a folder within a dataset, and a file in the way, and `ProtocolError` for a broken copy of the protocol in the
-    dataset.
+    `out` is by default `derivatives/palpate`. `pictures` are PNG files, with `titles` inside for slides.
+    `dissimilarities` is a CSV file, see `reading/dissimilarities.py`. `say` gets progress. Raises `DatasetError` for a
+    dataset, file or folder that cannot be used or has no trial, and `ProtocolError` for a broken protocol.
     """
     if out is None and len(datasets) > 1:
         raise DatasetError("--out: got none; allowed: a folder for the results of several datasets; name it")

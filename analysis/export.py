@@ -1,10 +1,8 @@
 """Study -> tables for other software, with a dictionary of every column.
 
-`trials.csv` is tidy, with one row for each attempt. R reads `long.csv`, the counts by participant and cell. JASP reads
-`wide.csv` for repeated measures, with one row for each participant. `psychopy.csv` has the columns of PsychoPy's own
-data files. Of comparisons there are `trials.csv` and `pairs.csv`, the counts by participant and ordered pair. Files are
-UTF-8 with commas; a missing value is NA, or empty for PsychoPy; an apostrophe stands before a text that a spreadsheet
-would compute.
+`trials.csv` has a row for each attempt, `long.csv` counts for R, `wide.csv` a row for each participant for JASP,
+`psychopy.csv` PsychoPy's columns; `pairs.csv` counts ordered pairs. UTF-8 with commas; NA is missing, or empty for
+PsychoPy.
 """
 
 import json
@@ -31,10 +29,7 @@ Columns = dict[str, dict[str, tuple[str, str]]]
 
 
 def columns_of(kind: Literal["identification", "comparison"]) -> Columns:
-    """Return the columns of the files of a kind of study, as export_columns.json describes them.
-
-    `wide.csv` has one more for each task and material. Of comparisons `pairs.csv` holds what BradleyTerry2 asks for.
-    """
+    """Return the columns of a kind of study's files, as in export_columns.json; `wide.csv` has one more a cell."""
     known: Columns = json.loads(Path(__file__).with_name("export_columns.json").read_text("utf-8"))[kind]
     return known
 

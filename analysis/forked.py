@@ -19,10 +19,9 @@ Found = TypeVar("Found")
 
 @contextmanager
 def forked(call: Callable[[], Found]) -> Iterator[Callable[[], Found]]:
-    """Call `call` in a fork of this process, and give what waits for its result, which has to be picklable.
+    """Run `call` in a fork, and yield what waits for its result, which must be picklable.
 
-    It is called here where no process can be forked, from a thread that is not the main one, and if the fork ended
-    before it was done; so that what it raises is raised here.
+    It runs here instead without forks, off the main thread, or after the fork ended early.
     """
     forks = sys.platform == "linux" and not multiprocessing.current_process().daemon
     if not forks or threading.current_thread() is not threading.main_thread():

@@ -1,9 +1,7 @@
 """One wrong number as the single cause of several that disagree.
 
-A wrong mean or SD of a table contradicts its t, P, stars, row and F, all of them right. So other values are tried in
-its place: those that its test and its row leave open, two rows or two cells that changed places, and one participant or
-trial more or fewer. The cause that settles the most conflicts, and brings none, is taken; of equals the one whose
-mistake the fewest wrong numbers would fit by chance. What it settles is then checked with the number put right.
+Values that test and row allow are tried, swapped rows and cells, and one participant or trial more or fewer. The cause
+that settles most conflicts, and brings none, is taken, of equals the least likely by chance, then checked.
 """
 
 import math
@@ -40,10 +38,7 @@ Place = tuple[str, str, str, str]
 
 @dataclass(frozen=True)
 class Cause:
-    """What may be wrong: cells by key with the mean and SD that they should have, or a task with another number.
-
-    `by_chance` is the share of wrong numbers that the mistake would fit; `settles` is how many conflicts it ends.
-    """
+    """What may be wrong: cells by key with mean and SD, or a task's number; its chance, and the conflicts it ends."""
 
     text: str
     by_chance: float

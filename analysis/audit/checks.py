@@ -1,8 +1,6 @@
 """Every check of a study's printed numbers: each number beside the recomputed one, from print or from a dataset.
 
-A number agrees when rounding one of its recomputed values prints it, and agrees if truncated when cutting digits off
-does. What print leaves open never makes a number differ: no line differs for data that were printed without a mistake.
-The stars that a mean can earn are those between the ends of its P.
+A number agrees when rounding, or cutting, some recomputed value prints it; what print leaves open never differs.
 """
 
 import functools

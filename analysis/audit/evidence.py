@@ -1,7 +1,6 @@
-"""The evidence beside which a printed number is checked: a dataset, or the other numbers in print.
+"""The evidence for a printed number: values that a mean, SD, t or F can have, from a dataset or other print.
 
-Both tell the values that a mean, a standard deviation, a t or an F can have. A dataset gives one value for each; print
-gives every value that rounding or truncation, and counting in whole answers, leave open.
+A dataset gives one value each; print gives all that rounding or truncation, and counting in whole answers, allow.
 """
 
 from __future__ import annotations
@@ -40,10 +39,7 @@ class Known:
 
 @dataclass(frozen=True)
 class Sample:
-    """The means and variances that n participants can have; `statement` says why where there are none.
-
-    `every` holds all that the cell's mean allows, for a standard deviation that does not fit.
-    """
+    """The means and variances that n participants can have, and `every` one that the mean allows; or why none."""
 
     n: int
     moments: tuple[Moments, ...] = ()
@@ -53,10 +49,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class Variances:
-    """F of one effect, its degrees of freedom, and the number of values behind it.
-
-    `f` holds F by the name of the types of ANOVA that give it; where all types give the same F there is one entry.
-    """
+    """F of one effect by the types of ANOVA (one entry if equal), its degrees of freedom, and number of values."""
 
     f: Mapping[str, Interval] = field(default_factory=dict)
     df: tuple[int, int] | None = None
@@ -320,8 +313,7 @@ class FromPrint:
     def _near(self, cell: PrintedCell, sd: Printed, scale: Scale, n: int) -> tuple[Moments, ...] | None:
         """Return what whole counts give at a printed SD, or else around it; None where they give too many.
 
-        The search widens until something is found, and narrows again where that is too many. A mean that has whole
-        counts has some with an SD below 1, so that finding none that far off means that there are none.
+        The search widens up to an SD of 1, and narrows again.
         """
         found = self._counted(cell, n, scale, sd.either.squared())
         unit = sd.exact_unit or Fraction(1)

@@ -1,14 +1,10 @@
 """What whole counts allow: means in steps (GRIM), standard deviations that some counts have (GRIMMER), and whole rows.
 
-A participant's value is a whole number of items over the number of items; a mean of n of them is a multiple of
-1 / (n items) (Brown and Heathers 2017, Soc. Psychol. Personal. Sci. 8, 363-369). A sum of squares is a whole number as
-well, odd where the sum is odd (Anaya 2016, PeerJ Preprints 4:e2400v1; Allard 2018, Analytic-GRIMMER). On a scale with
-two ends the sums of squares that occur are found one by one, which no bound on them can better.
-
-A row stands where whole answers of every participant give all its ratios at once. Participants with the same answers
-are interchangeable, so a table of counts is how many participants spread their trials over the answers in each way: a
-small integer programme, which HiGHS (scipy) solves. A table that is found is checked in whole numbers; that there is
-none rests on HiGHS.
+A mean of n participants is a multiple of 1 / (n items) (Brown and Heathers 2017, Soc. Psychol. Personal. Sci. 8,
+363-369); a sum of squares is whole, and odd where the sum is (Anaya 2016, PeerJ Preprints 4:e2400v1; Allard 2018,
+Analytic-GRIMMER). A row stands where whole answers of every participant give all its ratios: a small integer program
+over ways to answer, solved by HiGHS (scipy). A table found is checked in whole numbers; that there is none rests on
+HiGHS.
 """
 
 import functools
@@ -67,10 +63,7 @@ class Work:
 
 @dataclass(frozen=True)
 class Moments:
-    """A mean and a variance (n - 1) that n values can have together; points, or intervals where they have no steps.
-
-    `total` and `squares` are the sums of counts and of squared counts behind them, where the values are counts.
-    """
+    """A mean and a variance (n - 1) that n values can have together, and the sums of counts and their squares."""
 
     n: int
     mean: Interval
@@ -100,10 +93,7 @@ def neighbours(mean: Fraction, n: int, scale: Scale) -> range:
 
 
 def moments(total: int, n: int, scale: Scale, variance: Interval) -> Iterator[Moments]:
-    """Yield every mean and variance of n values on `scale` with sum of counts `total` and variance within `variance`.
-
-    `variance` may have no upper end where the scale has both ends.
-    """
+    """Yield every mean and variance of n values on `scale` with the count `total` and variance within `variance`."""
     if n < 2:
         return
     unit = scale.items**2
@@ -188,12 +178,10 @@ Column = Mapping[int, Interval]
 
 @dataclass(frozen=True)
 class Row:
-    """What was found about a row of so many `trials`, for which the means give from `fewest` to `most` answers.
+    """A row of so many `trials`, for which the means give from `fewest` to `most` answers.
 
-    It `stands` where whole counts give every cell, with the cells at the indices `truncated` truncated. Where it does
-    not, `missing` is the fewest trials without an answer that would explain it with its means rounded,
-    `missing_truncated` with its means rounded or truncated (None where no number up to `MOST_MISSING` would); with
-    another value of one of the cells at the indices `misprinted`, it would stand.
+    It `stands` on whole counts, with the cells `truncated`. Or `missing` (`missing_truncated`) is the fewest trials
+    without an answer that explain it, None beyond `MOST_MISSING`, and one of the cells `misprinted` may be wrong.
     """
 
     trials: int
@@ -209,10 +197,7 @@ class Row:
 def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[int, Interval], work: Work) -> Row:
     """Return what whole counts say about a complete row of `n` participants with `trials` each, one cell per answer.
 
-    `pinned` holds the variances of a cell, by its index, where a test says more than the SD does. `work` is what is
-    left of `MOST_COLUMNS`.
-
-    Raises `Undecided`: when there are too many ways, the search gives no answer, or no work is left.
+    `pinned` has variances of cells by index, and `work` what is left of `MOST_COLUMNS`. Raises `Undecided`.
     """
     answers = range(len(cells))
     columns = {
@@ -244,11 +229,9 @@ def examine(cells: Sequence[PrintedCell], n: int, trials: int, pinned: Mapping[i
 
 
 def solve(columns: Sequence[Column], n: int, trials: int, *, missing: int, work: Work) -> NDArray[np.int64] | None:
-    """Return counts, shape (n, answers), that give every column, or None where no counts do.
+    """Return counts, shape (n, answers), that give every column with so many `missing` answers, or None.
 
-    Each of `n` participants has `trials`; `missing` of all these are without an answer.
-
-    Raises `Undecided`: when there are too many ways, the search gives no answer, or no `work` is left.
+    Raises `Undecided` for too many ways, no answer of the search, or no `work` left.
     """
     ways = _ways(trials, len(columns), some_missing=missing > 0)
     for sums in _sums(columns, n * trials - missing):

@@ -1,7 +1,6 @@
-"""Whether a printed number can stand for one of its recomputed values, and if not, the simplest mistake that gives it.
+"""Whether a printed number fits one of its recomputed values, and if not, the simplest mistake that gives it.
 
-A mistake computes the number as it would have made it. The first whose values the printed number can stand for is
-named, the others that fit are listed after it. A mistake that fits is an explanation, not a proof.
+The first mistake whose values fit is named, others that fit follow. A mistake is an explanation, not a proof.
 """
 
 import math
@@ -32,10 +31,7 @@ AGREES: tuple[Verdict, ...] = ("agrees", "agrees if truncated")
 
 @dataclass(frozen=True)
 class Line:
-    """One printed number, and the recomputed one as text at the printed precision.
-
-    `low` and `high` bound the recomputed number, and are None where there is no number, or no bound.
-    """
+    """One printed number, the recomputed one as text at the printed precision, and its bounds or None."""
 
     where: str
     task: str
@@ -57,10 +53,7 @@ class Line:
 def judge(
     printed: Printed, values: Sequence[Interval], *, squares: bool = False
 ) -> tuple[Verdict, tuple[Interval, ...]]:
-    """Return the verdict on a printed number, and those of `values` that it can stand for, or all where none fits.
-
-    `squares` says that the values are squares of the number, as variances are of a standard deviation.
-    """
+    """Return the verdict on a printed number, and the `values` that fit, or all; they may be its `squares`."""
     for verdict, reading in zip(AGREES, (printed.rounded, printed.truncated), strict=True):
         wanted = reading.squared() if squares else reading
         if fitting := tuple(value for value in values if wanted.meets(value)):
@@ -98,10 +91,7 @@ class Mistake:
         return judge(printed, self.values, squares=self.squares)[0] in AGREES
 
     def by_chance(self, printed: Printed) -> float:
-        """Return the share of the numbers from a tenth to ten times the printed one that this would give as well.
-
-        The numbers are spread evenly in their logarithm, as digits of measured numbers are (ours).
-        """
+        """Return the share of numbers from a tenth to ten times the printed one that fit, evenly in logarithm."""
         size, unit = abs(printed.value), printed.unit
         if not size:
             return 0.0
@@ -133,10 +123,7 @@ def told(text: str, by_chance: float) -> str:
 
 @dataclass(frozen=True)
 class Layout:
-    """The df and the number of values of an ANOVA, and the `n` values in each of its cells, 0 where they differ.
-
-    `sizes` are numbers of participants that may have been mistaken for n.
-    """
+    """The df and number of values of an ANOVA, `n` of each cell or 0, and `sizes` that may be mistaken for n."""
 
     df: tuple[int, int]
     values: int
@@ -234,10 +221,10 @@ def of_t(
     *,
     sd_in_doubt: bool = False,
 ) -> Iterator[Mistake]:
-    """Yield mistakes in a one-sample t with effect sizes `effects`, printed as `printed`.
+    """Yield mistakes in a one-sample t, `printed`, with effect sizes `effects`.
 
-    `sd_in_doubt` says that the SD beside it may be what is wrong: beside a standard error a right t looks like d, and
-    beside a population SD like a t formed with sqrt(n - 1).
+    Where `sd_in_doubt`, the SD may be wrong: beside a standard error a right t looks like d, beside a population SD
+    like one of sqrt(n - 1).
     """
     error, population = (f", or the SD is {one}" * sd_in_doubt for one in ("the standard error", "the population SD"))
     correct = tuple(t_of(one, n) for one in effects)
@@ -410,9 +397,8 @@ class Citation:
     ) -> Line:
         """Return the line of a number that can have `values`; `squares` is as in `judge`.
 
-        `why` holds the mistakes to try before slips of a digit, or is None where nothing is to be explained, and
-        `remark` stands after the recomputed number. `otherwise` is the verdict where no value fits, with the reason
-        where no mistake gives the number.
+        `why` are mistakes to try before slips, or None; `remark` follows the number; `otherwise` is the verdict where
+        nothing fits.
         """
         if not values:
             return self.text(quantity, printed.text, "-", self.missing, self.statement)

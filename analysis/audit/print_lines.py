@@ -1,12 +1,7 @@
-"""What is checked without a dataset: cells and tests, rows as whole counts, ANOVA tables, percentages.
+"""Checks without a dataset: cells and tests, rows as whole counts, ANOVA tables, percentages.
 
-A standard error in the place of an SD makes a right t look like Cohen's d, and P and F look wrong. One mistake that
-explains them all is simpler than one mistake each, so an SD is read as something else where that leaves fewer printed
-numbers in conflict.
-
-An ANOVA table is checked line by line: MS, F and P, each from what stands beside it. Nothing but the table is known, so
-a wrong df may be a misprint or may have been used in the computation. For percentages without their numbers of trials
-the check finds the numbers that can stand behind them.
+A standard error as SD makes t look like d; an SD is read as something else where that leaves fewer conflicts. An ANOVA
+table is checked line by line, from itself alone. Percentages get the numbers that can stand behind them.
 """
 
 import math
@@ -355,10 +350,7 @@ def _choices(choices: PrintedChoices) -> Iterator[mistakes.Line]:
 
 
 def _choice(cited: mistakes.Citation, printed: Printed, shares: Sequence[int]) -> mistakes.Line:
-    """Return the line of one percentage, with trials shared equally among pairs, a participant's or those of all.
-
-    Nothing printed says that they were shared equally, so a percentage that does not fit is no mistake by itself.
-    """
+    """Return the line of one percentage, with trials shared equally among pairs, which nothing printed says."""
     asked = [share for share in shares if share]
     found = {name: [(k, n) for n in asked for k in counts(printed, n, read)] for name, read in READINGS.items()}
     if fits := found["rounded"]:

@@ -1,7 +1,6 @@
 """Statistics as intervals, from means and variances that are known only as far as they are printed.
 
-Every function is monotone in each argument, or bounded by functions that are, so its interval holds the value for any
-data with those means and variances.
+Functions are monotone in each argument, or bounded by such, so that intervals contain the values of any data.
 """
 
 import functools
@@ -62,20 +61,13 @@ def margin(cells: Sequence[Moments]) -> Margin:
 
 
 def unweighted(cells: Sequence[Moments]) -> Margin:
-    """Return one level's mean of its cells' means, however many values each has, which type III compares.
-
-    Its variance is the sum of sigma² / n over the cells, divided by the square of their number (Yates 1934, weighted
-    squares of means).
-    """
+    """Return one level's mean of its cells' means (type III), with variance as Yates (1934, squares of means)."""
     variance = sum((Fraction(1, cell.n) for cell in cells), Fraction(0)) / len(cells) ** 2
     return Margin(1 / variance, sum_of(cell.mean.times(Fraction(1, len(cells))) for cell in cells))
 
 
 def between(margins: Sequence[Margin]) -> Interval:
-    """Return the sum of squares between levels, Σ n (mean - grand mean)².
-
-    The lower end is exact. The upper end is the sum around the grand mean of the intervals' middles.
-    """
+    """Return Σ n (mean - grand mean)², exact below, and around the intervals' middles above."""
     weight = sum(margin.n for margin in margins)
     ends = [(Fraction(margin.mean.low), Fraction(margin.mean.high), margin.n) for margin in margins]
     centre = sum((n * (low + high) / 2 for low, high, n in ends), Fraction(0)) / weight

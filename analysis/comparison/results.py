@@ -1,7 +1,6 @@
 """Study -> every number of its comparisons: shares of right choices by pair, bias to the first, and scales.
 
-A choice is right if it names the material that stands later among the study's, since these stand from the least to the
-most of what is compared. Trials without an answer count in no share.
+The right choice comes later among the study's materials, ordered from least to most. No answer counts in no share.
 """
 
 from collections.abc import Iterable, Mapping
@@ -39,10 +38,9 @@ class Share:
 
 @dataclass(frozen=True)
 class Pair:
-    """The answers to one pair, by places of its materials among the study's, the lower one first.
+    """The answers to one pair of places, the lower first.
 
-    `right` counts choices of the higher one, and where both are the same, those of the one presented first. `ties` are
-    among the trials, and right for nobody.
+    `right` counts the higher, or the first of two same; `ties` are trials, and right for nobody.
     """
 
     low: int
@@ -77,11 +75,7 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Scaled:
-    """A scale of one law; None where `statement` says why.
-
-    `values` are of the materials in order, `steps` from each to the next, `order` is what being first adds. `p` is of
-    the deviance from what was observed, by its chi-square distribution with `df` degrees of freedom.
-    """
+    """A scale of one law, or why there is none: values, `steps` to the next, `order`, and P of the deviance."""
 
     law: Law
     scale: Scale | None
@@ -105,10 +99,7 @@ class Beside:
 
 @dataclass(frozen=True)
 class InPrint:
-    """The printed table of a task, cell by cell.
-
-    `r` is Pearson's correlation over all cells, `r_of_two` that over the cells of two materials.
-    """
+    """The printed table of a task, cell by cell, Pearson's `r`, and `r_of_two` over the cells of two materials."""
 
     where: str
     cells: tuple[Beside, ...]

@@ -74,10 +74,7 @@ class Sheet:
 
 
 def sheet(rows: Sequence[float], title: str, label: str, width_mm: float = COLUMN_MM) -> tuple[Figure, list[Axes]]:
-    """Return a figure of panels one below the other, with heights in inches, under the `label` and the title.
-
-    Either may be empty.
-    """
+    """Return a figure of panels, heights in inches, one below the other, under the `label` and the title, if any."""
     width = width_mm / 25.4
     letters = int((width - 0.1) / LETTER_INCHES)
     head = [*textwrap.wrap(label, letters), *textwrap.wrap(title, letters)]
@@ -177,10 +174,9 @@ def pdf(figure: Figure) -> bytes:
 
 
 def flow(label: str, title: str, aside: str, stages: Sequence[tuple[str, Sequence[str]]]) -> Figure:
-    """Return a flow of participants: stages from the top, each a name and the texts of its boxes beside one another.
+    """Return a flow of participants: stages from the top, each a name and the texts of its boxes.
 
-    Two stages of as many boxes are joined box by box, others fork or meet. `aside` stands in a box beside the way from
-    the first stage to the second. The `label` stands above the title.
+    Stages of as many boxes are joined box by box, others fork or meet; `aside` is a box between the first two.
     """
     line, pad, gap, name, width = 0.15, 0.12, 0.34, 0.3, PAGE_MM / 25.4
     lines = [max(text.count("\n") + 1 for text in boxes) for _, boxes in stages]

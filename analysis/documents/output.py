@@ -1,9 +1,7 @@
 """Writing the files of an analysis: whole files, never over a file that is not its own, and never among data.
 
-A manifest names the command that wrote there, its files and their SHA-256. Only the same command replaces a file that
-is there, if its bytes are as they were written. Everything is on disk in a temporary folder before the first file takes
-its place, so a full disk changes nothing; and the manifest names each file, as it was and as it is to be, before that,
-so that the same command goes on after a kill.
+A manifest names the command, its files and their SHA-256; only the same command replaces unchanged files. All files are
+in a temporary folder before the first is moved, and the manifest names old and new, so that a kill harms nothing.
 """
 
 import hashlib

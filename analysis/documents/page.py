@@ -42,11 +42,10 @@ def folder(
     further: Sequence[Section] = (),
     pictures: bool = True,
 ) -> dict[str, bytes]:
-    """Return a folder of results, path within it -> content: figures, tables, every number as JSON, and the report.
+    """Return a folder of results, path -> content: figures, tables, every number as JSON, and the report.
 
-    `label` is that of the dataset, empty for a study's own data. Figures are SVG, and where there are `pictures` PNG
-    beside it. No number may be NaN or infinite. The sections in
-    `further` have tables, but are not part of the report.
+    `label` may be empty; `pictures` adds PNG. Numbers must be finite. `further` sections have tables, but no part in
+    the report.
     """
     files = drawings(sheets, "figures/", pictures=pictures) if sheets else {}
     files |= tables((*sections, *further), label, "tables/")
@@ -180,11 +179,7 @@ def tables(parts: Iterable[Section], label: str, folder: str = "") -> dict[str, 
 
 
 def drawings(sheets: Iterable[Sheet], folder: str = "", *, pictures: bool = True) -> dict[str, bytes]:
-    """Return every figure as SVG, and where there are `pictures` as PNG too, by name.
-
-    A fork of this process draws half of them. SVG and PNG of one figure are drawn by the same process, because drawing
-    is what lays a figure out.
-    """
+    """Return every figure as SVG, and where there are `pictures` as PNG too, by name; a fork draws half of them."""
     from palpate.analysis.documents import drawing
 
     kinds = {"svg": drawing.svg, **({"png": drawing.png} if pictures else {})}

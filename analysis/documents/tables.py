@@ -1,8 +1,6 @@
 r"""Sections, tables and their columns, and the ways to show them: text for a terminal, Markdown, CSV and LaTeX.
 
-A record holds values; CSV and JSON hold the records, and a `Column` shows one value in print.
-
-LaTeX is one `table` environment a table, for `\input` into a paper, and needs the package booktabs.
+A record holds values; CSV and JSON hold the records, and a `Column` shows one value in print. LaTeX needs booktabs.
 """
 
 import csv
@@ -267,10 +265,7 @@ def markdown(section: Section, label: str) -> str:
 
 
 def comma_separated(section: Section, label: str) -> str:
-    """Return the records as CSV with full precision; the first column repeats the dataset's label.
-
-    Texts are written as `cell` returns them.
-    """
+    """Return the records as CSV with full precision, cells as by `cell`, behind a column of the label."""
     records = section.records
     columns = list(dict.fromkeys(key for record in records for key in record))
     file = io.StringIO()

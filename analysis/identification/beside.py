@@ -1,8 +1,6 @@
 """Ours, beside the published tests: materials and tasks, tested with participants as the unit.
 
-The published two-way ANOVA takes each ratio of each participant as an independent value. Here materials are compared
-within a task by repeated measures, tasks over the participants who did both, and both at once by a logit in which
-participants differ in level, by material and by task.
+Repeated measures within a task, tasks over those who did both, and a logit in which participants differ by both.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,10 +30,7 @@ LINKED = (
 
 @dataclass(frozen=True)
 class Paired:
-    """Two tasks compared over the participants who did both with every material: mean correct ratio, first - second.
-
-    `test` is the paired t-test, `flip` the exact test by sign flips of the differences.
-    """
+    """Two tasks over the participants who did both with every material: paired t, d, sign flips; first - second."""
 
     first: str
     second: str

@@ -1,12 +1,9 @@
 """Confusion matrix of one task, the information that its answers transmit, and d'.
 
-A ratio is the count of an answer over the trials in which the material was presented, trials without an answer
-included (Okamoto, Tables 1 and 2). Transmitted information is in bits (Miller and Nicely 1955; Garner and Hake 1951),
-corrected for few trials by Miller and Madow (Miller 1955) and by Panzeri and Treves (1996, Network 7, 87-107).
-
-d' is that of m-AFC, p = integral of phi(z - d') Phi(z)^(m - 1) (Green and Swets 1966; tabled by Hacker and Ratcliff
-1979, Percept. Psychophys. 26, 168-170). Where answers are biased, or some materials more alike than others, it only
-sums up the share of correct answers.
+A ratio is a count over all trials with the material (Okamoto, Tables 1 and 2). Information is in bits (Miller and
+Nicely 1955; Garner and Hake 1951), corrected by Miller and Madow (Miller 1955) and by Panzeri and Treves (1996, Network
+7, 87-107). d' is that of m-AFC, p = integral of phi(z - d') Phi(z)^(m - 1) (Green and Swets 1966; Hacker and Ratcliff
+1979, Percept. Psychophys. 26, 168-170).
 """
 
 import math
@@ -194,9 +191,8 @@ def transmitted(counts: NDArray[np.int64]) -> NDArray[np.float64]:
 def likely_answers(counts: NDArray[np.int64]) -> float:
     """Return how many of the possible answers, counts of shape (answers,), can occur to one material.
 
-    This is the number, from those that occurred up to all, under which the expected number of answers occurring in as
-    many trials is closest to the number that did occur. Bayes's rule with a flat prior gives each answer that occurred
-    its share; the others divide the rest (Panzeri and Treves 1996, appendix).
+    It is the number whose expected number of answers is closest to that observed, by Bayes's rule with a flat prior
+    (Panzeri and Treves 1996, appendix).
     """
     trials = int(counts.sum())
     occurred = counts[counts > 0]
@@ -244,8 +240,7 @@ def proportion_correct(d_prime: float, alternatives: int) -> float:
 def d_prime(proportion: float, alternatives: int) -> float:
     """Return the d' of a share of correct answers among m alternatives; it is negative below chance, 1/m.
 
-    Raises `NotDefined` for a share of 0 or 1, where d' is infinite, and `ValueError` for a share outside 0 to 1, or
-    fewer than two alternatives.
+    Raises `NotDefined` for a share of 0 or 1, and `ValueError` outside of that or for m below two.
     """
     if alternatives < 2 or not 0 <= proportion <= 1:
         raise ValueError(f"got a share of {proportion} among {alternatives}; allowed: 0 to 1 among two or more")

@@ -1,14 +1,8 @@
-"""Ours: what differs in right answers, between materials within a task and tasks within a material, and what does not.
+"""Ours: differences of right answers between materials and between tasks, and equivalence within a margin.
 
-Each cell, a material in a task, has its own log odds in a logit in which participants differ in level, by material, by
-task and by cell. Of the models that allow for participants it is the one that holds here: that with a random intercept
-alone takes a person's gift for one material as many independent answers and errs in a quarter of studies, and GEE has
-fewer degrees of freedom than cells where participants are few. Means are those of the cells, contrasts their
-differences (Searle, Speed and Milliken 1980, Am. Stat. 34, 216-221).
-
-That a test finds no difference shows none. Equivalence within a margin is shown by tests of its own: of a task with
-another over the participants who did both, and of two materials by how much oftener each was named when it was
-presented than when the other was.
+Each cell has its own log odds in a logit in which participants differ in level, by material, task and cell: with a
+random intercept alone a quarter of studies err, and GEE lacks degrees of freedom. Means and contrasts: Searle, Speed
+and Milliken (1980, Am. Stat. 34, 216-221). Equivalence has tests of its own, of tasks, and of pairs of materials.
 """
 
 from collections.abc import Mapping, Sequence
@@ -43,9 +37,8 @@ class Mean:
 class Contrast:
     """Log odds of `first` less those of `second`, two materials or two tasks, `within` the task or material named.
 
-    t has n - 1 degrees of freedom for each step between the materials of the task, or the tasks of the material, as
-    Wald's F of both in `beside`.
-    `p_holm` is adjusted over the pairs of one task, or, of tasks, over the pairs of all materials.
+    t has n - 1 df for each step, as Wald's F in `beside`; `p_holm` is over the pairs of one task, or all pairs of
+    tasks.
     """
 
     within: str
@@ -63,10 +56,7 @@ class Contrast:
 
 @dataclass(frozen=True)
 class Marginal:
-    """Means and contrasts of a study of so many participants, and the SDs of log odds among them by name.
-
-    `left_out` are the cells, task and material, whose answers were all right or all wrong: their odds have no limit.
-    """
+    """Means and contrasts of so many participants, SDs of log odds, and cells `left_out`, all right or all wrong."""
 
     participants: int
     means: tuple[Mean, ...]
@@ -79,8 +69,7 @@ class Marginal:
 def marginal(study: Study, tasks: Mapping[str, Confusion]) -> Marginal:
     """Return means and contrasts of a study from the confusion matrices of its tasks.
 
-    Raises:
-        NotDefined: for a reconstruction, below `LEAST` participants or two cells with odds, and where the fit fails.
+    Raises `NotDefined` for a reconstruction, too few participants or cells with odds, and without a fit.
     """
     if study.origin == "RECONSTRUCTION":
         raise NotDefined(LINKED)
@@ -160,11 +149,7 @@ def _family(pairs: Sequence[tuple[str, str, str, int, int, int]], found: mixed_l
 
 @dataclass(frozen=True)
 class Equivalent:
-    """An equivalence test of `subject` in one task or between two, `tasks`; `planned` if a protocol names its margin.
-
-    The subject is a material, a pair of materials, "all materials", or those that both tasks present. `p_holm` is
-    adjusted over the materials, or over the pairs of one task.
-    """
+    """An equivalence test of `subject` in one task or between two; `planned` if a protocol names its margin."""
 
     tasks: tuple[str, ...]
     subject: str

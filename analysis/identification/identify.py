@@ -60,10 +60,7 @@ class ChoiceIntervals:
 
 @dataclass(frozen=True)
 class BiasedLapses:
-    """The lapse model of all trials, with the jackknife of lapses and of biases by material; None where it has none.
-
-    `known` is the share of trials that each participant knew, and `guessing` are those not shown to have known any.
-    """
+    """The lapse model with jackknives or None; the share each participant knew, and those not shown to know."""
 
     model: lapses.Lapses
     lapse: Jackknife | None

@@ -1,11 +1,8 @@
 """How alike materials are: the similarity-choice model, a map of the materials, and Mantel's test.
 
-The choice model is p(j | i) = s_ij b_j / sum_k s_ik b_k with s_ij = s_ji and s_ii = 1 (Shepard 1957; Luce 1963). As a
-model of counts it is quasi-symmetry (Caussinus 1965), fitted here by iterative proportional fitting to the row sums,
-the column sums and the sums n_ij + n_ji: maximum likelihood, no start value, and a similarity of exactly 0 where two
-materials were never taken for one another. The map is classical scaling (Torgerson 1952). Mantel's test (Mantel 1967,
-Cancer Res. 27, 209-220) permutes rows and columns of one table together in all n! ways, or in random ones where these
-are too many.
+The choice model is p(j | i) = s_ij b_j / sum_k s_ik b_k with s_ij = s_ji and s_ii = 1 (Shepard 1957; Luce 1963), fitted
+as quasi-symmetry (Caussinus 1965) by iterative proportional fitting. The map is classical scaling (Torgerson 1952).
+Mantel's test (1967, Cancer Res. 27, 209-220) permutes rows and columns of one table together.
 """
 
 from collections.abc import Sequence
@@ -27,11 +24,9 @@ ROUNDS = 20_000
 class Choice:
     """A fitted similarity-choice model.
 
-    `similarities`, shape (M, M), are 1 on the diagonal. `biases`, shape (M,), sum to 1; they are None where the
-    materials fall into groups never taken for one another, between which no bias can be told. `fitted` holds the
-    expected counts, shape (M, M). `g2` is the likelihood-ratio statistic against the counts on `df` = (M - 1)(M - 2) /
-    2 degrees of freedom, less the cells that must be empty. It has no P: as chi-squared it errs where participants
-    differ.
+    `similarities` and expected counts `fitted` have shape (M, M). `biases`, shape (M,), sum to 1; None where groups of
+    materials were never taken for one another. `g2` is on `df` = (M - 1)(M - 2) / 2 degrees of freedom, less cells that
+    must be empty.
     """
 
     similarities: Floats
@@ -96,10 +91,10 @@ def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats
 
 @dataclass(frozen=True)
 class Scaling:
-    """A map: points of shape (n, 2), centred and turned to the principal axes; the first has no negative coordinate.
+    """A map: points of shape (n, 2), centered, on the principal axes; the first has no negative coordinate.
 
-    `explained` is the share of the sum of the positive eigenvalues that the two axes take. `negative` is the sum of the
-    negative eigenvalues over that of all magnitudes: 0 where distances in some dimension give the dissimilarities.
+    `explained` is the share of the positive eigenvalues on both axes, `negative` that of the negative ones of all
+    magnitudes.
     """
 
     points: NDArray[np.float64]
@@ -129,10 +124,7 @@ def classical(dissimilarities: NDArray[np.float64]) -> Scaling:
 
 
 def from_confusions(ratios: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the dissimilarities, 1 - (p_ij + p_ji) / (p_ii + p_jj), of answer ratios, shape (n, n), floored at 0.
-
-    They are NaN where neither material was ever recognised or presented (Shepard 1957).
-    """
+    """Return 1 - (p_ij + p_ji) / (p_ii + p_jj) of answer ratios, shape (n, n), floored at 0 (Shepard 1957), or NaN."""
     correct = np.diag(ratios)
     both = correct[:, None] + correct[None, :]
     confused = ratios + ratios.T
@@ -151,10 +143,7 @@ ORDERS = 9999
 
 @dataclass(frozen=True)
 class Mantel:
-    """Pearson's r over the pairs, and the shares of `orders` with r as low, as high, and as far from 0 or more.
-
-    These are all n! orders where the test is `exact`, else the observed order and random ones (Dwass 1957).
-    """
+    """Pearson's r over the pairs, and the shares of `orders`, all n! if `exact`, with r as low, high, or far from 0."""
 
     r: float
     pairs: int

@@ -36,9 +36,8 @@ SEED = 1
 class MaterialTest:
     """Correct answers to one material against chance; `log_bf10` is natural.
 
-    `flip` is the exact test by sign flips, which is ours, or None where `flip_statement` says why. `p_holm` and
-    `flip_holm` are adjusted within the `family`: the materials of the task, or of all tasks. `stars` are those of the
-    mean above chance by the P that the protocol names.
+    `flip` is the exact sign-flip test, ours. `p_holm` and `flip_holm` are adjusted within the `family`. `stars` follow
+    the protocol's P.
     """
 
     material: str
@@ -54,11 +53,7 @@ class MaterialTest:
 
 @dataclass(frozen=True)
 class PairTest:
-    """One-way ANOVA of the four ratios of two materials taken for one another; None where `statement` says why.
-
-    The groups are: first answered to first, second to second, first to second, second to first. `chosen` says how the
-    pair was chosen.
-    """
+    """One-way ANOVA of the ratios of two materials: right, right, first as second, second as first; or why not."""
 
     task: str
     pair: tuple[str, str]
@@ -69,10 +64,7 @@ class PairTest:
 
 @dataclass(frozen=True)
 class Reliability:
-    """Every ICC form for one matrix; `icc` is None where `statement` says why.
-
-    `dropped` are the participants, of the task or of any task, whom the matrix leaves out because they lack a cell.
-    """
+    """Every ICC form for one matrix, or why there is none, and participants `dropped` for lack of a cell."""
 
     matrix: str
     task: str | None

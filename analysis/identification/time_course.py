@@ -1,7 +1,6 @@
-"""How a task went, trial by trial: learning, foot speed, onset errors, timing of the rig, and masker levels.
+"""How a task went: learning, foot speed, onset errors, timing of the rig, and masker levels.
 
-Trials without an answer are not right. Timing counts every attempt of participants who have trials in the analysis: a
-repetition does not hide what the rig missed.
+Trials without an answer are not right. Timing counts every attempt.
 """
 
 from collections.abc import Mapping
@@ -27,11 +26,7 @@ QUANTITIES = {
 
 @dataclass(frozen=True)
 class Timing:
-    """One quantity in the attempts of one task, ms.
-
-    `p99_ms`, `p999_ms` and `largest_ms` are of the magnitude. A percentile that too few values could exceed is None,
-    and so is `sd_ms` below two values.
-    """
+    """One quantity in a task's attempts, ms; percentiles and largest by magnitude, None where values are too few."""
 
     quantity: str
     attempts: int

@@ -1,14 +1,10 @@
 """Models of single trials: was the answer right, as a logit of task, material and what went with the trial.
 
-GEE (Liang and Zeger 1986; from statsmodels) gives odds in the population, with one correlation within a participant,
-the standard errors of Kauermann and Carroll (2001) for few participants, and Hotelling's F instead of chi-squared. The
-mixed logit gives odds for one participant, with a normal random intercept each, by maximum likelihood; statsmodels only
-has it by variational Bayes, whose standard deviations are too small by construction, and which takes minutes.
-
-With log odds X b + s u, the likelihood is the integral over a standard normal u, by adaptive Gauss-Hermite quadrature
-(Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995, equation (2.12)). Covariates are used if at least
-half of the trials of every task, and of every material, have them. Trials that lack a covariate in use are left out,
-and counted.
+GEE (Liang and Zeger 1986; statsmodels) has one correlation within a participant, standard errors of Kauermann and
+Carroll (2001), and Hotelling's F. The mixed logit has a normal random intercept for each participant, by maximum
+likelihood and adaptive Gauss-Hermite quadrature (Liu and Pierce 1994, Biometrika 81, 624-629; Pinheiro and Bates 1995,
+equation (2.12)). Covariates are used if half of the trials of every task and material have them; trials without are
+left out and counted.
 """
 
 import math
@@ -34,11 +30,11 @@ The response time is no covariate: it comes after the stimulus, and what it expl
 
 @dataclass(frozen=True)
 class Design:
-    """N trials as arrays: right (1) or not (0), index of the participant, and the matrix, shape (N, parameters).
+    """N trials: right (1) or not (0), index of the participant, and the matrix, shape (N, parameters).
 
-    `names` are those of the parameters, intercept first; covariates are centred. `terms` gives the columns that are
-    tested together, and `absent` says why a term is not used. `left_out` counts the trials of a task that lack a
-    covariate in use, and `gone` names participants without a trial left.
+    `names` are those of the parameters, intercept first; covariates are centered. `terms` gives columns tested
+    together, `absent` why a term is not used; `left_out` counts trials without a covariate, `gone` names participants
+    without a trial.
     """
 
     correct: NDArray[np.float64]
@@ -54,9 +50,8 @@ class Design:
 def design(study: Study) -> Design:
     """Return the design of the included trials of a study.
 
-    Raises:
-        NotDefined: for a reconstruction or counts, without a trial, and if all answers to a material or in a task are
-            right, or wrong.
+    Raises `NotDefined` for a reconstruction or counts, without a trial, and if all answers of a task or material are
+    right, or wrong.
     """
     if study.origin == "RECONSTRUCTION":
         raise NotDefined(
@@ -172,8 +167,8 @@ def log_likelihood(
 ) -> tuple[float, Floats]:
     """Return the log likelihood, and its derivatives by the coefficients and then by `sd`, shape (K + 1,).
 
-    Answers are 0 or 1, shape (N,), the matrix has shape (N, K), participants are indices from 0, shape (N,), and the
-    coefficients are log odds ratios, shape (K,). The sign of `sd`, that of the random intercepts, does not matter.
+    Answers, shape (N,), are 0 or 1; the matrix has shape (N, K); participants are indices; coefficients are log odds
+    ratios.
     """
     people = int(participants.max()) + 1
     fixed = matrix @ coefficients
@@ -204,10 +199,7 @@ def log_likelihood(
 def _modes(
     correct: Floats, fixed: Floats, participants: NDArray[np.int64], people: int, sd: float
 ) -> tuple[Floats, Floats]:
-    """Return each participant's mode of u given the answers, and 1 / sqrt of the curvature there, by Newton's method.
-
-    The log density is concave with a curvature between 1 and 1 + sd^2 n / 4, so halved steps always get there.
-    """
+    """Return each participant's mode of u given the answers, and 1 / sqrt of its curvature, by Newton's method."""
     from scipy.special import expit
 
     u = np.zeros(people)
@@ -262,10 +254,7 @@ class Term:
 
 @dataclass(frozen=True)
 class TrialModel:
-    """A fitted model; `spread` is GEE's correlation within a participant, or the SD of the random intercepts.
-
-    `warned` holds the warnings of the software during a fit that converged.
-    """
+    """A fitted model, GEE's correlation or the SD of random intercepts as `spread`, and warnings of the fit."""
 
     trials: int
     participants: int
@@ -278,9 +267,8 @@ class TrialModel:
 def gee(design: Design) -> TrialModel:
     """Return the population-averaged logit, exchangeable within participants.
 
-    Raises:
-        NotDefined: if participants are too few for the parameters, the fit does not converge, or participants do not
-            differ enough for standard errors.
+    Raises `NotDefined` for too few participants, a fit that does not converge, or participants that do not differ
+    enough.
     """
     people = _participants(design)
     # Decided before the fit: what a fit says of a singular matrix depends on the processor.
@@ -307,10 +295,7 @@ def gee(design: Design) -> TrialModel:
 
 
 def _of_few(design: Design, estimates: Floats, alike: float) -> Floats:
-    """Return the covariance from scores D' V^-1 (I - H)^-1/2 r of participants, H = D B D' V^-1.
-
-    Kauermann and Carroll (2001), J. Am. Stat. Assoc. 96, 1387-1396; B = L L', and trials correlate by `alike`.
-    """
+    """Return the covariance of Kauermann and Carroll (2001, J. Am. Stat. Assoc. 96, 1387-1396), trials `alike`."""
     share = 1 / (1 + np.exp(-design.matrix @ estimates))
     root = np.sqrt(share * (1 - share))[:, None]
     rows = np.column_stack([design.matrix * root, (design.correct[:, None] - share[:, None]) / root])
@@ -335,11 +320,8 @@ def _of_few(design: Design, estimates: Floats, alike: float) -> Floats:
 def mixed(design: Design) -> TrialModel:
     """Return the logit with a random intercept for each participant, whose SD is estimated too.
 
-    The maximum of `log_likelihood` is searched on columns made orthogonal and of one size.
-
-    Raises:
-        NotDefined: if participants are too few for the parameters, columns depend on one another, the search does not
-            converge, or the likelihood is flat at its maximum.
+    Raises `NotDefined` for too few participants, dependent columns, and a search that does not converge or ends where
+    the likelihood is flat.
     """
     from scipy.optimize import minimize
 
@@ -396,8 +378,8 @@ def _model(
 ) -> TrialModel:
     """Return the model of these estimates, with Wald's tests that all coefficients of a term are zero.
 
-    With `few`, the covariance is estimated from participants alone: t has n - 1 df, and Wald's statistic of q
-    coefficients is Hotelling's, (n - q) / (q (n - 1)) of which is F on q and n - q df.
+    With `few`, t has n - 1 df, and (n - q) / (q (n - 1)) of Hotelling's statistic of q coefficients is F on q and n - q
+    df.
     """
     from scipy.special import chdtrc, fdtrc, ndtr, ndtri, stdtr, stdtrit
 

@@ -60,18 +60,15 @@ class Way:
 def printed_sum_error(on: Grid) -> float:
     """Return the bound on the relative error of any sample of a printed sum, equation (3) included.
 
-    The roundings are those of each term's amplitude, cosine and product, and of a sum of blocks of 128 terms in eight
-    running sums, then pairwise: 19 + log2(bins). The amplitudes add up to at most sqrt(2 bins) times the rms.
+    Roundings: amplitude, cosine, product, and sums of blocks: 19 + log2(bins), for amplitudes of up to sqrt(2 bins)
+    rms.
     """
     bins = on.carried
     return (AT_SPEED_ROUNDINGS + COSINE_ROUNDINGS + 20 + log2(bins)) * ROUNDING * sqrt(2 * bins)
 
 
 def cosines(on: Grid, *, start: int, stop: int) -> NDArray[np.float64]:
-    """Return cos(pi k q (i + 1/2) / p) of bins 1 to carried - 1 at samples `start` to `stop` - 1.
-
-    Shape (stop - start, carried - 1); each is within `COSINE_ROUNDINGS` of 1.
-    """
+    """Return cos(pi k q (i + 1/2) / p), shape (stop - start, carried - 1), each within `COSINE_ROUNDINGS` of 1."""
     odd = 2 * np.arange(start, stop, dtype=np.int64)[:, None] + 1
     phases = odd * (np.arange(1, on.carried, dtype=np.int64) * on.q)
     phases %= 4 * on.p

@@ -1,7 +1,6 @@
-"""Error against run time of the ways to step through a contact, and what must hold of the exact one and of each limit.
+"""Error against run time of ways to step through a contact, and invariants of each.
 
-Errors are taken against the printed closed form in extended precision (`oracle.impact`), the largest over the phase of
-the touch within a step.
+Errors are against `oracle.impact`, the largest over the phase of the touch within a step.
 """
 
 from collections.abc import Sequence
@@ -64,10 +63,7 @@ def impact(block: Block, once: Advance, *, speed: float, step_s: float, phase: f
 def errors(
     seen: Sequence[Switch], *, stiffness: float, damping_ratio: float, mass: float, speed: float
 ) -> dict[str, float]:
-    """Return the relative errors of release time, rebound and penetration, and of energy as a part of what was brought.
-
-    What was not found, or is no number, is off by everything: 1.
-    """
+    """Return the relative errors of release time, rebound, penetration and energy; 1 for what was not found."""
     wanted = oracle.impact(stiffness=stiffness, damping_ratio=damping_ratio, mass=mass, speed=speed)
     last = seen[-1] if seen and seen[-1].kind == "release" else None
     deepest = next((one.deep_m for one in seen if one.kind == "deepest"), None)

@@ -52,9 +52,8 @@ FINE = 400
 def course(of: Collision, *, rate_hz: float) -> Figure:
     """Return the plot of an impact: r, dr/dt and force over time, by every method in steps of a rate, Hz.
 
-    Below is how far r of each method is from the exact one at the same samples, until the exact one is released. The
-    exact motion is a line, with dots at its samples. Methods that leave the picture are cut off, with marks at its
-    edge, and a method that needs too many steps is named as left out.
+    Below is the distance from the exact r until release. Methods that leave the picture end in marks; one with too many
+    steps is left out.
     """
     exact = closed_form(of)
     lasts = exact.release_s or 4 * (exact.peak_s or 5 / rate_hz)
@@ -156,8 +155,7 @@ def orders(rows: Sequence[Measured]) -> str:
 def diagrams(rows: Sequence[Measured]) -> Figure:
     """Return error against run time, a panel for each stiffness and a curve for each method.
 
-    What another method, or another step, does in less time with no larger error is grey. A ring marks the step of the
-    servo; where its error is above the panel, the ring lies at the edge.
+    Dominated points are grey; a ring marks the servo's step, at the edge where its error is above the panel.
     """
     stiffnesses = list(dict.fromkeys((one.given["stiffness_n_m"], one.given["mass_kg"]) for one in rows))
     down = -(-(len(stiffnesses) + 1) // 3)

@@ -39,9 +39,8 @@ QUIET_BELOW_HZ = 30.0
 class Extent:
     """How much to measure, for recordings of `lengths` samples, and for how long.
 
-    A printed sum of more than `most_terms` is not measured. A response table has `table_sizes` frequencies and
-    `table_levels` drive levels. Resampling is compared with the sum taken term by term at so many `places`. Each of the
-    `diagrams`, stiffness and mass, is gone through in so many steps a contact (`contact_steps`).
+    Limits: terms of a printed sum, frequencies and levels of a response table, places of a resampled recording, and
+    steps a contact of each diagram.
     """
 
     lengths: tuple[int, ...]
@@ -105,9 +104,8 @@ class Timed:
 class Measured:
     """One point: the run time and the error (relative, or in dB for noise) of one way to compute something.
 
-    `way` is one curve of the plot, `given` the sizes by the name of a quantity with its unit. `claimed` is the bound
-    that the way states on its error; then come the time and the memory of its preparation, where it has one, and errors
-    of other quantities by their names. Where the error is the worst of many, `worst_at` says of what.
+    `given` are sizes by quantity and unit, `claimed` the way's own bound, `others` errors of other quantities.
+    Preparation has a time and memory. `worst_at` names the worst of many.
     """
 
     subject: str
@@ -130,9 +128,9 @@ class Measured:
 def timed(
     call: Callable[[], object], *, budget_s: float, least_repeats: int, clock: Callable[[], int] = time.perf_counter_ns
 ) -> Timed:
-    """Return the run time of a call, repeated for `budget_s` and at least `least_repeats` (one or more) times.
+    """Return the run time of a call, repeated for `budget_s` and at least `least_repeats` times; `clock` is in ns.
 
-    The first call warms up and does not count, unless it takes longer than the budget. `clock` is monotonic, in ns.
+    The first call warms up and does not count, unless it takes longer than the budget.
     """
 
     def once() -> int:
@@ -385,10 +383,7 @@ AS_GOOD = 2.0
 
 
 def dominated(one: Measured, rows: Sequence[Measured]) -> bool | None:
-    """Return whether another of the rows does the same in less time, quartiles apart, and errs as little or less.
-
-    Impacts are the same whatever the step; None for what no two ways do.
-    """
+    """Return whether another row takes less time, quartiles apart, for no larger an error; None where none compares."""
     if one.subject in ("samples", "shaping", "noise"):
         return None
     same = {name: value for name, value in one.given.items() if name != "step_s"}
@@ -402,10 +397,7 @@ def dominated(one: Measured, rows: Sequence[Measured]) -> bool | None:
 
 
 def order(steps: Sequence[float], found: Sequence[float], *, below: float = 0.3) -> float | None:
-    """Return the order of convergence: the slope of ln error over ln step, where errors are neither rounding nor large.
-
-    None where fewer than three are.
-    """
+    """Return the slope of ln error over ln step, of errors neither rounding nor large; None for fewer than three."""
     between = [(h, error) for h, error in zip(steps, found, strict=True) if 1e-12 < error < below]
     if len(between) < 3:
         return None
@@ -422,10 +414,7 @@ def shaping_order(rows: Sequence[Measured]) -> float | None:
 
 @dataclass(frozen=True)
 class Numerics:
-    """What was measured, in the order of the tables, the outcome of every extreme case, and what was played.
-
-    `software` maps names to versions, and also holds the rounding of the oracle.
-    """
+    """What was measured, in the order of the tables, extreme cases, what was played, and versions of software."""
 
     software: dict[str, str]
     measured: tuple[Measured, ...]

@@ -1,8 +1,7 @@
-"""The oracle that `experiment/synthesis/` is compared with: exact whole numbers, extended precision, closed forms.
+"""The oracle for `experiment/synthesis/`: exact whole numbers, extended precision, closed forms.
 
-Nothing here calls what it judges. Grids are fractions, phases are reduced in whole numbers, and sums are of
-`numpy.longdouble`, which has a mantissa of 64 bits on x86. Where a platform's is no longer than that of a float64,
-errors near 1e-16 are as much the oracle's as the method's; `extended_epsilon` tells which.
+It calls nothing that it judges. Grids are fractions, phases whole numbers, and sums `numpy.longdouble` (64 bits on x86,
+see `extended_epsilon`).
 """
 
 from dataclasses import dataclass
@@ -52,10 +51,7 @@ def extended_epsilon() -> float:
 
 
 def spectrum_at(spectra: CrinkleSpectra, speed_mm_s: float) -> tuple[Extended, int, int | None]:
-    """Return C'_k(v) of equations (3) and (4), with the signed difference but otherwise as printed, floored at zero.
-
-    With it come the number of floored bins and, in extrapolation, the place of the nearest speed.
-    """
+    """Return C'_k(v) of (3) and (4), floored at zero, the number of floored bins, and the speed extrapolated from."""
     v = np.longdouble(speed_mm_s)
     speeds, amplitudes = spectra.speeds_mm_s.astype(np.longdouble), spectra.amplitudes.astype(np.longdouble)
     i = max([n for n in range(len(speeds) - 1) if speeds[n] <= v], default=0)
@@ -90,8 +86,7 @@ def voltages(
 ) -> Exact:
     """Return the voltages of equation (7) for a stimulus that is taken down by `scale`; samples and scale are in V.
 
-    W(f, a) is a sum over the segments between the levels measured, each as far as it is passed. Bins count as measured
-    by their frequencies in float64, as `shaping.at_bins` defines it.
+    W(f, a) sums the segments between levels; bins count as measured by `shaping.at_bins`.
     """
     wanted, floored, nearest = spectrum_at(spectra, speed_mm_s)
     places = Fraction(spectra.samples * output_rate_hz, spectra.rate_hz)
@@ -129,10 +124,9 @@ def error(made: NDArray[np.float64], exact: Exact) -> np.longdouble:
 
 
 def term_by_term(coefficients: ArrayLike, *, numerators: ArrayLike, denominator: int) -> Extended:
-    """Return equation (5), one cosine for each bin and sample: sum_{k=1} C_k cos(pi k m / d), shape (n,).
+    """Return equation (5), sum_{k=1} C_k cos(pi k m / d), shape (n,), one cosine for each bin and sample.
 
-    Phases are reduced in whole numbers. `coefficients` are C_k with their signs, shape (K,); `numerators` are the whole
-    numbers m of the samples, shape (n,); `denominator` is d.
+    `coefficients` are the signed C_k, (K,), `numerators` the whole m, (n,), and `denominator` d.
     """
     c = np.asarray(coefficients, dtype=np.longdouble)[1:]
     phases = np.outer(np.asarray(numerators, dtype=np.int64), np.arange(1, c.size + 1, dtype=np.int64))
@@ -160,11 +154,10 @@ def voltage_v(frequencies_hz: NDArray[np.float64], wanted_m_s2: NDArray[np.float
 
 
 def octave_deviations_db(samples: NDArray[np.float64], *, rate_hz: int, db_per_octave: float) -> NDArray[np.float64]:
-    """Return how far each octave band of one period of noise is from its colour, dB relative to the band at 1 kHz.
+    """Return the deviation of each octave band of periodic noise from its color, dB relative to that at 1 kHz.
 
-    Shape (10,), from the band at 31.5 Hz to the band at 16 kHz, whose exact centres are 1000 times a power of 10^0.3
-    (IEC 61260-1); minus infinity for a band without a bin. `db_per_octave` is the rise of the levels of octave bands:
-    0 for pink noise, 10 log10(10^0.3) for white noise.
+    Shape (10,), 31.5 Hz to 16 kHz (IEC 61260-1), minus infinity without a bin. `db_per_octave` is 0 for pink noise, 10
+    log10(10^0.3) for white.
     """
     power = np.abs(np.fft.rfft(samples)) ** 2
     f = np.fft.rfftfreq(samples.size, 1 / rate_hz)

@@ -1,8 +1,6 @@
 """What a rig in volts plays: its ways, the errors they claim, condition numbers, and extreme cases.
 
-A rig has a measured response (7), a limit of the gain, and limits of panel and amplifier. Its voltages are prepared for
-a material, or shaped for the step; both are compared with `oracle.voltages`, which inverts the table in extended
-precision. Everything here is SIMULATED: no rig was measured.
+Voltages are prepared for a material, or shaped for the step, and compared with `oracle.voltages`. All is SIMULATED.
 """
 
 import io
@@ -71,11 +69,10 @@ WAYS = (PREPARED, SHAPED)
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How a rig's voltages hang on what they are made of, at one speed; arrays have one value a bin within the table.
+    """How a rig's voltages depend on what they are made of, at one speed; arrays have one value a bin within the table.
 
-    `by_amplitude` is the condition number of W(f, a) in a, and in the values of the table alike; `by_frequency` that of
-    the table in f. Both are 0 where a limit decides. `worst_by_amplitude` is the largest, `rms_by_amplitude` that of
-    all voltages together.
+    `by_amplitude` is the condition number of W(f, a) in a, `by_frequency` that of the table in f; both are 0 at a
+    limit. `worst_by_amplitude` is the largest, `rms_by_amplitude` that of all voltages together.
     """
 
     voltages_v: NDArray[np.float64]
@@ -125,9 +122,9 @@ def sensitivity(spectra: CrinkleSpectra, rig: Rig, *, speed_mm_s: float, scale: 
 def claim(spectra: CrinkleSpectra, rig: Rig, *, speed_mm_s: float, scale: float = 1.0) -> float:
     """Return the bound on the relative error (rms) of voltages shaped for a step.
 
-    A bin's amplitude is within `AT_SPEED_ROUNDINGS`, and two for the scale; the table at its frequency within 3, and
-    as many times the step to the next value measured, and 2 times the condition number in f. These weigh by the
-    condition number of W in a; 6 more are those of the inverse itself. The transform comes on top.
+    A bin's amplitude is within `AT_SPEED_ROUNDINGS`, and 2 for the scale; the table within 3, the step to the next
+    value, and 2 condition numbers in f, weighed by that in a; 6 more are of the inverse, and the transform comes on
+    top.
     """
     found = sensitivity(spectra, rig, speed_mm_s=speed_mm_s, scale=scale)
     of_table = 3 + 3 * found.beside + 2 * found.by_frequency
@@ -148,8 +145,8 @@ class Compared:
 def compare(drive: Drive, basis: Basis, rig: Rig, *, speed_mm_s: float) -> Compared:
     """Compare what a drive plays at a speed with the oracle, which takes the stimulus down as far as the drive did.
 
-    Between two knots lies the sum of two voltages, each with its own error; their places may miss `MISSED` of the
-    largest voltage, and twice that beside the middle.
+    Voltages between two knots are sums of two; their places may miss `MISSED` of the largest, twice that beside the
+    middle.
     """
     spectra, driven = basis.spectra, drive(basis.at(speed_mm_s))
     exact = oracle.voltages(
@@ -223,10 +220,9 @@ TRUE = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Played:
-    """One stimulus as a device is handed it, in V or m/s^2 (`unit`), float32, shape (n,); its budget, and the truth.
+    """One stimulus as a device gets it, in V or m/s^2 (`unit`), float32, shape (n,); its budget, and the truth.
 
-    `truth` is how far the simulated panel's motion, by its closed form and not by the table, lies from what equations
-    (1) to (5) ask for, as a part of that, rms over all bins.
+    `truth` is the relative error, rms over all bins, of the simulated panel's motion by its closed form.
     """
 
     unit: str
@@ -243,10 +239,7 @@ class Played:
 
 
 def play(name: str, spectra: CrinkleSpectra, *, unit: str) -> list[Played]:
-    """Return what a rig is handed for a material at every speed of a budget, at the rate of the recordings.
-
-    In m/s^2 the rig has the same limit of its panel, a full scale of `FULL_SCALE_M_S2`, and moves as it is told.
-    """
+    """Return what a rig gets for a material at every speed of a budget, in V, or in m/s^2 up to `FULL_SCALE_M_S2`."""
     basis, found = RIG.basis(spectra), []
     # Prepared voltages are the same, as the cases show, and take seconds to prepare.
     drive = RIG.drive(SHAPED, basis)
@@ -276,9 +269,9 @@ def play(name: str, spectra: CrinkleSpectra, *, unit: str) -> list[Played]:
 def arrays(stimuli: Sequence[Played], materials: Mapping[str, CrinkleSpectra]) -> bytes:
     """Return the bytes of a .npz file with everything that it takes to find each truth by other means.
 
-    It holds, for U units, M materials, S speeds recorded, V speeds of a budget and N bins, `amplitudes` and `signs` of
-    the spectra, (M, S, N), at `recorded_mm_s`, (S,); `handed`, V or m/s^2, (U, M, V, N), at `speeds_mm_s`, (V,); the
-    names of `units` and `materials`; and `total` and `truth`, (U, M, V).
+    It contains, for U units, M materials, S recorded and V budget speeds and N bins: `amplitudes` and `signs`, (M, S,
+    N), at `recorded_mm_s`; `handed`, V or m/s^2, (U, M, V, N), at `speeds_mm_s`; `units`, `materials`; `total` and
+    `truth`, (U, M, V).
     """
     units, names = (list(dict.fromkeys(getattr(one, of) for one in stimuli)) for of in ("unit", "material"))
     shape, full_scale = (len(units), len(names), -1), {IN_VOLTS: RIG.limit_v, IN_M_S2: FULL_SCALE_M_S2}
@@ -315,10 +308,7 @@ class Condition:
 
 
 def conditions(materials: Mapping[str, CrinkleSpectra], speeds_mm_s: Sequence[float]) -> tuple[Condition, ...]:
-    """Return condition numbers of what is played, each the largest over materials and speeds.
-
-    A relative error of the one is multiplied by it in the other, rms to rms.
-    """
+    """Return condition numbers, rms to rms, of what is played, each the largest over materials and speeds."""
     found: dict[tuple[str, str], tuple[float, str]] = {}
     for name, spectra in materials.items():
         for v in speeds_mm_s:

@@ -1,10 +1,8 @@
-"""How participants answer: the probabilities that simulated studies are drawn from, and the drawing.
+"""How participants answer: the probabilities of simulated studies, and the drawing.
 
-A choice model holds, for each task and presented material, the mean share of each answer and how much participants
-differ around it. Participants differ by a Dirichlet distribution, so that counts are Dirichlet-multinomial. Its one
-parameter for each material, the intraclass correlation of a participant's answers, follows in closed form from the
-standard deviations that a paper prints (a logit-normal would also need the correlations between answers, which no
-paper prints). Given these shares, a participant's answers to different materials, or in two tasks, are independent.
+A model holds, for each task and presented material, the mean share of each answer and the spread of participants around
+it. Counts are Dirichlet-multinomial; the intraclass correlation follows in closed form from printed standard
+deviations. Given the shares, answers to different materials, or in two tasks, are independent.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,11 +34,10 @@ OWN = "published"
 
 @dataclass(frozen=True)
 class Answers:
-    """How participants answer in one task: mean shares, shape (M, M + 1), whose last answer is "no material named".
+    """Answers in one task: mean shares, shape (M, M + 1), the last of "no material named", 0 where not presented.
 
-    A material that the task does not present has shares of 0. `spread` is the intraclass correlation of one
-    participant's answers to a material, shape (M,): 0 when all participants are alike, near 1 when each always gives
-    the same answer.
+    `spread` is the intraclass correlation of a participant's answers to each material, shape (M,): 0 when all
+    participants are alike.
     """
 
     task: str
@@ -50,10 +47,7 @@ class Answers:
 
 @dataclass(frozen=True)
 class ChoiceModel:
-    """How participants answer in every task, where this comes from (`source`), and what was decided (`notes`).
-
-    `label` is that of the dataset that the model was fitted to, empty for answers that participants gave.
-    """
+    """The answers in every task, their `source`, `notes` on what was decided, and the `label` of a fitted dataset."""
 
     source: str
     tasks: tuple[Answers, ...]
@@ -62,13 +56,10 @@ class ChoiceModel:
 
 
 def find(name: str, protocol: Protocol) -> ChoiceModel:
-    """Return the choice model called `name`, for the tasks and materials of `protocol`.
+    """Return the model called `name`: `published`, the id of a published study, a dataset's folder, or a TOML file.
 
-    The name is `published`, the id of a published study, the folder of a dataset, or a TOML file.
-
-    Raises:
-        PowerError: there is no such model, or it lacks a task or a material.
-        DatasetError, ProtocolError: the dataset or the file cannot be read.
+    Raises `PowerError` if there is no such model, or it lacks a task or a material, and `DatasetError` or
+    `ProtocolError` for a dataset or file that cannot be read.
     """
     if printed := published.load(protocol.study.id if name == OWN else name):
         return from_print(printed, protocol)
@@ -100,10 +91,8 @@ def guessing(protocol: Protocol, model: ChoiceModel) -> ChoiceModel:
 def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
     """Return the model with the means and standard deviations of a paper's tables.
 
-    A row whose printed means miss 1 by no more than their rounding explains is scaled to 1. A larger gap is the share
-    of trials in which no material was named. A larger surplus is impossible; it is scaled and noted.
-
-    Raises `PowerError`: the tables lack a task or a material of the protocol.
+    A row that misses 1 by its rounding is scaled to 1; a larger gap is the share without an answer; a larger surplus is
+    scaled and noted. Raises `PowerError` if the tables lack a task or a material.
     """
     ids = [material.id for material in protocol.materials]
     cells = {cell.key: cell for table in printed.table for cell in printed.cells_of(table)}
@@ -148,9 +137,8 @@ def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:
 def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
     """Return the model with the mean shares of a dataset's answers, and the spread of its participants.
 
-    Raises:
-        PowerError: the dataset lacks a task or a material, or has one participant where the spread needs two.
-        DatasetError, ProtocolError: the dataset cannot be read.
+    Raises `PowerError` for a lacking task or material, or a single participant, and `DatasetError` or `ProtocolError`
+    as `read`.
     """
     study = dataset.read(folder)
     ids = [material.id for material in protocol.materials]
@@ -184,11 +172,9 @@ def fitted(folder: Path, protocol: Protocol) -> ChoiceModel:
 
 
 def stated(file: Path, protocol: Protocol) -> ChoiceModel:
-    """Return the model that a TOML file states, with one table `[[rows]]` for each task and presented material.
+    """Return the model of a TOML file, with one table `[[rows]]` for each task and presented material.
 
-    Raises:
-        PowerError: the file lacks a task or a material, holds one twice, or one that the protocol lacks.
-        ProtocolError: every other problem of the file.
+    Raises `PowerError` for rows that lack, repeat or do not belong to the protocol, and `ProtocolError` otherwise.
     """
     model = load.read(file, Stated)
     ids = [material.id for material in protocol.materials]
@@ -237,11 +223,7 @@ def _shares_add_up(table: Mapping[str, Any]) -> Iterator[Broken]:
 
 
 class StatedRow(Confined):
-    """Answers to one material in one task.
-
-    `answers` are mean shares in the order of the protocol's materials; the rest up to 1 is no material named.
-    `spread` is the intraclass correlation of a participant's answers: 0 when all participants are alike.
-    """
+    """Answers to one material in one task, as mean shares in the protocol's order, and their intraclass correlation."""
 
     RULES: ClassVar[Rules] = _shares_add_up
 
@@ -260,11 +242,10 @@ class Stated(Confined):
 
 
 def _spread(shares: Floats, variance: float, shortness: float, people: int, where: str, notes: list[str]) -> float:
-    """Return the intraclass correlation by moments, as far as it can be drawn from, and note where that changes it.
+    """Return the intraclass correlation by moments, and note where it is moved to a value that can be drawn from.
 
-    The variance of a ratio of m trials is p (1 - p) (rho + (1 - rho) / m). Both sides are added up over the answers,
-    which weights them by their variance; a mean of n participants makes p (1 - p) too small by variance / n.
-    `variance` is the sum of the variances (n - 1) of the mean `shares`; `shortness` is the mean of 1 / m, `people` n.
+    The variance of a ratio of m trials is p (1 - p) (rho + (1 - rho) / m), and both sides are added up over the
+    answers. `variance` is the sum of the variances (n - 1) of `shares`, `shortness` the mean of 1 / m, `people` n.
     """
     largest = float((shares * (1 - shares)).sum()) + variance / people
     if largest == 0 or shortness == 1:
@@ -294,9 +275,7 @@ MOST_GUIDED = 40
 def draw(answers: Answers, *, trials: int, participants: int, studies: int, random: np.random.Generator) -> Integers:
     """Return counts of every answer, Dirichlet-multinomial, shape (M, M + 1, studies, participants).
 
-    Each participant has `trials` with each material. Each answer is beta-binomial (binomial without spread) given those
-    before it, and is found from a uniform number in the table of its distribution, so that the same uniform numbers
-    give the same counts.
+    Each answer is beta-binomial given those before it, found from a uniform number in the table of its distribution.
     """
     materials = len(answers.shares)
     counts = np.zeros((materials, materials + 1, studies, participants), dtype=np.int64)
@@ -330,11 +309,7 @@ class Inverse:
 
 
 class Guided(Inverse):
-    """The same counts, most of them without a search (Chen and Asau 1974, AIIE Transactions 6, 163-166).
-
-    The unit interval is cut into cells for every number of remaining trials. Where both ends of a cell have the same
-    count, so has every number between them; only numbers in the other cells are searched for.
-    """
+    """The same counts, most of them without a search (Chen and Asau 1974, AIIE Transactions 6, 163-166)."""
 
     def __init__(self, trials: int, share: float, rest: float, spread: float) -> None:
         super().__init__(trials, share, rest, spread)
@@ -356,10 +331,10 @@ _guided = lru_cache(maxsize=256)(Guided)
 
 
 def distribution(trials: int, share: float, rest: float, spread: float) -> Floats:
-    """Return the cumulative distribution of the count of one answer in 0..`trials` remaining trials, row after row.
+    """Return the cumulative distribution of the count of an answer in 0..`trials` remaining trials, row after row.
 
-    Shape ((trials + 1)^2,), rising: place r (trials + 1) + k holds r + P(count <= k | r remain). `share` is that of the
-    answer, `rest` that of all answers after it; without `spread`, the intraclass correlation, counts are binomial.
+    Shape ((trials + 1)^2,): place r (trials + 1) + k holds r + P(count <= k | r remain). `rest` is the share of later
+    answers.
     """
     from scipy.special import betaln, xlog1py, xlogy
 

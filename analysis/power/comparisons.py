@@ -1,9 +1,7 @@
 """Simulated studies of comparisons: Bradley-Terry observers who differ, and the scale fitted to many studies at once.
 
-A participant chooses the first of a pair with the logistic of the difference of their own values, plus what being
-first adds for them; both are normal around those of everybody. The scale, and its errors with participants as the unit,
-are those of `statistics.scaling`; a step or the order effect is tested by Student's t on n - 1 df, as the intervals of
-`comparison.results` are made.
+Values, and what being first adds, are normal among participants. Scales and errors are those of `statistics.scaling`;
+steps and order are tested by Student's t on n - 1 df, as in `comparison.results`.
 """
 
 from collections.abc import Iterator
@@ -42,10 +40,7 @@ MEAN = (
 
 @dataclass(frozen=True)
 class Observers:
-    """How observers compare in one task: values of the materials in logits, shape (M,), and what being first adds.
-
-    `spread` is the SD of each value among participants, `order_spread` that of what being first adds.
-    """
+    """Observers in one task: values in logits, shape (M,), what being first adds, and SDs among participants."""
 
     task: str
     values: Floats
@@ -86,10 +81,8 @@ class StatedPairs(Confined):
 def find(name: str, protocol: Protocol) -> PairModel:
     """Return the model of comparisons called `name`, as `choice_models.find`.
 
-    Raises:
-        PowerError: there is no such model, it lacks a task or a material, a scale has no limit, or no test
-            can be simulated.
-        DatasetError, ProtocolError: the dataset or the file cannot be read.
+    Raises `PowerError` also where a scale has no limit, or no test can be simulated, `DatasetError` and
+    `ProtocolError`.
     """
     if not any(test.test == PLANNED for test in protocol.analysis):
         raise PowerError(
@@ -195,10 +188,10 @@ def _fitted(folder: Path, tasks: list[str], ids: list[str]) -> PairModel:
 
 @dataclass(frozen=True)
 class Scales:
-    """Scales of S studies: values (S, M) that add up to 0, the order effect (S,), and covariances (S, M + 1, M + 1).
+    """Scales of S studies: values (S, M), which add up to 0, the order effect (S,), and covariances (S, M + 1, M + 1).
 
-    `covariance` is from sums of scores by participant, `alike` that of participants who do not differ; NaN stands where
-    no finite scale fits best.
+    `covariance` is from sums of scores by participant, `alike` for participants who do not differ; NaN without a finite
+    scale.
     """
 
     values: Floats

@@ -47,10 +47,9 @@ class Design:
 
 @dataclass(frozen=True)
 class Question:
-    """One thing that a planned test, the one at place `plan` of the protocol from 0, asks of each study.
+    """One thing that a planned test, at place `plan` from 0, asks of each study: a material, pair, effect or form.
 
-    `subject` is the material, the pair, the effect or the form. `alpha` is the level of P, None where there is no P and
-    the estimate itself is wanted; P is `adjusted` by Holm's method.
+    `alpha` is None where the estimate itself is wanted; P may be `adjusted` by Holm's method.
     """
 
     plan: int
@@ -126,10 +125,7 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
 
 
 def fewest(question: Question, planned: Design, most: int) -> int:
-    """Return the fewest participants of a study, up to `most`, with whom a question's P can lie below its alpha.
-
-    Sign flips of n participants have a P of 2 / 2^n or more; every other test needs two participants in a task.
-    """
+    """Return the fewest participants, up to `most`, with whom P can be below alpha: two, or 2 / 2^n for sign flips."""
     flips, alpha = question.subject.endswith(FLIPS), question.alpha or 1.0
     needed = next((n for n in range(2, most) if not flips or 2.0 ** (1 - n) < alpha), most)
     places = [place for place, task in enumerate(planned.tasks) if task.id in question.tasks]

@@ -1,13 +1,8 @@
-"""Designs that look at the answers more than once: stopping bounds, and what they cost and find in simulated studies.
+"""Designs with several looks at the answers: stopping bounds, and what they cost and find in simulated studies.
 
-Spending functions say how much of alpha may be used up by each look (Lan and DeMets 1983, Biometrika 70, 659-663): as
-O'Brien and Fleming or as Pocock. Bounds follow from the joint normal distribution of the looks, by quadrature
-(Armitage, McPherson and Rowe 1969, J. R. Stat. Soc. A 132, 235-244), and are used on P, so that t and sign flips can
-take them. A Bayes factor design stops where the JZS Bayes factor for or against a difference is large enough.
-
-A participant answers by shares of their own, whose spread is partly one level that is common to all tasks and
-materials; the rest is of each material in each task. In the control they differ as much, around chance, and tasks are
-alike.
+Spending functions (Lan and DeMets 1983, Biometrika 70, 659-663) are O'Brien and Fleming's or Pocock's; bounds follow by
+quadrature (Armitage, McPherson and Rowe 1969, J. R. Stat. Soc. A 132, 235-244), and apply to P. A Bayes factor design
+stops at enough JZS evidence either way. Part of a participant's spread is common to all tasks and materials.
 """
 
 import math
@@ -72,10 +67,7 @@ def bounds(rule: Rule, fractions: Sequence[float], alpha: float) -> Floats:
 
 
 def thresholds(people: int, evidence: float) -> tuple[float, float]:
-    """Return the |t| from which on a Bayes factor for a difference is at least `evidence`, and up to which, for none.
-
-    The second is -1 where so few participants cannot give that evidence for none.
-    """
+    """Return the |t| from which on BF10 is at least `evidence`, and that up to which BF01 is, or -1 where none is."""
 
     def where(log: float) -> float:
         low, high = 0.0, 1e3

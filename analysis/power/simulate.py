@@ -1,8 +1,6 @@
 """How many participants a study needs: the power of each planned test, from whole simulated studies.
 
-Every chunk of studies draws from its own random stream, which the seed, the model, the number of participants and the
-chunk's number determine. Power at a number of participants is therefore the same whatever other numbers are tried, on
-any machine and any number of cores. Chunks run on this machine's cores (joblib) or on a Dask cluster.
+A chunk's random stream depends on seed, model, size and chunk alone. Chunks run on cores (joblib) or a Dask cluster.
 """
 
 from __future__ import annotations
@@ -58,11 +56,10 @@ class Chunk:
 
 @dataclass(frozen=True)
 class Tally:
-    """The studies' answers to one question, counted.
+    """Counts of the studies' answers to one question.
 
-    `significant` have P below alpha, `above` of these a mean above chance (None where the question has no chance), and
-    `undefined` no P, or no estimate where there is no P. In `family` one test or more of the question's family has such
-    a mean. `estimates` are the defined ones, in the order of the studies.
+    `significant` have P below alpha, `above` of these a mean above chance, `undefined` no P or estimate; in `family`
+    some test of the family has such a mean. `estimates` are in the order of studies.
     """
 
     studies: int
@@ -106,11 +103,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Needed:
-    """The smallest of the sizes tried from which on a question's power reaches the target; None where none does.
+    """The smallest size tried from which on the power reaches the target, by the estimate, and `surely` by its limit.
 
-    `likely` judges by the estimate and `surely` by its lower Monte Carlo limit. `earliest` is one more than the largest
-    size tried before the one at which the upper limit does: sizes between the two were not tried, and may suffice. It
-    is no less than the size from which on the test can have a P below alpha at all.
+    `earliest` may suffice untried: one above the last size whose upper limit is below, and at least that with a P below
+    alpha.
     """
 
     likely: int | None
@@ -188,9 +184,8 @@ def run(
 ) -> Power:
     """Return the power at every size in `participants`, from `studies` simulated studies under each model.
 
-    `target` is the power wanted. `runner` runs the chunks; `total` is told how many there are, `tick` follows each.
-
-    Raises `PowerError`: a size or the number of studies is not allowed; or what `runner` raises.
+    `runner` runs the chunks, `total` gets their number, `tick` follows each. Raises `PowerError` for sizes or numbers
+    not allowed.
     """
     sizes = tuple(sorted(set(participants)))
     _check(sizes, studies, planned)
@@ -334,8 +329,7 @@ def on_cores(work: Callable[[Work], Result], chunks: Sequence[Work], jobs: int =
 def on_cluster(work: Callable[[Work], Result], chunks: Sequence[Work], address: str) -> Iterator[tuple[int, Result]]:
     """Yield the results of `work` on the Dask cluster whose scheduler has this address.
 
-    Raises `PowerError` if Dask is not installed, nothing answers at the address, the cluster has no worker, a worker's
-    software differs from ours, or a worker is lost.
+    Raises `PowerError` without Dask, scheduler or workers, for other software, or a lost worker.
     """
     try:
         from distributed import Client, as_completed

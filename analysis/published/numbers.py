@@ -127,10 +127,7 @@ def _by_key(held: Iterable[Keyed]) -> Mapping[Key, tuple[Keyed, ...]]:
 
 
 class PrintedLevel(Confined):
-    """Stars and the P below which they are given: to every mean, or only to means above the null.
-
-    A table that shows no stars at all is not expected to show any.
-    """
+    """Stars and the P below which they are given, to every mean or those above the null, where stars are shown."""
 
     stars: Annotated[str, Field(pattern=r"^\*+$", description='stars, such as "**"')]
     p: Size

@@ -1,9 +1,7 @@
 """Tables of a paper as its HTML page or a CSV file holds them, as a file of printed numbers.
 
-A number keeps its text, for its last digit says how it was rounded; `pandas.read_html` makes 0.2 of 0.20, and needs a
-parser that palpate does not install, so that the standard library's reads the page. Three kinds of tables are known by
-their headings: confusion tables (ratios of answers to materials, with SDs), ANOVA tables, and tables of t-tests. What a
-table does not say is told by `Stated`. Stars are left out, because a table does not say what they stand for.
+Numbers stay text, whose last digit shows the rounding, so pages are read by the standard library. Headings show the
+kind: confusion tables, ANOVA tables, and t-tests. `Stated` has what a table lacks; stars are left out.
 """
 
 import csv
@@ -39,11 +37,7 @@ WIDEST = 100
 
 @dataclass(frozen=True)
 class Stated:
-    """What a paper says outside of its tables.
-
-    `participants` holds one number for all confusion tables, or one for each in their order; `trials` are those behind
-    each ratio of each participant. `chance` is what the t-tests of the materials are against.
-    """
+    """What a paper says outside of its tables: participants of all confusion tables or each, trials, and chance."""
 
     participants: tuple[int, ...] = ()
     trials: int | None = None
@@ -157,10 +151,7 @@ def _clean(text: str, most: int = 40) -> str:
 
 
 def _add(document: dict[str, Any], grid: Grid, stated: Stated, confusions: int, passed: _Passed) -> int:
-    """Add a table to the document, and to `passed` the cells that cannot be read; return 1 for a confusion table, or 0.
-
-    Raises `_Unknown` for a table of no known kind, or without what has to be known beside it.
-    """
+    """Add a table to the document, and unread cells to `passed`; return 1 for a confusion table, or 0."""
     for at in range(min(MOST_HEADINGS, len(grid.rows) - 1)):
         found = _below(document, grid.name, grid.rows[at], grid.rows[at + 1 :], stated, confusions, passed)
         if found is not None:
@@ -259,10 +250,9 @@ def _with_percent(cells: Sequence[dict[str, str]], *, all_of_them: bool) -> list
 
 
 def _tied(document: dict[str, Any], chance: str | None) -> list[str]:
-    """Hold each t-test of a material against the confusion table with its participants; return why others are not.
+    """Pair each t-test with the confusion table of its participants; return why others have none.
 
-    Of several such tables the one in the place of the t-tests' is taken, where there are as many of them. A test whose
-    df no table has, because it is too large, is held against the one that the others of its table are held against.
+    Of several tables the one in the place of the t-tests' is taken; a df that no table has is taken for the others'.
     """
     tables = [(table["task"], {cell["presented"] for cell in table["cells"]}) for table in document.get("table", ())]
     people = {task["id"]: task["participants"] for task in document.get("task", ())}

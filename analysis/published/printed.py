@@ -1,8 +1,6 @@
 """A number as it is printed, and the interval of values that it can stand for.
 
-The ends of an interval are rational numbers (or infinite) and may be open. What is computed in floating point is
-widened outward, so that the true value always lies inside; that holds for results of 1e-300 and more in magnitude, and
-for 0.
+Ends are rational or infinite and may be open; floating point is widened outward, which holds from 1e-300 on, and for 0.
 """
 
 from __future__ import annotations
@@ -68,10 +66,7 @@ class Interval:
         return Interval(low, high, self.open_low, self.open_high)
 
     def whole(self) -> tuple[End, End]:
-        """Return the least and the greatest whole number in the interval; an infinite end stays as it is.
-
-        The least is above the greatest where there is no whole number.
-        """
+        """Return the least and the greatest whole number in the interval, least above greatest where there is none."""
         low: End = self.low if math.isinf(self.low) else Fraction(math.ceil(self.low))
         high: End = self.high if math.isinf(self.high) else Fraction(math.floor(self.high))
         return low + (self.open_low and low == self.low), high - (self.open_high and high == self.high)
@@ -124,11 +119,7 @@ POSITIVE = r"([0-9]{1,15}(\.[0-9]{1,15})?|\.[0-9]{1,15})(e-[0-9]{1,2})?%?"
 
 @dataclass(frozen=True)
 class Printed:
-    """A number as it is printed: its text tells its value and its precision.
-
-    A bare "0" is a count of nothing and has no digit to round, so its unit is 0. "<0.001" stands for everything from 0
-    to below the bound. A percentage is a ratio.
-    """
+    """A number as printed. A bare "0" has a unit of 0, "<0.001" is 0 to the bound, and a percentage a ratio."""
 
     text: str
 

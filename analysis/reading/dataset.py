@@ -1,12 +1,8 @@
 """A dataset on disk, or several pooled, as a `Study` that lists every attempt and participant left out, and why.
 
 Only the BIDS files are read: `dataset_description.json`, `participants.tsv`, `sub-*/beh/*_events.tsv` with their
-sidecars, and `sourcedata/protocol.toml` where there is one. Nothing here knows of journals.
-
-Nobody may be in two pooled datasets, because the same answers would count as those of two people. Each session has an
-id, which its copies keep under any name. A session without one (of printed counts, or from before there were ids) is
-taken for a copy where the same participant has the same trials, answers and times there, with a mistake among them;
-sessions without a mistake are alike anyway.
+sidecars, and `sourcedata/protocol.toml`; no journals. Nobody may be in two pooled datasets: sessions are compared by
+their ids, and without an id by trials, answers and times of the same participant.
 """
 
 from __future__ import annotations
@@ -58,8 +54,8 @@ ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "I
 def read(root: Path) -> Study:
     """Read the dataset in the folder `root`.
 
-    Raises `DatasetError` if a file is missing, broken or truncated; the message names the file and what to do;
-    `OtherFormat` for a dataset of another format; and `ProtocolError` if the copy of the protocol is broken.
+    Raises `DatasetError` for a file that is missing, broken or truncated, `OtherFormat`, and `ProtocolError` for a
+    broken protocol.
     """
     description = _json(root / "dataset_description.json", "give the folder of a dataset made by palpate")
     facts = _facts(description, root / "dataset_description.json")
@@ -365,10 +361,9 @@ NAMED = 5
 def read_pooled(roots: Sequence[Path]) -> Study:
     """Read the datasets in these folders, and pool them where there are several.
 
-    Participant 03 of dataset `lab` becomes `lab-03`. The exclusions, plans and trials of each dataset are those of its
-    own protocol. The study's id is kept where it is the same. Raises `DatasetError` as `read`; also for a folder named
-    twice, different origins or materials, tasks of one id with different titles or chances, and the same trials of the
-    same people; `ProtocolError` if the copy of a protocol is broken.
+    Participant 03 of dataset `lab` becomes `lab-03`. Exclusions, plans and trials of each are those of its own
+    protocol. Raises `DatasetError` as `read`, and for a folder named twice, different origins, materials, titles or
+    chances, or the same people's trials; and `ProtocolError`.
     """
     if len({root.resolve() for root in roots}) < len(roots):
         raise DatasetError(f"got a dataset twice among {', '.join(map(str, roots))}; name each once")

@@ -20,11 +20,7 @@ from palpate.experiment.errors import DatasetError
 
 @dataclass(frozen=True)
 class PrintedSpectra:
-    """What a paper prints about its spectra.
-
-    `pairs` holds the normalised dissimilarities of spectra at `speed_mm_s`; `counts` holds (material, observed mm/s,
-    chosen mm/s, takes of ten) as far as the text gives numbers.
-    """
+    """Printed normalised dissimilarities of `pairs` at `speed_mm_s`, and `counts`: material, speeds, takes of ten."""
 
     speed_mm_s: float
     pairs: dict[frozenset[str], Printed]

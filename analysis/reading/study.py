@@ -1,8 +1,7 @@
-"""A study as it was read: its facts, its attempts, what its protocols plan, and what the analysis leaves out and why.
+"""A study as read: facts, attempts, plans, and what the analysis leaves out and why.
 
-Attempts that were repeated and participants who withdrew are always left out. The protocol's rules leave out trials
-(`exclude-trial`) and participants (`exclude-participant`); rules with `repeat-trial` were acted on in the session.
-Everything left out is reported, and so is everything kept because a rule could not be applied.
+Repeated attempts and withdrawn participants are left out; rules leave out trials (`exclude-trial`) and participants
+(`exclude-participant`). Everything left out is reported, and so is what a rule could not judge.
 """
 
 from __future__ import annotations
@@ -56,13 +55,10 @@ def exclude(
     *,
     with_objects: Collection[str] = (),
 ) -> tuple[tuple[Exclusion, ...], tuple[Unasked, ...]]:
-    """Set the column `included` of `attempts` to False wherever a rule says so, and return why.
+    """Set `included` of `attempts` to False wherever a rule says so; return why, and sessions no rule could judge.
 
-    The second value lists the sessions to which a rule could not be applied because the value it judges is missing.
     `withdrawn` says of every participant whether they withdrew; no stimulus is delivered in the tasks `with_objects`.
-
-    The order is: repeated attempts, withdrawals, rules on trials, rules on participants; the last count only what the
-    others left. A participant left out by a rule is left out of every task.
+    Repeated attempts come first, then withdrawals, trials, and participants, who are left out of every task.
     """
     rules = tuple(rules)
     found = [
@@ -171,10 +167,7 @@ class Task:
 
 @dataclass(frozen=True)
 class Part:
-    """One dataset of a study: its folder's name, participants and tasks, and the protocol's copy that it may hold.
-
-    `sealed` says whether that protocol was approved, by the seal that may stand beside it.
-    """
+    """One dataset of a study: folder's name, participants, tasks, its protocol, and whether that is `sealed`."""
 
     name: str
     participants: tuple[str, ...]
@@ -187,15 +180,12 @@ class Part:
 class Study:
     """A dataset as read, or several as one.
 
-    `origin` is one of `dataset.ORIGINS`. The `label` heads everything made from the study; it is empty for a study's
-    own data. Materials and tasks are in the order of the tables. `first_tasks` gives participant -> task, and
-    `session_ids` participant and task -> id, as far as they are known. `attempts` has a row for each attempt:
-    participant, task, trial, attempt, counted, presented, answered, response_time_s, foot_speed_mm_s, frames_lost,
-    delivered (1, 0 or NaN), onset_error_s, redo_reason, included, and the columns of `dataset.FURTHER`.
-
-    `answers` are those of comparisons, where `attempts` has the columns first and second too and `presented` is both;
-    None where answers are materials. `ordered` says whether the numbers of the trials are the order in which they were
-    done.
+    `origin` is one of `dataset.ORIGINS`; `label` heads everything made from the study, and is empty for a study's own
+    data. `first_tasks` gives participant -> task, `session_ids` participant and task -> id, where known. `attempts` has
+    a row for each attempt: participant, task, trial, attempt, counted, presented, answered, response_time_s,
+    foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason, included, and the columns of
+    `dataset.FURTHER`. Comparisons have `answers`, and the columns first and second. `ordered`: trials are numbered as
+    they were done.
     """
 
     id: str
@@ -235,10 +225,7 @@ def chance(study: Study, task: str) -> Fraction:
 
 
 def correction(study: Study, task: str) -> str | None:
-    """Return the family over which Holm's method adjusts the P that the stars of a task follow; None for no family.
-
-    It is that of the first protocol that plans a test of the task against chance.
-    """
+    """Return the family of Holm's method, in the first plan of t against chance for the task, or None."""
     found = (plan.correction for plan in study.plans() if plan.test == "t against chance" and task in plan.tasks)
     return next(found, None)
 

@@ -17,10 +17,7 @@ DARK = 0.6
 
 
 def sheets(results: Compared, label: str, *, titles: bool = False) -> tuple[drawing.Sheet, ...]:
-    """Return every figure for which there are numbers, of at least one task.
-
-    `label` is that of the dataset, and stands above each figure; with `titles` what it shows stands there too.
-    """
+    """Return every figure of at least one task, below the dataset's `label`, and with `titles` below what it shows."""
     with mpl.rc_context(drawing.COLUMN_STYLE):
         return tuple(_sheets(results, label, titles=titles))
 

@@ -77,10 +77,7 @@ def confusion(axes: Axes, task: TaskResult, *, unanswered: bool) -> None:
 
 
 def participants(axes: Axes, task: TaskResult, first: int, last: int) -> None:
-    """Draw the matrix of each participant from `first` up to but not `last`, presented x answered, below its label.
-
-    A material that a participant was never presented stays white.
-    """
+    """Draw the matrices of participants `first` to before `last`, presented x answered; never presented is white."""
     matrix = task.confusion
     rows, answers = list(matrix.presented), len(matrix.materials) + bool(matrix.unanswered)
     size = len(rows)
@@ -287,10 +284,7 @@ PAGES = 4
 
 
 def sheets(results: Results, label: str, *, titles: bool = False) -> tuple[drawing.Sheet, ...]:
-    """Return every figure for which there are numbers, of at least one task.
-
-    `label` is that of the dataset, and stands above each figure; with `titles` what it shows stands there too.
-    """
+    """Return every figure of at least one task, below the dataset's `label`, and with `titles` below what it shows."""
     with mpl.rc_context(drawing.COLUMN_STYLE):
         return tuple(_sheets(results, label, titles=titles))
 

@@ -43,10 +43,7 @@ ACTION = {"repeat-trial": "repeats the trial", "exclude-trial": "trial", "exclud
 
 @dataclass(frozen=True)
 class Standing:
-    """Which tests, each with a task, the protocols plan and the paper prints.
-
-    `asked` are the two materials of each planned one-way ANOVA, with its task.
-    """
+    """Tests, each with a task, that protocols plan and the paper prints, and pairs of planned one-way ANOVAs."""
 
     planned: frozenset[tuple[str, str]]
     printed: frozenset[tuple[str, str]]
@@ -146,8 +143,7 @@ TESTS = (
 def overview(study: Study, rows: tuple[Record, ...], done: Callable[[PlannedTest], str]) -> Section:
     """Return participants, trials and tests, those planned beside those done.
 
-    `rows` has a record for each task: task, title, participants and trials as analysed, and more. `done` says what was
-    run of a planned test.
+    `rows` has a record for each task as analysed; `done` says what was run of a planned test.
     """
     records = [{**row, **_counts(study, row["task"])} for row in rows]
     planned = any(record["participants_planned"] is not None for record in records)

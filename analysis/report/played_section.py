@@ -29,10 +29,7 @@ ABOUT = (
 
 
 def played_sections(study: Study) -> tuple[Section, ...]:
-    """Return the section, or none where no stimulus of a rig is on record with its error.
-
-    It is about every attempt of the participants analysed: what was done again was felt as well.
-    """
+    """Return the section, of every attempt of those analysed, or none where no stimulus has its error on record."""
     known = _known(study)
     if known.empty:
         return ()

@@ -1,9 +1,7 @@
-"""Analysis of variance of answer ratios, one-way, and two-way with unequal numbers in types I, II and III.
+"""Analysis of variance of answer ratios, one-way, and two-way with unequal numbers in SAS's types I, II and III.
 
-The types are those of SAS. A sum of squares is taken along contrasts that are orthogonal in the numbers of
-participants; they are integers, so that one study's sums are exact until F is formed. Variance components follow by
-Henderson's method III. Okamoto (section 5.2) prints an intraclass correlation of 0.97 "based on the results of this
-two-way ANOVA" without a formula; `icc_of_mean` is one of several readings of those words.
+Contrasts are integers, so that one study's sums are exact until F. Variance components are by Henderson's method III;
+`icc_of_mean` is one reading of the ICC of 0.97 that Okamoto (section 5.2) prints without a formula.
 """
 
 import math
@@ -286,10 +284,9 @@ def variance_components(data: Cells) -> VarianceComponents:
 
 
 def icc_of_mean(components: VarianceComponents, k: int) -> float | None:
-    """Return the variance-component ICC of the mean of `k` participants.
+    """Return S / (S + residual / k), the ICC of the mean of `k` participants; None without variance.
 
-    ICC = S / (S + residual / k), where S is the sum of the components of both factors and their interaction, each taken
-    as zero where it is negative. It is None when there is no variance at all.
+    S is the sum of the components of both factors and their interaction, each at least zero.
     """
     parts = [[components.first], [components.second], [components.interaction], [components.residual]]
     value = float(_share(exact.floats(parts), k)[0])

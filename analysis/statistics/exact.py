@@ -1,8 +1,7 @@
 """Answer ratios without rounding, for one study or for many at once.
 
-Over one common denominator a sum of squares loses no digit. One study holds Python's integers, of any size (as NIST's
-SmLs07 to SmLs09 need), and what is made of them is a fraction until its last step. Many studies, along the last axis,
-hold integers of 64 bits, and what follows is float64.
+One study has Python's integers over a common denominator (NIST's SmLs07 to SmLs09); many, along the last axis, integers
+of 64 bits, then float64.
 """
 
 from __future__ import annotations
@@ -76,10 +75,9 @@ def floats(values: Any) -> Floats:
 
 @dataclass(frozen=True)
 class Ratios:
-    """The ratios in every cell of a table, by the sums of their numerators and of their squared numerators.
+    """Ratios of every cell, by sums of numerators and of their squares, shape (..., studies).
 
-    Both sums have the shape (..., studies). The denominator of the ratios and the participants are one number, or one
-    for each cell, shape (cells, 1).
+    Denominator and participants are one number, or one a cell, shape (cells, 1).
     """
 
     denominator: Any

@@ -1,8 +1,7 @@
 """Intraclass correlations of a complete targets x raters matrix, in every form.
 
-Six formulas carry the names of Shrout and Fleiss (1979, Psychol. Bull. 86, 420-428) and of McGraw and Wong (1996,
-Psychol. Methods 1, 30-46, Tables 4, 7 and 8). McGraw and Wong's two-way random and two-way mixed forms share formulas
-and differ in what they may be generalised to; both names stand with each.
+Formulas and names: Shrout and Fleiss (1979, Psychol. Bull. 86, 420-428); McGraw and Wong (1996, Psychol. Methods 1,
+30-46, Tables 4, 7 and 8).
 """
 
 import math
@@ -18,10 +17,9 @@ from palpate.analysis.statistics import exact
 
 @dataclass(frozen=True)
 class IccForm:
-    """One form under both of its names, the test of ICC = 0 and the confidence interval.
+    """One form under both of its names, the test of ICC = 0 and the confidence interval; None where undefined.
 
-    `model` names model, type and unit in words; `value` may be negative. What the mean squares do not define is None,
-    and `statement` says why.
+    `model` names model, type and unit in words; `value` may be negative; `statement` says why something is None.
     """
 
     shrout_fleiss: str
@@ -68,9 +66,8 @@ NAMES = {
 def icc(ratings: Sequence[Sequence[exact.Number]], confidence: float = 0.95) -> Icc:
     """Return every form for `ratings`, shape (targets, raters), without gaps.
 
-    Raises:
-        NotDefined: there are fewer than two targets or raters, or all ratings are the same.
-        ValueError: rows have unequal lengths, or a value is not finite.
+    Raises `NotDefined` below two targets or raters, or without variance, and `ValueError` for unequal lengths or values
+    not finite.
     """
     n, k = len(ratings), len(ratings[0]) if ratings else 0
     if any(len(row) != k for row in ratings):
@@ -193,11 +190,7 @@ def _limits_of_f(f: float | None, df1: int, df2: int, k: int, confidence: float)
 def _limits_agreement(
     ms_r: float, ms_c: float, ms_e: float, value: float | None, n: int, k: int, confidence: float
 ) -> Limits:
-    """Return the limits of ICC(A,1) with Satterthwaite's degrees of freedom (McGraw and Wong, Table 7).
-
-    They are None where those come near zero, as for estimates far below zero, because both limits then fall on one
-    side of the estimate.
-    """
+    """Return the limits of ICC(A,1) with Satterthwaite's df (McGraw and Wong, Table 7), None near df of zero."""
     if value is None or value >= 1 or (ms_c == 0 and ms_e == 0):
         return None, None
     a = k * value / (n * (1 - value))

@@ -1,9 +1,8 @@
-"""What a sample of answer ratios tells: tests of its mean against chance, effect sizes, a Bayes factor, and intervals.
+"""Samples of answer ratios: tests against chance, effect sizes, a Bayes factor, and intervals.
 
-Wilson's interval and that of Clopper and Pearson take trials as independent; the bootstrap resamples participants, and
-its intervals are BCa (Efron 1987, J. Am. Stat. Assoc. 82, 171-185). Intervals of effect sizes are those of Steiger and
-Fouladi (1997; Steiger 2004, Psychol. Methods 9, 164-182). The Bayes factor has the JZS prior: a Cauchy distribution of
-the effect size, Jeffreys's of the variance (Rouder et al. 2009, Psychon. Bull. Rev. 16, 225-237, equation (1)).
+Wilson's and Clopper and Pearson's intervals take trials as independent; the BCa bootstrap resamples participants (Efron
+1987, J. Am. Stat. Assoc. 82, 171-185). Effect sizes: Steiger and Fouladi (1997; Steiger 2004, Psychol. Methods 9,
+164-182). JZS Bayes factor: Rouder et al. (2009, Psychon. Bull. Rev. 16, 225-237, equation (1)).
 """
 
 import math
@@ -24,10 +23,9 @@ STARS = ((0.001, "***"), (0.01, "**"), (0.05, "*"))
 
 @dataclass(frozen=True)
 class TTest:
-    """The t-test of `n` participants' mean ratio against chance; what the values do not define is None.
+    """The two-tailed t-test of `n` participants' mean ratio against chance, Cohen's d, and a sample's `sd` (n - 1).
 
-    `sd` is that of a sample (n - 1), t is (mean - chance) / (sd / sqrt(n)), P is two-tailed, and d is Cohen's,
-    (mean - chance) / sd. `statement` says why something is not defined; it is empty when everything is.
+    What the values do not define is None, and `statement` says why.
     """
 
     n: int
@@ -91,10 +89,7 @@ def _sizes(cells: exact.Ratios, n: int, chance: Fraction) -> tuple[exact.Floats,
 
 
 def holm(p: exact.Floats) -> exact.Floats:
-    """Return P adjusted for the tests of a family (Holm 1979), which lie along the first axis.
-
-    NaN, a test that is not defined, counts as 1 in its family, because it was planned; it stays NaN.
-    """
+    """Return P adjusted in a family along the first axis (Holm 1979); NaN counts as 1 in it, and stays NaN."""
     family = np.where(np.isnan(p), 1.0, p)
     order = np.argsort(family, axis=0, kind="stable")
     factors = np.arange(len(p), 0, -1).reshape(-1, *[1] * (p.ndim - 1))
@@ -271,10 +266,9 @@ def bca(
 
 
 def mean_interval(values: Sequence[exact.Number], weights: exact.Integers) -> ConfidenceInterval:
-    """Return the BCa interval of the mean of values, shape (P,), from resamples of shape (B, P); errors as `bca`.
+    """Return the BCa interval of the mean of values, shape (P,), from resamples, (B, P); errors as `bca`.
 
-    Sums are whole numbers over one denominator, and a quotient is rounded once, so that resamples with the observed
-    mean are counted as equal to it.
+    Quotients of whole numbers are rounded once, so that equal means stay equal.
     """
     whole, common = exact.integers(values)
     people, total = len(whole), sum(whole)

@@ -1,9 +1,7 @@
 """A bias and lapse model of answers: each trial is known, or lapses and is guessed by a bias.
 
-P(j | i) = (1 - lapse_i) [j = i] + lapse_i b_j, where biases b add up to 1: the all-or-none model of Townsend (1971,
-Percept. Psychophys. 9, 40-50), which knows no likeness of materials. Wrong answers are then those of a table without
-its diagonal whose rows and columns are independent, quasi-independence (Goodman 1968, J. Am. Stat. Assoc. 63,
-1091-1131), fitted by iterative proportional fitting.
+P(j | i) = (1 - lapse_i) [j = i] + lapse_i b_j (Townsend 1971, Percept. Psychophys. 9, 40-50). Wrong answers are
+quasi-independent (Goodman 1968, J. Am. Stat. Assoc. 63, 1091-1131), fitted by iterative proportional fitting.
 """
 
 from dataclasses import dataclass
@@ -25,10 +23,7 @@ GUESSES = 2.705543454095404
 
 @dataclass(frozen=True)
 class Lapses:
-    """Lapses by material, shape (M,), above 1 where right answers are fewer than by guessing; biases (M,); and the fit.
-
-    `lapse` is the share of all trials. `g2` is the deviance of the wrong answers on `df` degrees of freedom.
-    """
+    """Lapses by material, (M,), above 1 where guesses do better, and of all trials; biases, (M,); deviance and df."""
 
     lapse: float
     lapses: Floats
@@ -40,8 +35,7 @@ class Lapses:
 def fit(counts: Integers) -> Lapses:
     """Return the fit of counts by presented and answered material, shape (M, M).
 
-    Raises:
-        NotDefined: below three materials, for a material without a trial, and where wrong answers leave a bias open.
+    Raises `NotDefined` below three materials, for one without a trial, and where wrong answers leave a bias open.
     """
     materials = len(counts)
     if materials < 3:
@@ -64,10 +58,7 @@ def fit(counts: Integers) -> Lapses:
 
 
 def fits(counts: Integers) -> tuple[Floats, Floats]:
-    """Return the trials guessed by material, and the biases, of many tables, shape (..., M, M) -> twice (..., M).
-
-    NaN stands where wrong answers do not define them, as where the greatest likelihood gives one bias all.
-    """
+    """Return the trials guessed by material, and the biases, (..., M), of tables (..., M, M); NaN if undefined."""
     off = 1.0 - np.eye(counts.shape[-1])
     wrong = counts * off
     rows, columns = wrong.sum(axis=-1), wrong.sum(axis=-2)
@@ -92,9 +83,9 @@ def fits(counts: Integers) -> tuple[Floats, Floats]:
 
 
 def knowing(right: Integers, trials: Integers, biases: Floats) -> tuple[Floats, Floats]:
-    """Return the share of trials that each participant knew, and its log likelihood ratio to knowing none, times 2.
+    """Return the share of trials that each participant knew, and 2 log likelihood ratios to knowing none.
 
-    Counts have the shape (participants, M), and the biases (M,) are those of everybody. Shares are from 0 to 1.
+    Counts have the shape (participants, M), biases (M,).
     """
     low, high = np.zeros(len(right)), np.full(len(right), 1 - 1e-12)
     wrong = (trials - right).sum(axis=1)

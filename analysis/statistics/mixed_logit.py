@@ -1,9 +1,8 @@
 """A logit of counts in which participants differ in level, by material and by task.
 
-The log odds of participant p in a cell c are x_c b + s_1 u_p1 + s_2 u_p2[material of c] + s_3 u_p3[task of c], with
-standard normal u: a random intercept, and a random deviation for each level of each factor (Bates et al. 2015, J. Stat.
-Softw. 67 (1), `(1 | p) + (1 | p:material) + (1 | p:task)`). The likelihood is Laplace's approximation
-(Breslow and Clayton 1993, J. Am. Stat. Assoc. 88, 9-25), with its exact gradient.
+Log odds are x_c b + s_1 u_p1 + s_2 u_p2[material] + s_3 u_p3[task], u standard normal (Bates et al. 2015, J. Stat.
+Softw. 67 (1)), by Laplace's approximation (Breslow and Clayton 1993, J. Am. Stat. Assoc. 88, 9-25), with its exact
+gradient.
 """
 
 from collections.abc import Sequence
@@ -45,10 +44,7 @@ class Layout:
 
 
 def layout(levels: Sequence[Sequence[int]]) -> Layout:
-    """Return the layout of cells with these levels of each factor, shapes (C,), in treatment contrasts.
-
-    A factor of one level has neither a fixed nor a random effect.
-    """
+    """Return the layout of cells with these levels of each factor, (C,); a factor of one level has no effect."""
     cells = len(levels[0])
     fixed, random = [np.ones((cells, 1))], [np.ones((cells, 1))]
     for factor in levels:
@@ -98,8 +94,7 @@ def log_likelihood(
 def fit(right: Integers, trials: Integers, cells: Layout) -> MixedLogit:
     """Return the maximum of `log_likelihood`.
 
-    Raises:
-        NotDefined: where all answers in some part of the cells are right, or wrong, or the search does not converge.
+    Raises `NotDefined` where all answers of some part are right, or wrong, or without convergence.
     """
     from scipy.optimize import minimize
 

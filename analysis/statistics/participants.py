@@ -1,10 +1,8 @@
 """Tests and intervals in which a participant is the unit: sign flips, repeated measures and the jackknife.
 
-The sign-flip test is Fisher's (1935, The Design of Experiments, section 21): where answers are no better and no worse
-than chance, each participant's distance from it is as likely to have the other sign. Repeated measures are tested on
-orthonormal contrasts of each participant's values, with the epsilon of Greenhouse and Geisser (1959, Psychometrika 24,
-95-112). Equivalence is shown by two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657-680). The
-jackknife leaves out one participant at a time (Tukey 1958, Ann. Math. Stat. 29, 614).
+Sign flips: Fisher (1935, The Design of Experiments, section 21). Repeated measures: orthonormal contrasts, with the
+epsilon of Greenhouse and Geisser (1959, Psychometrika 24, 95-112). Equivalence: two one-sided tests (Schuirmann 1987,
+J. Pharmacokinet. Biopharm. 15, 657-680). Jackknife: Tukey (1958, Ann. Math. Stat. 29, 614).
 """
 
 import math
@@ -60,7 +58,7 @@ def sign_flip_tests(counts: Integers, trials: int, chance: Fraction) -> Floats:
     """Return P of many studies from counts out of `trials`, shape (..., participants), to within 1e-12.
 
     The sum's characteristic function, a product of cosines, is added up with Dirichlet's kernel at as many points as
-    the sum has steps, which gives the share of sums nearer to 0 than the observed one.
+    steps.
     """
     distances = chance.denominator * np.arange(trials + 1) - chance.numerator * trials
     common = math.gcd(*distances.tolist()) or 1
@@ -104,10 +102,7 @@ HELD = 30_000
 
 @dataclass(frozen=True)
 class Repeated:
-    """An effect within participants: F, its df, Greenhouse and Geisser's epsilon, P with df times epsilon, and without.
-
-    `f`, `epsilon` and the P are None where nothing varies.
-    """
+    """An effect within participants: F, df, Greenhouse and Geisser's epsilon, and P with and without it, or None."""
 
     effect: str
     n: int
@@ -122,9 +117,7 @@ class Repeated:
 def repeated(values: Floats, names: Sequence[str]) -> tuple[Repeated, ...]:
     """Return the repeated-measures ANOVA of values, shape (participants, levels) or (participants, levels, levels).
 
-    There is a line for each named factor, and one for the interaction of two.
-
-    Raises `NotDefined`: with fewer than two participants, or a factor of fewer than two levels.
+    It has a line for each named factor and their interaction. Raises `NotDefined` below two participants or levels.
     """
     people, *levels = values.shape
     if people < 2:
@@ -148,10 +141,7 @@ def repeated(values: Floats, names: Sequence[str]) -> tuple[Repeated, ...]:
 
 
 def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return F, epsilon, P with and P without epsilon of many studies from values on orthonormal contrasts.
-
-    `projected` has the shape (..., participants, df1). NaN stands where participants do not differ at all.
-    """
+    """Return F, epsilon, P with and without it of contrasts, shape (..., participants, df1); NaN if all are alike."""
     people, df1 = projected.shape[-2:]
     mean = projected.mean(axis=-2)
     gaps = projected - mean[..., None, :]
@@ -202,10 +192,7 @@ def equivalence(values: Floats, margin: float) -> Equivalence:
 
 
 def equivalence_tests(values: Floats, margin: float) -> Floats:
-    """Return P of `equivalence` of many studies, shape (...), from values of shape (..., participants).
-
-    NaN stands where participants do not differ at all.
-    """
+    """Return P of `equivalence` of studies, from values of shape (..., participants); NaN if all are alike."""
     people = values.shape[-1]
     sd = values.std(axis=-1, ddof=1)
     error = np.where(sd > 1e-12, sd, np.nan) / math.sqrt(people)

@@ -1,10 +1,8 @@
 """Scales from paired comparisons: Bradley-Terry, Thurstone's case V, and Davidson's for answers with ties.
 
-In each comparison item `first` was presented before item `second`, and one of them was chosen, or neither. The first is
-chosen with probability F(s_first - s_second + order), F the logistic (Bradley and Terry 1952) or the normal
-distribution (Thurstone 1927, case V). `order` is what being first adds, estimated too; pairs of an item with itself
-tell of it alone. With ties, the odds of first : tie : second are exp(d/2) : nu : exp(-d/2), d as above (Davidson 1970;
-the order effect as Davidson and Beaver 1977). Scale values add up to zero.
+The first is chosen with probability F(s_first - s_second + order), F the logistic (Bradley and Terry 1952) or the
+normal distribution (Thurstone 1927). With ties, the odds of first : tie : second are exp(d/2) : nu : exp(-d/2)
+(Davidson 1970; the order effect as Davidson and Beaver 1977). Scale values add up to zero.
 """
 
 from dataclasses import dataclass
@@ -31,10 +29,7 @@ STEPS = 100
 
 @dataclass(frozen=True)
 class Comparisons:
-    """Comparisons, one a place: items from 0 presented `first` and `second`, the one `chosen`, and by which `person`.
-
-    All have the shape (comparisons,); `items` is how many items there are.
-    """
+    """Comparisons of `items`, shape (comparisons,): items presented `first` and `second`, `chosen`, and `person`."""
 
     first: Integers
     second: Integers
@@ -47,10 +42,9 @@ class Comparisons:
 class Scale:
     """A fitted scale.
 
-    `values` of the items, shape (items,), add up to zero. `order` is what being first adds, and `tie` the logarithm of
-    nu, None without ties. `covariance` is of the values and then of `order` (and `tie`), shape (items + 1 or 2,) twice,
-    from sums of scores by person, times n / (n - 1) for n persons; with a single person it is NaN. `deviance` is that
-    from the observed frequencies of each ordered pair, with its degrees of freedom `df`.
+    `values`, shape (items,), add up to zero; `order` is what being first adds, `tie` ln nu or None. `covariance`, of
+    values, order and tie, is from sums of scores by person times n / (n - 1), NaN for one person. `deviance` is from
+    the observed frequencies of ordered pairs, on `df`.
     """
 
     law: Law
@@ -73,8 +67,8 @@ class Scale:
 def fit(data: Comparisons, law: Law) -> Scale:
     """Return the scale of greatest likelihood.
 
-    Raises `NotDefined` where there is none: some items were never chosen over the others (Ford 1957), or items and
-    order tell all choices; there are ties for a law that has none, or none for one that has.
+    Raises `NotDefined` where there is none: some items were never chosen over the others (Ford 1957), items and order
+    explain all choices, or ties and law do not match.
     """
     _check(data, law)
     design = _design(data)

@@ -1,7 +1,7 @@
-"""The validation of Okamoto et al., section 3.3, and the comparison of materials of section 6.1, by equation (6).
+"""The validation of Okamoto et al., sections 3.3 and 6.1, by equation (6).
 
-A take is put on the speed whose synthesised spectrum is the least dissimilar, among all recorded and observed speeds.
-Okamoto et al., section 3, have seven: 50, 100, 200 and 300 mm/s were recorded, and 150, 250 and 400 mm/s observed.
+A take is put on the least dissimilar speed among those recorded (50, 100, 200, 300 mm/s there) and observed (150, 250,
+400).
 """
 
 from collections.abc import Mapping
@@ -44,10 +44,7 @@ class Recorded(Protocol):
 
 @dataclass(frozen=True)
 class Classified:
-    """Where the fresh takes of one material were put: `dissimilarities` to each synthesis, m/s^2, shape (O, T, C).
-
-    The observed speeds, shape (O,), are among the rising candidates, shape (C,).
-    """
+    """Where fresh takes of a material were put: `dissimilarities`, m/s^2, (O observed, T takes, C candidates)."""
 
     material: str
     observed_mm_s: NDArray[np.float64]
@@ -205,13 +202,11 @@ class Other:
 
 @dataclass(frozen=True)
 class Validation:
-    """Every number of the validation.
+    """Every number of the validation; `label` is empty for real recordings.
 
-    `label` is empty for real recordings. `classified` has each material's takes on speeds (Figure 7), and `overlays`
-    each material at the first fresh speed between recorded ones (Figure 6), empty if there is no such speed. At
-    `reference_mm_s` stand the `spectra` of the materials, m/s^2, shape (N,) (Figure 12), the normalised dissimilarity
-    of each pair (Table 3), and `confusable`, these against Table 2 (Figure 13). `rank_correlation` is Spearman's, None
-    for fewer than three points or no variation. `extrapolated` says that the recorded speeds do not reach it.
+    `classified` is Figure 7, `overlays` Figure 6 at the first fresh speed between recorded ones. At `reference_mm_s`,
+    perhaps `extrapolated`, are the `spectra`, m/s^2, shape (N,) (Figure 12), normalised dissimilarities (Table 3), and
+    `confusable` (Figure 13) with Spearman's `rank_correlation` or None.
     """
 
     label: str
