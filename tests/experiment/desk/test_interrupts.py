@@ -95,7 +95,8 @@ def test_a_closed_terminal_and_a_shutdown_pause_a_session(
     try:
         second = bench("cpt")
         second.console = ScriptedConsole(second.clock, "cpt", before_ask=end)
-        assert second.run(protocol, header("virtual"), tmp_path).reason == "complete", "as nohup has it"
+        # As nohup has it.
+        assert second.run(protocol, header("virtual"), tmp_path).reason == "complete"
     finally:
         signal.signal(number, signal.SIG_DFL)
 
@@ -180,10 +181,12 @@ def test_what_failed_after_contact_is_told_and_not_the_key(
         raise AudioError("the stream has stopped")
 
     monkeypatch.setattr(one.actuator, "delivered", failing)
-    with pytest.raises(AudioError, match="the stream has stopped"):
+    with pytest.raises(AudioError, match="the stream has stopped") as failed:
         one.run(protocol, header("virtual"), tmp_path)
     *_, broken, footer = entries(tmp_path, "virtual")
-    assert footer == Footer(reason="error", detail="the stream has stopped", answered=0, silent=True)
+    assert isinstance(footer, Footer)
+    assert (footer.reason, footer.answered, footer.silent) == ("error", 0, True)
+    assert footer.detail == str(failed.value)
     felt_and_on_file(broken, "the stream has stopped", tmp_path)
 
 
@@ -202,7 +205,8 @@ def test_an_entry_that_is_being_written_is_on_file_before_the_session_pauses(
 
     monkeypatch.setattr(chain, "write_through", writing)
     footer = bench("cpt").run(protocol, header("virtual"), tmp_path)
-    assert (footer.reason, footer.detail) == ("paused", "interrupted at the keyboard")
+    assert footer.reason == "paused"
+    assert footer.detail.endswith("at the keyboard")
     path = storage.journal_path(tmp_path, "01", "virtual")
     assert pressed[0] in path.read_bytes()
     assert entries(tmp_path, "virtual")[-1] == footer

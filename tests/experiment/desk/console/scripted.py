@@ -108,6 +108,13 @@ class Desk:
         return "\n".join(strip.text.rstrip() for strip in self.app.screen._compositor.render_strips())
 
     @property
+    def notice(self) -> str:
+        """What stands on the screen right above what is asked, on one line; empty for nothing."""
+        place = self.app.screen.query_one("#notice").region
+        rows = self.text.split("\n")[place.y : place.bottom]
+        return " ".join(" ".join(row[place.x : place.right] for row in rows).strip("█▌▊ ").split())
+
+    @property
     def said(self) -> str:
         """The words of the screen's left part, on one line."""
         return " ".join(word for line in self.text.split("\n") for word in line.split(" │")[0].strip("█▌▊ ").split())

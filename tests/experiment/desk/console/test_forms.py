@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.desk.console import forms
 from palpate.experiment.desk.messages import Choice, Pause, Standing, TakeNote, Told, View
@@ -26,10 +27,8 @@ def test_the_keys_of_a_correction_are_told_even_where_nothing_is_asked() -> None
     assert forms.opened("correct", VIEW).hint == ""
 
 
-def test_who_stops_in_a_break_is_asked_about_the_day_and_no_trial() -> None:
-    paused = forms.opened("stop", View(state="paused")).title
-    assert paused.startswith("End for today? The session is paused, and its process ends. Every confirmed answer")
-    assert forms.opened("stop", VIEW).title.startswith("Stop for today? The session pauses as soon as nothing")
+def test_who_stops_in_a_break_is_asked_about_the_day_and_no_trial(approved: SnapshotAssertion) -> None:
+    assert [forms.opened("stop", view).title for view in (View(state="paused"), VIEW)] == approved
 
 
 @pytest.mark.parametrize("kind", ["answer", "confirm", "level", "debrief"])

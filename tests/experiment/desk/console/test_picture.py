@@ -7,6 +7,7 @@ from typing import get_args
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.desk.console import picture
 from palpate.experiment.desk.messages import Choice, Ended, Gauges, Lamp, Question, View
@@ -39,17 +40,16 @@ def test_where_samples_are_compared_nothing_is_armed_and_no_foot_is_measured() -
     assert not {"ARMED", "STEPPING"} & set(picture.strip(view))
     assert {"ARMED", "STEPPING"} <= set(picture.strip(View()))
     virtual = view.model_copy(update={"gauges": Gauges(left_s=60, too_fast=False)})
-    assert picture.strip(virtual) == ("", "ANSWER"), "nobody lays out what is rendered"
+    # Nobody lays out what is rendered.
+    assert picture.strip(virtual) == ("", "ANSWER")
     told = picture.gauges(Gauges(left_s=60, lamps=(Lamp(name="disk", good=True, words="9 GB free"),)), True, 40).plain
     assert told == "● disk: 9 GB free"
 
 
-def test_a_step_that_did_not_count_says_why_and_what_to_do() -> None:
+def test_a_step_that_did_not_count_says_why_and_what_to_do(approved: SnapshotAssertion) -> None:
     told = picture.phase(View(state="armed", again="The foot stopped; nothing was played"))
     assert (told.word, told.place) == ("STEP AGAIN", "ARMED")
-    assert told.says == (
-        "The step before did not count. The foot stopped; nothing was played. The participant may step again."
-    )
+    assert told.says == approved
 
 
 @pytest.mark.parametrize(("step", "word"), [("real", "TASK DONE"), ("virtual", "TASK DONE"), ("debriefing", "DEBRIEF")])
@@ -85,7 +85,8 @@ def test_what_is_not_well_comes_first_and_with_words() -> None:
         Lamp(name="audio", good=None, words="not used"),
         Lamp(name="tracker", good=False, words="no frame"),
     )
-    assert picture.lamps(lamps, roomy=False, width=25).plain == "▲ tracker: no frame\n○ audio: not used\n● disk"
+    shown = picture.lamps(lamps, roomy=False, width=25).plain
+    assert shown.split("\n") == ["▲ tracker: no frame", "○ audio: not used", "● disk"]
     assert picture.lamps(lamps, roomy=True, width=40).plain.endswith("● disk: 9 GB free")
 
 
@@ -104,7 +105,8 @@ def test_a_session_that_failed_is_told_apart_from_one_that_ended() -> None:
     assert picture.phase(ended) is picture.STATES["ended"]
     assert picture.phase(failed) is picture.FAILED
     left = View(state="ended", ended=Ended(words="", exit_code=Interrupted.exit_code))
-    assert picture.phase(left) is picture.STATES["ended"], "who answers 'no, leave' is no fault"
+    # Who answers 'no, leave' is no fault.
+    assert picture.phase(left) is picture.STATES["ended"]
 
 
 @pytest.mark.parametrize(
@@ -122,16 +124,12 @@ def test_a_break_is_counted_in_minutes_and_seconds(left_s: float, shown: str) ->
     assert picture.countdown(left_s) == shown
 
 
-def test_what_counts_down_is_named_and_so_is_its_end() -> None:
+def test_what_counts_down_is_named_and_so_is_its_end(approved: SnapshotAssertion) -> None:
     early = Question(number=1, kind="familiarise", text="Feel.", choices=())
     late = early.model_copy(update={"choices": (Choice(key="enter", words="familiar"),)})
     paused = early.model_copy(update={"kind": "continue"})
     told = [(question, lasts) for question in (None, paused, early, late) for lasts in (True, False)]
-    assert [picture.counts_down(*one).plain.replace("\n", " ") for one in told] == [
-        *["left of the break", "The break is over."] * 2,
-        *["until Enter works"] * 2,
-        *["left at most", "The time is over."],
-    ]
+    assert [picture.counts_down(*one).plain.replace("\n", " ") for one in told] == approved
 
 
 def test_what_was_heard_stands_under_the_question_of_an_answer_alone() -> None:

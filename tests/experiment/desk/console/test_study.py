@@ -84,7 +84,8 @@ def test_it_says_how_far_the_study_is_and_what_comes_next() -> None:
         assert words in told
     for words in ("AGAINST THE EVIDENCE", "sub-04: cut", "03, task 1 of 2", "05 is to be enrolled", "Make room."):
         assert words in told
-    assert "virtual" not in told, "the order of tasks is concealed before a session"
+    # The order of tasks is concealed before a session.
+    assert "virtual" not in told
 
 
 def test_enter_begins_the_session_of_whoever_comes_next_and_of_nobody_who_is_done() -> None:
