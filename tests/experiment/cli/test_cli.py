@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import wavfile
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
@@ -32,6 +33,7 @@ from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.session import run
 from palpate.experiment.settings.characters import hidden
 from palpate.experiment.study import enrolment
+from tests.approved import anywhere
 from tests.conftest import Palpate
 from tests.rig.laboratory import STOPS
 
@@ -41,6 +43,12 @@ def protocol(tmp_path: Path) -> Path:
     path = tmp_path / "study.toml"
     path.write_bytes(shipped("okamoto2012.toml").read_bytes())
     return path
+
+
+@pytest.fixture(autouse=True)
+def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Lines that end nowhere but where a sentence does, so that the length of a folder's name does not show."""
+    monkeypatch.setenv("COLUMNS", "2000")
 
 
 def lines(text: str) -> list[str]:
@@ -78,9 +86,7 @@ def test_a_day_that_no_calendar_has_is_refused_in_words(
 ) -> None:
     code, out, err = palpate(command, protocol, option, day)
     assert (code, out) == (2, "")
-    assert re.fullmatch(
-        r"palpate: got the day '.*; allowed: a day that the calendar has, as YYYY-MM-DD, such as 2026-04-01\n", err
-    )
+    assert re.fullmatch(r"palpate: [^;]* '.*; allowed: [^;]*, as YYYY-MM-DD, such as 2026-04-01\n", err)
 
 
 def test_json_escapes_what_is_not_printed_raw(palpate: Palpate, tmp_path: Path, protocol: Path) -> None:
@@ -98,7 +104,9 @@ def test_check_prints_the_boards_page(palpate: Palpate, protocol: Path) -> None:
     assert max(map(len, lines(out))) <= 100
 
 
-def test_check_prints_every_error_at_once_with_line_path_and_what_is_allowed(palpate: Palpate, protocol: Path) -> None:
+def test_check_prints_every_error_at_once_with_line_path_and_what_is_allowed(
+    palpate: Palpate, protocol: Path, approved: SnapshotAssertion
+) -> None:
     text = protocol.read_text("utf-8")
     text = text.replace('kind = "full-random"', 'kind = "random"').replace("repetitions = 10", "repetitions = 0")
     protocol.write_text(text.replace("participants = 15", 'participants = "many"', 1), "utf-8")
@@ -107,29 +115,29 @@ def test_check_prints_every_error_at_once_with_line_path_and_what_is_allowed(pal
     assert lines(err)[0] == f"palpate: {protocol}: 5 errors"
     assert len(lines(err)) == 6
     kind = text[: text.index('kind = "random"')].count("\n") + 1
-    assert f'  line {kind}: tasks[0].order.kind: got "random"' in err.replace("'", '"')
+    assert f"\n  line {kind}: tasks[0].order.kind: " in err
     assert "full-random, blocked-random, max-run" in err
+    assert re.sub(r"line \d+", "line N", anywhere(err, protocol.parent)) == approved
     code, out, _ = palpate("check", protocol, "--json")
     document = json.loads(out)
     assert (code, document["valid"], len(document["errors"])) == (2, False, 5)
 
 
-def test_check_writes_the_page_as_html_where_it_is_told_and_nowhere_else(palpate: Palpate, protocol: Path) -> None:
+def test_check_writes_the_page_as_html_where_it_is_told_and_nowhere_else(
+    palpate: Palpate, protocol: Path, approved: SnapshotAssertion
+) -> None:
     page = protocol.with_name("board.html")
     code, out, err = palpate("check", protocol, "--html", page)
-    assert (code, err, "12. Left for the laboratory" in page.read_text("utf-8")) == (0, "", True)
-    assert lines(out) == [
-        "NOT SEALED: no approval of this protocol is recorded beside its file.",
-        f"Page: {page}. Open it in a browser, and print it there, on A4 or as PDF.",
-    ]
+    assert (code, err, "<h2>12. " in page.read_text("utf-8")) == (0, "", True)
+    assert out.replace(str(page), "PAGE") == approved
     before = protocol.read_bytes()
     code, _, err = palpate("check", protocol, "--html", protocol)
-    assert (code, "allowed: a name that ends in .html" in err, protocol.read_bytes() == before) == (2, True, True)
+    assert (code, "ends in .html" in err, protocol.read_bytes() == before) == (2, True, True)
     assert json.loads(palpate("check", protocol, "--html", page, "--json")[1])["valid"]
     kept = protocol.with_name("own.html")
-    kept.write_text("<p>a page of the lab", "utf-8")
+    kept.write_text("<p>ours", "utf-8")
     assert palpate("check", protocol, "--html", kept)[0] == 2
-    assert kept.read_text("utf-8") == "<p>a page of the lab"
+    assert kept.read_text("utf-8") == "<p>ours"
     protocol.write_text("format = 2", "utf-8")
     page.unlink()
     assert (palpate("check", protocol, "--html", page)[0], page.exists()) == (2, False)
@@ -147,9 +155,13 @@ def test_check_json_holds_the_whole_protocol(palpate: Palpate, protocol: Path) -
     assert code == 0
 
 
-@pytest.mark.parametrize("why", [ImportError("No module named 'sounddevice'"), OSError("PortAudio library not found")])
+@pytest.mark.parametrize(
+    "why",
+    [ImportError("No module named 'sounddevice'"), OSError("PortAudio library not found")],
+    ids=lambda why: type(why).__name__,
+)
 def test_without_an_audio_library_serial_ports_are_listed_and_what_to_install(
-    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, why: Exception
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch, why: Exception, approved: SnapshotAssertion
 ) -> None:
     class Missing(importlib.abc.MetaPathFinder):
         def find_spec(self, name: str, path: object, target: object = None) -> None:
@@ -162,11 +174,7 @@ def test_without_an_audio_library_serial_ports_are_listed_and_what_to_install(
     monkeypatch.setattr("palpate.experiment.apparatus.tracker.serial_port.devices", lambda: (port,))
     code, out, err = palpate("devices")
     assert (code, err) == (0, "")
-    assert lines(out)[1] == "  /dev/ttyACM0  A tracker  1234:5678  held by editor (17)"
-    assert lines(out)[3] == (
-        f"  not known: audio: sounddevice cannot be used ({why}); install palpate[lab], and PortAudio (the system's "
-        "package libportaudio2)"
-    )
+    assert out.replace(str(why), "WHY") == approved
     code, out, err = palpate("devices", "--json")
     document = json.loads(out)
     assert (code, document["serial"][0]["port"], document["audio"]) == (0, "/dev/ttyACM0", None)
@@ -242,7 +250,8 @@ def test_what_is_wrong_is_one_line_and_exit_code_2(
     assert (code, out) == (2, "")
     assert said in err
     assert "Traceback" not in err
-    assert "REHEARSAL" not in err, "a progress bar was drawn"
+    # A progress bar would say so.
+    assert "REHEARSAL" not in err
     assert list(tmp_path.iterdir()) == []
 
 
@@ -253,7 +262,7 @@ def test_a_fault_in_palpate_itself_is_one_line_too(palpate: Palpate, monkeypatch
     monkeypatch.setattr("palpate.experiment.records.journal.read", broken)
     code, _, err = palpate("journal", "any.jsonl")
     assert code == 70
-    assert lines(err)[0].startswith("palpate: a fault in palpate itself (ZeroDivisionError)")
+    assert "(ZeroDivisionError)" in lines(err)[0]
     report = Path(lines(err)[0].rsplit(" ", 1)[1])
     assert "ZeroDivisionError" in report.read_text()
     report.unlink()
@@ -278,17 +287,18 @@ def test_too_much_is_one_line_and_no_fault(
 def test_a_seed_that_no_file_may_hold_is_refused(palpate: Palpate, protocol: Path, command: str) -> None:
     code, _, err = palpate(command, protocol, "--seed", 2**63)
     assert code == 2
-    assert "Invalid value for '--seed': Input should be less than or equal to 9223372036854775807" in err
+    assert "'--seed': " in err
+    assert "9223372036854775807" in err
 
 
 def test_spectrum_draws_only_what_is_asked_for_and_never_over_the_recording(
-    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
 ) -> None:
     monkeypatch.chdir(tmp_path)
     wavfile.write(tmp_path / "a.wav", 5000, np.sin(np.arange(500)))
     assert json.loads(palpate("spectrum", "a.wav", "--json")[1])["plot"] is None
     assert "Plot" not in palpate("spectrum", "a.wav")[1]
-    assert "this is the recording itself; name another file" in palpate("spectrum", "a.wav", "--plot", "a.wav")[2]
+    assert palpate("spectrum", "a.wav", "--plot", "a.wav")[2] == approved
     assert [path.name for path in tmp_path.iterdir()] == ["a.wav"]
 
 
@@ -346,21 +356,23 @@ class TestALaboratorysStudy:
         return palpate("run", protocol, "-p", "01", "--task", task, "--rig", rig, "--dataset", root)
 
     def test_each_missing_step_is_named(
-        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch
+        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
     ) -> None:
         monkeypatch.setattr("builtins.input", lambda _: "n")
         root = protocol.with_name("dataset")
-        assert "seal it" in self.run(palpate, protocol, rig)[2]
+        refused = [self.run(palpate, protocol, rig)]
         assert self.seal(palpate, protocol)[0] == 0
-        assert "participant 01 is not enrolled" in self.run(palpate, protocol, rig)[2]
+        refused.append(self.run(palpate, protocol, rig))
         where = ["--dataset", root]
         assert palpate("enrol", protocol, "-p", "01", *where, "--seed", self.real_first())[0] == 0
-        assert "participant 01 has not consented" in self.run(palpate, protocol, rig)[2]
+        refused.append(self.run(palpate, protocol, rig))
         assert palpate("consent", protocol, "-p", "01", "--consent-on", date.today(), *where)[0] == 0
-        assert "01 does task 'real' before 'virtual'; run that one" in self.run(palpate, protocol, rig, "virtual")[2]
+        refused.append(self.run(palpate, protocol, rig, "virtual"))
+        assert [code for code, _, _ in refused] == [2] * 4
+        assert [anywhere(err, protocol.parent) for _, _, err in refused] == approved
         code, _, err = self.run(palpate, protocol, rig)
         assert (code, len(lines(err))) == (2, 1)
-        assert "no-such-port: no such port" in err
+        assert "/no-such-port: " in err
         assert not list(root.glob("sourcedata/sub-*"))
 
     @pytest.mark.parametrize(
@@ -404,24 +416,24 @@ class TestALaboratorysStudy:
         root = tmp_path / "taps"
         assert palpate("enrol", study, "-p", "01", "--dataset", root)[0] == 0
         code, _, err = palpate("run", study, "-p", "01", "--rig", rig, "--dataset", root)
-        assert (code, "got no table [servo]" in err) == (2, True), err
+        assert (code, "[servo]" in err) == (2, True), err
 
     def test_a_slip_in_a_seal_is_mended(
-        self, palpate: Palpate, protocol: Path, monkeypatch: pytest.MonkeyPatch
+        self, palpate: Palpate, protocol: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
     ) -> None:
         assert "replaced" not in self.seal(palpate, protocol)[1]
         days = ("--approved-on", date.today() - timedelta(1), "--expires-on", date.today() + timedelta(1))
         again = ("seal", protocol, "--approval-number", "18 \u05d0", *days)
         code, _, err = palpate(*again)
-        assert (code, "is sealed already; replace it (--replace)" in err) == (2, True)
+        assert code == 2
+        assert anywhere(err, protocol.parent) == approved
         for typed in ("", "yes\n", "replace\n"):
             monkeypatch.setattr("sys.stdin", io.StringIO(typed))
             code, out, err = palpate(*again, "--replace")
-            assert out.startswith("This replaces the seal of this version: approval '17', from ")
-            assert (code, "no seal was replaced: got" in err) == ((0, False) if typed == "replace\n" else (2, True))
-        assert "replaced. Datasets that were begun under it keep their copy" in out
+            assert (code, bool(err)) == ((0, False) if typed == "replace\n" else (2, True))
+            assert anywhere(out + err, protocol.parent) == approved
         assert palpate(*again, "--replace", "--yes")[0] == 0
-        assert "nothing is asked without --replace" in palpate(*again, "--yes")[2]
+        assert anywhere(palpate(*again, "--yes")[2], protocol.parent) == approved
         sealed = "SEALED: this version is approved; compare what the seal says with the board's letter."
         _, told = palpate("check", protocol)[1].split(f"\n{sealed}\n")
         assert "  Approval number\n                   | 18 \u05d0\n" in told
@@ -429,25 +441,29 @@ class TestALaboratorysStudy:
         assert (known["seal"], known["approval"]["approved_on"]) == (sealed, str(days[1]))
 
     def test_a_protocol_changed_after_its_approval_is_refused(
-        self, palpate: Palpate, protocol: Path, rig: Path
+        self, palpate: Palpate, protocol: Path, rig: Path, approved: SnapshotAssertion
     ) -> None:
         self.seal(palpate, protocol)
         protocol.write_text(protocol.read_text("utf-8").replace("repetitions = 10", "repetitions = 12"), "utf-8")
         code, _, err = self.run(palpate, protocol, rig)
         assert code == 2
-        assert "the protocol was changed after its approval" in err
+        assert anywhere(err, protocol.parent) == approved
 
-    def test_an_expired_approval_is_refused(self, palpate: Palpate, protocol: Path, rig: Path) -> None:
+    def test_an_expired_approval_is_refused(
+        self, palpate: Palpate, protocol: Path, rig: Path, approved: SnapshotAssertion
+    ) -> None:
         self.seal(palpate, protocol, date.today() - timedelta(days=1))
-        assert "the approval has expired" in self.run(palpate, protocol, rig)[2]
+        assert anywhere(self.run(palpate, protocol, rig)[2], protocol.parent) == approved
 
     def test_a_simulated_rig_is_refused(self, palpate: Palpate, protocol: Path) -> None:
         self.seal(palpate, protocol)
         self.enrol(palpate, protocol)
         _, _, err = self.run(palpate, protocol, shipped("rigs/rehearsal.toml"))
-        assert "the rig is simulated" in err
+        assert "rig is simulated" in err
 
-    def test_nobody_withdraws_while_their_session_runs(self, palpate: Palpate, protocol: Path) -> None:
+    def test_nobody_withdraws_while_their_session_runs(
+        self, palpate: Palpate, protocol: Path, approved: SnapshotAssertion
+    ) -> None:
         root = protocol.with_name("dataset")
         self.seal(palpate, protocol)
         self.enrol(palpate, protocol)
@@ -455,9 +471,10 @@ class TestALaboratorysStudy:
         before = (root / "sourcedata" / "roster.jsonl").read_bytes()
         with journal.locked(root / "sourcedata" / "sub-01", "01"):
             code, _, err = palpate(*asked)
-            assert palpate(*asked, "--erase") == (code, "", err), "and nothing is asked before"
+            # And nothing is asked before.
+            assert palpate(*asked, "--erase") == (code, "", err)
         assert code == 2
-        assert "a session of participant 01 is running; end it at its console" in err
+        assert anywhere(err, protocol.parent) == approved
         assert (root / "sourcedata" / "roster.jsonl").read_bytes() == before
         assert palpate(*asked)[0] == 0
 
@@ -467,28 +484,38 @@ class TestALaboratorysStudy:
         self.enrol(palpate, protocol)
         code, _, err = palpate("withdraw", protocol, "-p", "02", "--dataset", root, "--reason", "asked to stop")
         assert code == 2
-        assert "participant '02' is not enrolled" in err
+        assert "'02' is not enrolled" in err
         assert not (root / "sourcedata" / "sub-02").exists()
 
-    def test_a_withdrawn_participant_is_not_run(self, palpate: Palpate, protocol: Path, rig: Path) -> None:
+    def test_a_withdrawn_participant_is_not_run(
+        self, palpate: Palpate, protocol: Path, rig: Path, approved: SnapshotAssertion
+    ) -> None:
         root = protocol.with_name("dataset")
         self.seal(palpate, protocol)
         self.enrol(palpate, protocol)
         assert palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")[0] == 0
-        assert "participant 01 withdrew (asked to stop)" in self.run(palpate, protocol, rig)[2]
+        assert anywhere(self.run(palpate, protocol, rig)[2], protocol.parent) == approved
 
-    def test_nobody_is_enrolled_under_a_version_that_was_not_approved(self, palpate: Palpate, protocol: Path) -> None:
+    def test_nobody_is_enrolled_under_a_version_that_was_not_approved(
+        self, palpate: Palpate, protocol: Path, approved: SnapshotAssertion
+    ) -> None:
         self.seal(palpate, protocol)
         text = protocol.read_text("utf-8")
         protocol.write_text(text.replace("vibration_peak_m_s2 = 30", "vibration_peak_m_s2 = 31"), "utf-8")
         assert protocol.read_text("utf-8") != text
         root = protocol.with_name("dataset")
         code, _, err = palpate("enrol", protocol, "-p", "01", "--dataset", root, "--consent-on", "2026-05-04")
-        assert (code, "the protocol was changed after its approval" in err) == (2, True)
+        assert code == 2
+        assert anywhere(err, protocol.parent) == approved
         assert not root.exists()
 
     def test_a_name_stands_in_no_dataset_and_goes_with_the_withdrawal(
-        self, palpate: Palpate, protocol: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+        self,
+        palpate: Palpate,
+        protocol: Path,
+        tmp_path: Path,
+        monkeypatch: pytest.MonkeyPatch,
+        approved: SnapshotAssertion,
     ) -> None:
         monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "mine"))
         root = protocol.with_name("dataset")
@@ -509,7 +536,8 @@ class TestALaboratorysStudy:
         assert palpate(*person, root, "--name", "Zoë Quux")[0] == 2
         root = root.rename(root.with_name("moved"))
         code, out, _ = palpate("withdraw", protocol, "-p", "01", "--dataset", root, "--reason", "asked to stop")
-        assert (code, "Who they were is deleted" in out) == (0, True)
+        assert code == 0
+        assert anywhere(out, tmp_path) == approved
         assert "nothing is known" in palpate(*person, root, "--show")[1]
         holding = [path for path in tmp_path.rglob("*") if path.is_file() and b"Quux" in path.read_bytes()]
         assert holding == []
@@ -532,11 +560,11 @@ class TestALaboratorysStudy:
         monkeypatch.setattr(run, meanwhile, withdraws)
         code, _, err = self.run(palpate, protocol, rig)
         assert (code, len(lines(err))) == (2, 1)
-        assert "participant 01 withdrew (asked to stop)" in err
+        assert "01 withdrew" in err
         assert not list(root.glob("sourcedata/sub-01/*.jsonl"))
 
     def test_a_register_in_a_home_that_nobody_knows_is_refused_before_anybody_is_run(
-        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch
+        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
     ) -> None:
         self.seal(palpate, protocol)
         self.enrol(palpate, protocol)
@@ -545,7 +573,7 @@ class TestALaboratorysStudy:
         monkeypatch.setattr(os.path, "expanduser", lambda path: path)
         code, _, err = self.run(palpate, protocol, rig)
         assert code == 2
-        assert "rig.toml: anchors: got a path that begins with ~, and nobody's home folder is known here" in err
+        assert anywhere(err, protocol.parent) == approved
 
     @pytest.mark.parametrize(("days", "allowed"), [(1, "up to"), (-400, "from")])
     def test_a_day_on_which_nobody_can_have_consented_is_refused(
@@ -556,33 +584,30 @@ class TestALaboratorysStudy:
         day = date.today() + timedelta(days)
         code, _, err = palpate("enrol", protocol, "-p", "01", "--consent-on", day, "--dataset", root)
         assert code == 2
-        assert f"participant 01: got consent on {day}; allowed: {allowed} " in err
+        assert f" {day}; allowed: {allowed} " in err
         assert not root.exists()
         self.enrol(palpate, protocol)
         where = ("-p", "01", "--dataset", root)
         assert f"allowed: {allowed} " in palpate("consent", protocol, "--consent-on", day, *where)[2]
         before = date.today() - timedelta(1)
         asked = ("consent", protocol, "--consent-on", before, *where, "--correct")
-        assert "got one of --correct and --reason" in palpate(*asked)[2]
-        assert palpate(*asked, "--reason", "the letter says so")[0] == 0
+        assert "--correct and --reason" in palpate(*asked)[2]
+        assert palpate(*asked, "--reason", "the letter")[0] == 0
         entries = [
             json.loads(line)["entry"] for line in (root / "sourcedata" / "roster.jsonl").read_text().splitlines()
         ]
         assert [entry["consent_on"] for entry in entries] == [str(date.today()), str(before)]
 
-    def test_who_enrols_under_a_protocol_without_a_seal_is_told(self, palpate: Palpate, protocol: Path) -> None:
-        code, _, err = self.enrol(palpate, protocol)
-        assert (code, err.startswith("palpate: the protocol is not sealed. No session begins before it is")) == (
-            0,
-            True,
-        )
+    def test_who_enrols_under_a_protocol_without_a_seal_is_told(
+        self, palpate: Palpate, protocol: Path, approved: SnapshotAssertion
+    ) -> None:
+        code, _, sealed = self.enrol(palpate, protocol)
+        assert code == 0
         new = protocol.with_name("new.toml")
         assert palpate("new", new, "--id", "fresh", "--yes")[0] == 0
-        code, _, err = palpate("enrol", new, "-p", "01", "--dataset", protocol.with_name("fresh"))
-        assert (code, "not sealed. Texts of it still say TO BE FILLED IN. No session" in " ".join(err.split())) == (
-            0,
-            True,
-        )
+        code, _, unfilled = palpate("enrol", new, "-p", "01", "--dataset", protocol.with_name("fresh"))
+        assert code == 0
+        assert [anywhere(err, protocol.parent) for err in (sealed, unfilled)] == approved
 
     def test_who_enrols_under_a_sealed_protocol_is_told_nothing(self, palpate: Palpate, protocol: Path) -> None:
         self.seal(palpate, protocol)
@@ -610,11 +635,11 @@ class TestALaboratorysStudy:
         root.mkdir()
         (root / "data.tsv").write_text("precious")
         _, _, err = palpate("enrol", protocol, "-p", "01", "--dataset", root)
-        assert "choose another folder with --dataset" in err
+        assert "with --dataset" in err
         assert [path.name for path in root.iterdir()] == ["data.tsv"]
 
     def test_a_silent_port_pauses_the_session_with_the_remedy(
-        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch
+        self, palpate: Palpate, protocol: Path, rig: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
     ) -> None:
         root = protocol.with_name("dataset")
         line = SerialLine()
@@ -635,13 +660,12 @@ class TestALaboratorysStudy:
         code, out, err = self.run(palpate, protocol, rig)
         assert code == 0, err
         assert "Trial 1 of 40. Armed" in out
-        assert "no frame for 200 ms" in out
-        assert "The session waits for 0.2 s, and goes on by itself; nothing is lost." in out
-        assert "The session is paused, with 0 answers on disk: tracker at" in out
+        shown = re.sub(r"/dev/\S+?(?=[:;,]? )", "PORT", anywhere(out, protocol.parent))
+        assert shown.partition("Armed: ")[2].partition(": not back within 0.2 s")[0] == approved
         file = root / "sourcedata" / "sub-01" / "sub-01_task-real_journal.jsonl"
         code, out, _ = palpate("journal", file)
         assert code == 0
-        assert "the session ended: paused (tracker at" in out
+        assert "paused (tracker at" in out
         code, out, err = self.run(palpate, protocol, rig)
         line.unplug()
         assert (code, "Trial" in out, "no frame for 200 ms" in err) == (2, False, True)
@@ -653,7 +677,7 @@ def test_a_plan_names_its_rig_and_is_for_footsteps(palpate: Palpate) -> None:
     assert (code, f"\nRig: {named} (SIMULATED)\n" in out) == (0, True), err
     code, out, err = palpate("plan", "wellman1995")
     assert (code, out, len(lines(err))) == (2, "", 1)
-    assert "got trials of the kind 'comparison'; allowed: 'footstep'" in err
+    assert "'comparison'; allowed: 'footstep'" in err
 
 
 def test_errors_of_a_rig_file_stand_in_lines_of_their_own(palpate: Palpate, tmp_path: Path) -> None:
