@@ -8,8 +8,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.cli import options
+from palpate.experiment.cli import analysis, options
 from palpate.experiment.cli.analysis import commands
 from tests.conftest import Palpate
 
@@ -18,14 +19,14 @@ def test_a_shipped_study_by_its_id(palpate: Palpate) -> None:
     code, out, err = palpate("audit", "okamoto2012")
     assert (code, err) == (0, "")
     assert "Cohen's d = 1.52" in " ".join(out.split())
-    assert out.index("Table 1, virtual") < out.index("What does not agree as rounded")
+    assert out.index("Table 1, virtual") < out.index("What does not")
 
 
 def test_one_json_document_and_nothing_else(palpate: Palpate) -> None:
     code, out, _ = palpate("audit", "wellman1995", "--json")
     document = json.loads(out)
     assert (code, document["against"], document["label"]) == (0, "print", "")
-    assert sum(line["verdict"] == "fits no one rounding" for line in document["lines"]) == 2
+    assert sum(line["verdict"].startswith("fits no") for line in document["lines"]) == 2
 
 
 def test_a_dataset_and_its_label(palpate: Palpate, repository_root: Path) -> None:
@@ -42,10 +43,10 @@ def test_a_file_in_any_place(palpate: Palpate, repository_root: Path, tmp_path: 
     assert palpate("audit", copy, "--json")[1] == palpate("audit", "wellman1995", "--json")[1]
 
 
-def test_what_is_unknown_is_one_line_and_code_2(palpate: Palpate) -> None:
+def test_what_is_unknown_is_one_line_and_code_2(palpate: Palpate, approved: SnapshotAssertion) -> None:
     code, out, err = palpate("audit", "okamoto1999")
     assert (code, out) == (2, "")
-    assert err.startswith("palpate: okamoto1999: got no study, file or folder")
+    assert err == approved
     assert err.count("\n") == 1
 
 
@@ -61,7 +62,7 @@ def test_the_desk_stands_in_one_module() -> None:
         "import_trials",
         "status",
     ]
-    assert {call.__module__ for call in callbacks if call} == {"palpate.experiment.cli.analysis"}
+    assert {call.__module__ for call in callbacks if call} == {analysis.__name__}
 
 
 def test_trials_of_another_program_are_imported_analysed_and_exported(palpate: Palpate, tmp_path: Path) -> None:
@@ -72,21 +73,25 @@ def test_trials_of_another_program_are_imported_analysed_and_exported(palpate: P
     keys = ("--map", "1=felt", "--map", "2=cork")
     code, out, err = palpate("import-trials", file, *columns, *keys, "--study", "lab", "--out", tmp_path / "lab")
     assert (code, err) == (0, "")
-    assert "Trials: 18, of them 6 without an answer" in out
+    assert "Trials: 18, of them 6 " in out
     assert out.endswith(f"Dataset: {tmp_path / 'lab'}\n")
     code, out, err = palpate("analyse", tmp_path / "lab", "--no-figures")
     assert (code, err) == (0, "")
-    assert out.startswith("IMPORTED - a laboratory's own answers, measured elsewhere")
+    assert out.startswith("IMPORTED - ")
     assert palpate("export", tmp_path / "lab", "--out", tmp_path / "tables")[0] == 0
     assert "IMPORTED" in (tmp_path / "tables" / "trials.csv").read_text()
     code, out, _ = palpate("verify", tmp_path / "lab")
-    assert (code, "only what was imported" in out) == (0, True)
+    assert code == 0
+    assert "what was imported" in out
     bad = palpate("import-trials", file, *columns, "--study", "lab", "--out", tmp_path / "other")
     assert (bad[0], bad[1]) == (2, "")
-    assert f"{file}: line 2, column key: got '1'; allowed: cork, felt, (none)" in bad[2]
+    assert f"{file}: line 2, column key: got '1'; " in bad[2]
+    assert "cork, felt, (none)" in bad[2]
 
 
-def test_measured_counts_say_imported_and_have_no_models_of_single_trials(palpate: Palpate, tmp_path: Path) -> None:
+def test_measured_counts_say_imported_and_have_no_models_of_single_trials(
+    palpate: Palpate, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     counts = tmp_path / "counts.csv"
     counts.write_text(
         "participant,presented,answered,count\n1,felt,felt,3\n1,cork,felt,2\n2,cork,cork,4\n2,felt,cork,1\n"
@@ -96,8 +101,9 @@ def test_measured_counts_say_imported_and_have_no_models_of_single_trials(palpat
     code, out, _ = palpate("analyse", tmp_path / "lab", "--no-figures", "--json")
     document = json.loads(out)
     assert (code, document["origin"]) == (0, "IMPORTED")
-    assert "counts have no order of trials" in json.dumps(document["trials"])
-    assert "counts have no order of trials" in json.dumps(document["course"])
+    assert document["trials"]["gee"] is document["trials"]["mixed"] is None
+    told = [one["statement"] for one in document["course"]["statements"]]
+    assert [*document["trials"]["statements"].values(), *told] == approved
 
 
 def test_the_tables_of_a_page(palpate: Palpate, tmp_path: Path) -> None:
@@ -111,10 +117,10 @@ def test_the_tables_of_a_page(palpate: Palpate, tmp_path: Path) -> None:
     assert "give --participants" in err
 
 
-def test_what_a_toml_file_says_itself_is_not_given_beside_it(palpate: Palpate) -> None:
+def test_what_a_toml_file_says_itself_is_not_given_beside_it(palpate: Palpate, approved: SnapshotAssertion) -> None:
     code, _, err = palpate("audit", "okamoto2012", "--participants", "5")
     assert code == 2
-    assert "got --participants, --trials or --chance; allowed: for an HTML page or a CSV file" in err
+    assert err == approved
 
 
 @pytest.mark.parametrize("chance", ["3", "1/0", "0", "5/4", "a quarter"])
@@ -122,7 +128,8 @@ def test_a_chance_that_is_no_share_is_refused(palpate: Palpate, tmp_path: Path, 
     (tmp_path / "p.csv").write_text(",a,b\na,0.9,0.1\nb,0.2,0.8\n", encoding="utf-8")
     code, _, err = palpate("audit", tmp_path / "p.csv", "--participants", "5", "--chance", chance)
     assert (code, err.count("\n")) == (2, 1)
-    assert f"--chance: got {chance}; allowed: a share such as 1/4 or 0.25; give one" in err
+    assert f"--chance: got {chance}; " in err
+    assert "1/4 or 0.25" in err
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -12,6 +12,7 @@ import re
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 from typer.testing import CliRunner, Result
 
 from palpate.experiment.apparatus.doctor.checks import Check
@@ -21,6 +22,7 @@ from palpate.experiment.errors import RecordingError, RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep import recorded_takes
+from tests.approved import anywhere
 
 RIG = shipped("rigs/rehearsal.toml")
 TOLD = r"got 34\.\d\d% \(rms\) of copy paper at \d+ mm/s \(.*10 Hz, .*600 Hz\) left out; allowed: 30%"
@@ -49,7 +51,7 @@ def test_check_refuses_it_below_the_boards_page(tmp_path: Path, recordings: Path
     result = call(*asked)
     assert isinstance(result.exception, RigError)
     assert re.search(TOLD, str(result.exception))
-    assert "No session is run on a rig that leaves out more than 30 %" in " ".join(result.stdout.split())
+    assert "more than 30 %" in " ".join(result.stdout.split())
     told = call(*asked, "--json")
     assert told.exit_code == 2
     assert re.search(TOLD, json.loads(told.stdout)["rig"]["refused"])
@@ -77,14 +79,15 @@ def test_the_page_on_paper_says_what_a_rig_leaves_out(tmp_path: Path, recordings
     call("check", allowing(tmp_path, most), "--rig", RIG, "--recordings", recordings, "--html", page)
     protocol, _, of_rig = page.read_text("utf-8").partition("<h2>Of a rig; no part of the protocol or its seal</h2>")
     assert re.search(told, html.unescape(of_rig))
-    assert f"leaves out more than {most:.1%} of".replace(".0%", "%").replace("%", " %") in " ".join(protocol.split())
+    assert f"more than {most:.1%} of".replace(".0%", "%").replace("%", " %") in " ".join(protocol.split())
 
 
-def test_a_study_of_real_objects_needs_no_recordings(tmp_path: Path) -> None:
+def test_a_study_of_real_objects_needs_no_recordings(tmp_path: Path, approved: SnapshotAssertion) -> None:
     path = allowing(tmp_path, 0.2)
     path.write_text(path.read_text("utf-8").replace('stimulus = "virtual"', 'stimulus = "real"'), "utf-8")
     result = call("check", path, "--rig", RIG)
-    assert (result.exit_code, "every task is of real objects, so it renders nothing" in result.stdout) == (0, True)
+    assert result.exit_code == 0
+    assert result.stdout.rpartition("\n\n")[2] == approved
 
 
 def test_check_says_whether_a_virtual_block_pushes_along_its_face(tmp_path: Path) -> None:
@@ -108,7 +111,7 @@ def test_check_shows_what_the_screen_of_a_rig_says_in_other_words_than_palpates(
     rig = tmp_path / "rig.toml"
     rig.write_text(f'{text}\n[screen.words]\nwait = "Please wait."\nready = "{said}"\n', "utf-8")
     told = call("check", shipped("okamoto2012.toml"), "--rig", rig)
-    assert re.search(rf"no approval of the protocol holds:\n  ready +\| {said}\n$", told.stdout)
+    assert re.search(rf"\n  ready +\| {said}\n$", told.stdout)
     call("check", shipped("okamoto2012.toml"), "--rig", rig, "--html", tmp_path / "page.html")
     assert said in (tmp_path / "page.html").read_text("utf-8").partition("Of a rig;")[2]
     asked = ("check", shipped("okamoto2012.toml"), "--json", "--rig")
@@ -116,14 +119,14 @@ def test_check_shows_what_the_screen_of_a_rig_says_in_other_words_than_palpates(
     assert json.loads(call(*asked, RIG).stdout)["rig"]["words"] == {}
 
 
-def test_check_refuses_a_real_rig_whose_response_nobody_measured(tmp_path: Path) -> None:
+def test_check_refuses_a_real_rig_whose_response_nobody_measured(tmp_path: Path, approved: SnapshotAssertion) -> None:
     rig = tmp_path / "rig.toml"
     text = RIG.read_text("utf-8").replace("simulated = true", "simulated = false")
     rig.write_text(text.replace(' = "rehearsal"', ' = "127.0.0.1:9"'), "utf-8")
     (tmp_path / "rehearsal-response.csv").write_bytes(RIG.with_name("rehearsal-response.csv").read_bytes())
     result = call("check", shipped("okamoto2012.toml"), "--rig", rig)
     assert isinstance(result.exception, RigError)
-    assert "rehearsal-response.csv says that it is SIMULATED; allowed: a table that was" in str(result.exception)
+    assert anywhere(str(result.exception), tmp_path) == approved
 
 
 def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> None:
@@ -139,12 +142,10 @@ def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> N
     assert told is not None
     assert told[1] == str(recordings)
     result = call("check", allowing(tmp_path, None), "--rig", RIG)
-    assert (result.exit_code, "the protocol sets no limit" in result.stdout) == (0, True)
+    assert (result.exit_code, "sets no limit" in result.stdout) == (0, True)
     result = call("check", allowing(tmp_path, None), "--rig", RIG, "--recordings", recordings)
-    assert (
-        "The protocol sets no limit; palpate plan says what would lower this. The recordings are those in"
-        in result.stdout
-    )
+    assert "sets no limit" in result.stdout
+    assert f" in {recordings}.\n" in result.stdout
 
 
 def test_check_of_a_rig_without_recordings_says_that_there_are_none(tmp_path: Path) -> None:
@@ -161,35 +162,36 @@ def test_the_doctor_is_red_for_it(tmp_path: Path, recordings: Path) -> None:
     (red,) = looked(allowing(tmp_path, 0.3), recordings)
     assert (red.name, red.verdict) == ("left out", "red")
     assert re.search(TOLD.partition("; allowed")[0], red.measured)
-    assert red.allowed == "30%, by footstep.synthesis.left_out_max"
-    assert red.remedy.startswith("get a panel that moves, and is measured, below 10 Hz (then 21.")
+    assert red.allowed.startswith("30%, by ")
+    assert "below 10 Hz (then 21." in red.remedy
     (green,) = looked(allowing(tmp_path, 0.5), recordings)
     assert (green.verdict, green.allowed) == ("green", "50%")
     assert green.measured.startswith("at most 34.")
 
 
-def test_the_doctor_tells_the_share_or_why_it_is_not_known(tmp_path: Path, recordings: Path) -> None:
+def test_the_doctor_tells_the_share_or_why_it_is_not_known(
+    tmp_path: Path, recordings: Path, approved: SnapshotAssertion
+) -> None:
     (unasked,) = looked(None, None)
-    assert (unasked.verdict, unasked.measured) == ("not checked", "no protocol was given")
+    assert unasked.verdict == "not checked"
     (free,) = looked(allowing(tmp_path, None), recordings)
-    assert (free.verdict, free.allowed) == (
-        "green",
-        "anything, for the protocol has no footstep.synthesis.left_out_max",
-    )
+    assert free.verdict == "green"
+    assert [unasked.measured, free.allowed] == approved
     assert free.measured.startswith("at most 34.")
     for most, told in ((None, "a rig may leave out anything"), (0.3, "a rig may leave out 30%")):
         (unknown,) = looked(allowing(tmp_path, most), None, tmp_path)
         assert told in unknown.measured
-        assert (unknown.verdict, unknown.remedy) == ("not checked", "give their folder, with --recordings")
+        assert unknown.verdict == "not checked"
+        assert "with --recordings" in unknown.remedy
 
 
 def test_the_doctor_writes_in_the_width_of_a_terminal_and_without_control_characters(
     monkeypatch: pytest.MonkeyPatch,
+    approved: SnapshotAssertion,
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     long = Check("response table", "red", "words " * 30, "other words " * 20, "measure the loaded panel " * 10)
     shown = [line for one in lines(long) for line in one.split("\n")]
     assert max(map(len, shown)) <= 80
     assert all(line.isprintable() for line in shown)
-    assert shown[0].startswith("red          response table       words words")
-    assert all(line.startswith(" " * 34) for line in shown[1:])
+    assert shown == approved

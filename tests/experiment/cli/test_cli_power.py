@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.protocol.files import shipped
 from tests.conftest import Palpate
@@ -40,27 +41,27 @@ def test_power_from_a_dataset_tests_the_published_pair(palpate: Palpate, reposit
     code, out, _ = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--participants", "5", "--model", dataset)
     assert code == 0
     assert "RECONSTRUCTION" in out
-    assert "aluminum foil and typing paper" in out
+    assert "foil and typing" in out
 
 
 def test_power_with_looks_prints_and_writes(palpate: Palpate, tmp_path: Path) -> None:
     code, out, _ = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--looks", "6,9", "--out", tmp_path)
     assert code == 0
     assert out.startswith("SIMULATED studies")
-    assert "look at the answers of 6, 9 participants" in " ".join(out.split())
+    assert "6, 9 participants" in out
     assert "SIMULATED studies" in (tmp_path / "looks.csv").read_text("utf-8")
     code, out, err = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--looks", "6,9", "--json")
     assert (code, err) == (0, "")
     assert len(json.loads(out)["looks_rows"]) == 17
 
 
-def test_power_of_comparisons_prints_and_has_no_looks(palpate: Palpate) -> None:
+def test_power_of_comparisons_prints_and_has_no_looks(palpate: Palpate, approved: SnapshotAssertion) -> None:
     code, out, _ = palpate("power", shipped("wellman1995.toml"), *QUICK, "--participants", "5")
     assert code == 0
     assert "Bradley-Terry, live" in out
     code, _, err = palpate("power", shipped("wellman1995.toml"), *QUICK, "--looks", "5,8")
     assert code != 0
-    assert "--looks: got comparisons of study wellman1995; allowed" in err
+    assert err == approved
 
 
 @pytest.mark.parametrize(
@@ -97,7 +98,7 @@ def test_a_scheduler_that_does_not_answer_is_named(palpate: Palpate, monkeypatch
         "power", shipped("okamoto2012.toml"), *QUICK, "--participants", "4", "--scheduler", "tcp://127.0.0.1:9"
     )
     assert code == 2
-    assert "palpate: --scheduler tcp://127.0.0.1:9: got no answer" in err
+    assert "--scheduler tcp://127.0.0.1:9: got" in err
 
 
 def test_power_can_be_interrupted(palpate: Palpate, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -113,9 +114,7 @@ def test_power_can_be_interrupted(palpate: Palpate, monkeypatch: pytest.MonkeyPa
     assert not (tmp_path / "out").exists()
 
 
-def test_a_rule_without_looks_is_refused(palpate: Palpate) -> None:
+def test_a_rule_without_looks_is_refused(palpate: Palpate, approved: SnapshotAssertion) -> None:
     code, _, err = palpate("power", shipped("okamoto2012.toml"), *QUICK, "--rule", "pocock")
-    assert (code, err) == (
-        2,
-        "palpate: --rule: got pocock without --looks; allowed: both, or neither; say when to look\n",
-    )
+    assert code == 2
+    assert err == approved

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.io import wavfile
+from syrupy.assertion import SnapshotAssertion
 from typer.testing import CliRunner
 
 from palpate.experiment.cli.app import app
@@ -34,7 +35,7 @@ def test_an_impact_as_json() -> None:
     assert (made["why"], made["stable"], made["plot"]) == (None, True, None)
 
 
-def test_what_is_never_released_is_null_and_says_why() -> None:
+def test_what_is_never_released_is_null_and_says_why(approved: SnapshotAssertion) -> None:
     made = json.loads(
         run(
             "tap",
@@ -44,12 +45,12 @@ def test_what_is_never_released_is_null_and_says_why() -> None:
     )
     assert made["release_s"] is made["rebound_m_s"] is made["dissipated_j"] is None
     assert made["penetration_m"] == pytest.approx(0.2 / 50 * exp(-1), rel=1e-14)
-    assert "in no finite time" in made["why"]
+    assert made["why"] == approved
 
 
 def test_a_method_that_is_not_stable_says_so() -> None:
     said = run(*IMPACT, "--method", "euler", "--rate", "10000")
-    assert 0 < said.index("NOT STABLE, so the numbers below mean nothing") < said.index("rebound")
+    assert 0 < said.index("NOT STABLE, ") < said.index("rebound")
 
 
 def test_the_plot_goes_where_it_is_asked(tmp_path: Path) -> None:
@@ -81,7 +82,7 @@ def test_a_stiffness_with_a_unit_is_refused() -> None:
     assert "--stiffness" in made.output
 
 
-def test_recordings_are_fitted(tmp_path: Path) -> None:
+def test_recordings_are_fitted(tmp_path: Path, approved: SnapshotAssertion) -> None:
     t = np.arange(5000) / 50_000
     wavfile.write(tmp_path / "tap.wav", 50_000, np.exp(-60 * t) * np.cos(2 * np.pi * 500 * t))
     made = json.loads(run("tap", "fit", str(tmp_path / "tap.wav"), "--json"))
@@ -89,7 +90,8 @@ def test_recordings_are_fitted(tmp_path: Path) -> None:
     assert made["set"] is None
     table = tmp_path / "taps.csv"
     table.write_text("file,surface,stiffness_n_m,speed_m_s\ntap.wav,wood,19000,0.2\n")
-    assert "two speeds or more" in run("tap", "fit", str(tmp_path / "tap.wav"), "--taps", str(table))
+    told = run("tap", "fit", str(tmp_path / "tap.wav"), "--taps", str(table))
+    assert told.partition("Amplitude ")[2] == approved
 
 
 def test_a_misfit_ends_with_1(tmp_path: Path) -> None:
@@ -99,10 +101,11 @@ def test_a_misfit_ends_with_1(tmp_path: Path) -> None:
     assert "MISFIT" in made.stdout
 
 
-def test_an_impact_of_no_finite_energy_is_refused_in_a_line(palpate: Palpate) -> None:
+def test_an_impact_of_no_finite_energy_is_refused_in_a_line(palpate: Palpate, approved: SnapshotAssertion) -> None:
     numbers = ("--stiffness", 2500, "--damping", 10, "--mass", "1e300", "--speed", "1e300")
     code, out, err = palpate("tap", "contact", *numbers)
-    assert (code, out, err.count("\n"), "allowed: an energy that is a finite number" in err) == (2, "", 1, True)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert err == approved
 
 
 def test_a_block_at_the_end_of_the_range_answers_in_numbers() -> None:
