@@ -10,7 +10,6 @@ from pathlib import Path
 
 from syrupy.extensions.single_file import SingleFileSnapshotExtension, WriteMode
 
-
 OF_A_RUN = {
     r"\d{4}-\d\d-\d\d": "DAY",
     r"\b[0-9a-f]{12}(?:[0-9a-f]{52})?\b": "HASH",

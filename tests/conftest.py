@@ -52,8 +52,9 @@ NO_RECORDINGS = "needs the real recordings in ../shared/recordings, which are no
 
 
 @pytest.fixture
-def approved(snapshot: SnapshotAssertion) -> SnapshotAssertion:
-    """What was approved of the text that a test compares with it."""
+def approved(snapshot: SnapshotAssertion, monkeypatch: pytest.MonkeyPatch) -> SnapshotAssertion:
+    """What was approved of the text that a test compares with it; no terminal's width ends its lines."""
+    monkeypatch.setenv("COLUMNS", "2000")
     return snapshot.use_extension(Approved)
 
 

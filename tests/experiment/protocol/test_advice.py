@@ -9,6 +9,7 @@ from itertools import permutations
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.protocol.advice import advice
 from palpate.experiment.protocol.models import PlannedTest, Protocol
@@ -25,13 +26,13 @@ def told(path: tuple[str | int, ...], new: object) -> list[tuple[str, str, str]]
 @pytest.mark.parametrize("study", [protocol(), Protocol.model_validate(okamoto2012())], ids=["small", "okamoto2012"])
 def test_of_a_protocol_that_is_as_it_should_be_nothing_is_told(study: Protocol) -> None:
     assert advice(study) == ()
-    assert "palpate finds no value that is allowed and unlikely to be meant." in page(study, "a.toml")
+    assert "palpate finds no" in page(study, "a.toml")
 
 
-def test_a_chance_other_than_that_of_a_guess() -> None:
-    assert told(("analysis", 0, "chance"), 0.25) == [
-        ("analysis[0].chance", "0.25", "as a rule 0.5: who guesses among 2 materials is right in one of 2 trials")
-    ]
+def test_a_chance_other_than_that_of_a_guess(approved: SnapshotAssertion) -> None:
+    ((path, got, allowed),) = told(("analysis", 0, "chance"), 0.25)
+    assert (path, got) == ("analysis[0].chance", "0.25")
+    assert allowed == approved
 
 
 @pytest.mark.parametrize(("count", "rounded"), [(3, 0.333), (3, 0.33), (6, 0.17), (7, 0.143), (9, 0.11), (4, 0.25)])
@@ -54,22 +55,19 @@ def test_a_planned_anova_that_names_no_materials() -> None:
     assert [(one.path, one.got) for one in told] == [(f"analysis[{place}].materials", "none")]
 
 
-def test_frequencies_that_no_recording_holds() -> None:
+def test_frequencies_that_no_recording_holds(approved: SnapshotAssertion) -> None:
     # Of 4000 samples a second the highest frequency is 2000 Hz (Nyquist).
     assert told(("footstep", "tactile", "high_hz"), 2000) == []
     ((path, got, allowed),) = told(("footstep", "tactile", "high_hz"), 2000.5)
-    assert (path, got) == ("footstep.tactile.high_hz", "2000.5")
-    assert allowed.startswith("as a rule at most 2000, half of footstep.synthesis.rate_hz")
+    assert got == "2000.5"
+    assert path.endswith("tactile.high_hz")
+    assert allowed == approved
 
 
-def test_participants_whom_no_whole_number_of_orders_covers() -> None:
-    assert told(("tasks", 1, "participants"), 3) == [
-        (
-            "tasks[1].participants",
-            "3, so that 3 do 2 tasks",
-            "as a rule a multiple of 2 who do them: each of their 2 orders as often as any other",
-        )
-    ]
+def test_participants_whom_no_whole_number_of_orders_covers(approved: SnapshotAssertion) -> None:
+    ((path, got, allowed),) = told(("tasks", 1, "participants"), 3)
+    assert path == "tasks[1].participants"
+    assert f"{got}; {allowed}" == approved
     fixed = changed(document(), ("task_order", "kind"), "fixed")
     assert advice(Protocol.model_validate(changed(fixed, ("tasks", 1, "participants"), 3))) == ()
 
@@ -87,20 +85,19 @@ def test_it_is_told_where_allocation_cannot_give_each_order_to_as_many(counts: l
     assert len(advice(made)) == len(uneven)
 
 
-def test_a_visit_that_leaves_no_time_for_its_trials() -> None:
+def test_a_visit_that_leaves_no_time_for_its_trials(approved: SnapshotAssertion) -> None:
     # 6 and 4 trials of 5 s, 5 and 6 s of familiarisation, and 61 s between the tasks: 122 s.
     short = changed(document(), ("duration", "shortest_min"), 1)
     assert advice(Protocol.model_validate(changed(short, ("duration", "longest_min"), 2.04))) == ()
     (one,) = advice(Protocol.model_validate(changed(short, ("duration", "longest_min"), 2.03)))
     assert (one.path, one.got) == ("duration.longest_min", "2.03")
-    assert one.allowed == "as a rule at least 2, which 10 trials of 5 s, familiarisation and breaks take"
+    assert one.allowed == approved
 
 
-def test_it_stands_on_the_page() -> None:
+def test_it_stands_on_the_page(approved: SnapshotAssertion) -> None:
     study = Protocol.model_validate(changed(document(), ("analysis", 0, "chance"), 0.25))
     _, shown = page(study, "a.toml").split("13. Worth a second look\n")
-    assert "These values are allowed, and may not be what is meant; nothing refuses them:\n" in shown
-    assert "  - analysis[0].chance: got 0.25; allowed: as a rule 0.5" in shown
+    assert shown == approved
 
 
 def test_a_study_without_consent_is_told() -> None:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol import files
@@ -94,8 +96,9 @@ def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allo
 def test_virtual_surfaces_are_within_the_rules_and_the_board_reads_how_they_are_rendered() -> None:
     assert load.find(Protocol, rendering(), {}) == ()
     text = " ".join(page(Protocol.model_validate(rendering()), "study.toml").split())
-    assert "a spring of 800 N/m and a damper of 5 N s/m, and it is held" in text
-    assert "2000 times a second and is never above 2 N" in text
+    assert "800 N/m and a damper of 5 N s/m" in text
+    assert "2000 times a second" in text
+    assert "never above 2 N" in text
     assert '"tin": 900 Hz, 20 m/s^2.' in text
     assert "the experimenter presses [s]" in text
     assert "Two real samples" not in text
@@ -107,10 +110,10 @@ def test_the_page_of_a_study_without_a_virtual_task_does_not_tell_how_one_would_
     text = " ".join(page(live, "study.toml").split())
     assert live.surfaces.stiffness_n_m == 2500.0
     assert "Two real samples" in text
-    assert not [one for one in ("spring", "servo", "vibrated", "tap on a virtual surface") if one in text]
+    assert not [one for one in ("spring", "servo", "vibrated", "on a virtual surface") if one in text]
     both = files.load(files.shipped("okamoto2012.toml"))
     alone = both.model_copy(update={"tasks": both.tasks[1:], "analysis": ()})
-    assert ["Virtual stimuli are made" in page(one, "study.toml") for one in (both, alone)] == [True, False]
+    assert ["Virtual stimuli are" in page(one, "study.toml") for one in (both, alone)] == [True, False]
 
 
 @pytest.mark.parametrize("how", [{}, {"tie_key": "3"}, {"repetitions": 8, "order": "blocked-random"}])
@@ -145,16 +148,12 @@ def test_the_other_kind_of_study_is_refused_in_words() -> None:
         _ = small.protocol().comparisons
 
 
-def test_the_board_reads_what_is_compared_how_often_and_by_which_answers() -> None:
-    text = " ".join(page(protocol(tie_key="3", order="blocked-random"), "study.toml").split())
+def test_the_board_reads_what_is_compared_how_often_and_by_which_answers(approved: SnapshotAssertion) -> None:
+    text = page(protocol(tie_key="3", order="blocked-random"), "study.toml")
     assert "6 x 2 = 12" in text
-    assert "In half of the trials with a pair, drawn at random, the one of its materials is presented first" in text
-    assert 'Participants say which of the two has more "hardness", or neither.' in text
-    assert "[1] first, [2] second, [3] tie, [0] no answer" in text
-    assert "each with every pair once" in text
     assert "foot" not in text
-    assert "nobody tells the participant whether an answer was right" in text
-    assert "they have to choose" in " ".join(page(protocol(), "study.toml").split())
+    assert re.sub(r"\b[0-9a-f]{64}\b", "HASH", text) == approved
+    assert "have to choose" in " ".join(page(protocol(), "study.toml").split())
 
 
 def test_the_shipped_study_is_that_of_the_paper() -> None:

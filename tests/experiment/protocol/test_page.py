@@ -12,10 +12,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import BaseModel
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.protocol.approval import Seal, sha256
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.protocol.page import approved
+from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
 from palpate.experiment.settings.characters import JOINERS, deceptive, hidden, leftward
 from tests.experiment.protocol import tapping
@@ -24,6 +25,11 @@ from tests.experiment.protocol.small import changed, document, leaves, okamoto20
 
 def page(study: Protocol) -> str:
     return page_of(study, "study.toml")
+
+
+def section(text: str, number: int) -> str:
+    """One section of a page, with its heading, as it is laid out."""
+    return f"{number}. " + text.partition(f"\n{number}. ")[2].partition(f"\n{number + 1}. ")[0]
 
 
 def words(text: str) -> str:
@@ -120,9 +126,9 @@ def test_the_page_names_no_noise_that_no_task_plays() -> None:
     every = changed(changed(MASKED, ("tasks", 0, "masker"), "white"), ("tasks", 1, "masker"), "none")
     shown = " ".join(page(Protocol.model_validate(every)).split())
     assert "pink" not in shown
-    assert "In task one the headphones play white noise." in shown
+    assert "white noise" in shown
     some = " ".join(page(FULL).split())
-    assert "The headphones play pink noise. In task one the headphones play white noise." in some
+    assert some.index("pink noise") < some.index("white noise")
 
 
 def test_every_kind_of_field_was_tried() -> None:
@@ -165,11 +171,11 @@ def test_sums_for_the_board() -> None:
     shown = words(page(Protocol.model_validate(okamoto2012())))
     assert "virtual 15 4 x 10 = 40 600" in shown
     assert "real 10 4 x 10 = 40 400" in shown
-    assert "breaks included, is estimated to take 60 to 80 min" in shown
-    assert "In task virtual the panel vibrates for 20 s in all" in shown
+    assert "take 60 to 80 min" in shown
+    assert "vibrates for 20 s" in shown
     # 80 min less two familiarisations of 3 min and a break of 5 min, over 80 trials.
-    assert "up to 52 s for each trial" in shown
-    assert "take 11 min to 15 min" in shown
+    assert "up to 52 s for" in shown
+    assert "11 min to 15 min" in shown
 
 
 def test_what_is_left_for_the_laboratory_is_listed() -> None:
@@ -179,40 +185,35 @@ def test_what_is_left_for_the_laboratory_is_listed() -> None:
 
 def test_what_the_seal_holds_is_not_left_for_the_file() -> None:
     """Filled in after the approval, it would be another version."""
-    section = page(Protocol.model_validate(okamoto2012())).partition("2. Participants")[0]
+    text = page(Protocol.model_validate(okamoto2012())).partition("2. Participants")[0]
     for name in ("Approval number", "Approved on", "Expires on"):
-        assert re.search(rf"(?m)^  {name} +\(in the seal, once the board has approved\)$", section)
+        assert re.search(rf"(?m)^  {name} +\(in the seal, .*\)$", text)
     stated = page(Protocol.model_validate(changed(document(), ("ethics", "approval_number"), "7")))
     assert "in the seal" not in stated
 
 
-def test_a_board_reads_what_the_protocol_leaves_to_the_laboratory() -> None:
-    shown = words(page(protocol()))
-    assert "whole purpose of the study before it, or only after it, no field of a protocol states" in shown
-    assert "The data of a participant who withdraws are not analysed. They are kept, or deleted if" in shown
-    assert "which may stand in the rig file: they are no part of this protocol" in shown
+@pytest.mark.parametrize("study", [protocol(), FULL, RENDERED], ids=["small", "full", "rendered"])
+def test_a_board_reads_the_whole_page(study: Protocol, approved: SnapshotAssertion) -> None:
+    assert re.sub(r"\b[0-9a-f]{64}\b", "HASH", page(study)) == approved
 
 
 def test_the_dose_of_noise_and_how_long_a_finger_vibrates_stand_under_the_limits() -> None:
-    footsteps, taps = (
-        words(page(study)).partition("8. Limits")[2].partition("9. Answers")[0] for study in (protocol(), RENDERED)
-    )
-    assert "Dose of noise where the rig plays it, at most that of 80 dB(A) for 8 hours in any 24 hours" in footsteps
+    footsteps, taps = (words(section(page(study), 8)) for study in (protocol(), RENDERED))
+    assert "80 dB(A) for 8 hours" in footsteps
     assert "finger" not in footsteps
     # exp(-100 /s * 0.069 s) is a thousandth.
-    assert "nothing limits taps but the time. Each time it has faded to a thousandth after 69 ms." in taps
+    assert "thousandth after 69 ms." in taps
 
 
-def test_nothing_is_left_when_all_is_filled_in() -> None:
+def test_nothing_is_left_when_all_is_filled_in(approved: SnapshotAssertion) -> None:
     filled = changed(document(), ("ethics", "contact"), "board@example.org")
-    assert "Nothing is left: every field is filled in." in page(Protocol.model_validate(filled))
+    assert section(page(Protocol.model_validate(filled)), 12) == approved
 
 
-def test_a_protocol_without_duration_or_exclusion_says_so() -> None:
+def test_a_protocol_without_duration_or_exclusion_says_so(approved: SnapshotAssertion) -> None:
     bare = {key: value for key, value in document().items() if key not in ("duration", "exclusion")}
     shown = page(Protocol.model_validate(bare))
-    assert "The protocol does not state how long a visit takes." in shown
-    assert "There are no exclusion rules: every trial of every participant counts." in shown
+    assert section(shown, 4) + section(shown, 10) == approved
     assert "  - duration\n" in shown
 
 
@@ -287,17 +288,11 @@ def test_letters_that_run_from_right_to_left_stand_behind_a_bar_alone(path: tupl
     assert all(re.match(r" *\| ", line) for line in lines)
 
 
-def test_a_seal_is_told_in_lines_of_its_own() -> None:
+def test_a_seal_is_told_in_lines_of_its_own(approved: SnapshotAssertion) -> None:
     days: dict[str, Any] = {"approved_on": date(2020, 2, 1), "expires_on": date(2021, 2, 1)}
     form: dict[str, Any] = {"format": 1, "protocol_sha256": "0" * 64, "protocol": "{}"}
     seal = Seal(approval_number="17 \u05d0", board="Board\nof tests", **form, **days)
-    assert approved(seal).split("\n") == [
-        "  Board            | Board of tests",
-        "  Approval number",
-        "                   | 17 \u05d0",
-        "  Approved on      2020-02-01",
-        "  Expires on       2021-02-01",
-    ]
+    assert approval_lines(seal) == approved
 
 
 def test_the_file_stands_on_the_page() -> None:
@@ -306,10 +301,10 @@ def test_the_file_stands_on_the_page() -> None:
 
 
 def test_the_margin_of_a_planned_equivalence_is_told() -> None:
-    assert "equivalence within 0.125; task one; alpha 0.05." in words(page(FULL))
+    assert "within 0.125; task one; " in words(page(FULL))
 
 
-def test_the_correction_of_a_planned_test_is_told() -> None:
+def test_the_correction_of_a_planned_test_is_told(approved: SnapshotAssertion) -> None:
     study = Protocol.model_validate(changed(document(), ("analysis", 0, "correction"), "materials and tasks"))
-    assert "alpha 0.05; P adjusted by Holm's method over the materials and tasks." in words(page(study))
+    assert section(page(study), 11) == approved
     assert "Holm's method" not in words(page(protocol()))
