@@ -30,10 +30,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Stimuli:
-    """What a task's stimuli are made of: its materials prepared, by their ids, and what drives the actuator with them.
-
-    `drive` is None for an actuator that takes accelerations. Neither ever changes, so that sessions may share them.
-    """
+    """A task's materials prepared, by id, and what drives the actuator, None for accelerations; both are constant."""
 
     materials: Mapping[str, Basis]
     drive: Drive | None
@@ -205,10 +202,7 @@ class KindDevices(Protocol):
 
 
 class FarEnds(Protocol):
-    """What stands at the far ends of a session's ports: what is told here is so where these are a real rig's.
-
-    A session calls these in the order in which it opens its parts; what `opened` is given is closed in reverse order.
-    """
+    """What stands at the far ends of a session's ports, called as its parts open; `opened` closes in reverse order."""
 
     @property
     @abstractmethod

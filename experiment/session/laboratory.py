@@ -1,7 +1,6 @@
-"""The laboratory of one session: opens everything that its task needs, in order, and closes it in reverse.
+"""The laboratory of one session: opens what its task needs, in order, and closes it in reverse.
 
-A session with a participant and a rehearsal open the same parts by the same lines. What differs is an argument: what
-stands at the far ends of the ports (`FarEnds`).
+A rehearsal opens the same parts, with other far ends of the ports (`FarEnds`).
 """
 
 import secrets
@@ -44,11 +43,10 @@ def open_laboratory(
     clock: Clock,
     ends: FarEnds,
 ) -> Iterator[Devices]:
-    """Open what a task needs, and yield the opened parts; they are closed when this is left.
+    """Open what a task needs, and yield the opened parts, which are closed at the end.
 
-    Files that the rig names are found from `rig_folder`. Earlier sessions of the participant in `dataset` count towards
-    the masker's dose of 24 hours. `recordings` is None if the task needs none; `ends` is what stands at the far ends of
-    the ports. Raises `PalpateError` if a part cannot be opened; what was opened before it is closed again.
+    Files of the rig are in `rig_folder`; earlier sessions in `dataset` count towards the masker's dose of 24 hours.
+    `recordings` is None if the task needs none. Raises `PalpateError` if a part cannot be opened.
     """
     with ExitStack() as opened:
         priority = opened.enter_context(host.raised()) if ends.real_time else ""
@@ -113,9 +111,9 @@ def header(
     roster_sha256: str | None,
     clock: Clock,
 ) -> Header:
-    """Return what a session is, with its trials in order; its `session_id` is unlike any other.
+    """Return the header of a new session, with its trials in order and a unique `session_id`.
 
-    `position` says which of the participant's tasks this is, from 1. `recordings` is None if the task needs none.
+    `position` is the task's among the participant's, from 1; `recordings` is None if the task needs none.
     """
     recordings_sha256 = None
     if recordings is not None:

@@ -187,11 +187,10 @@ def open_sound(
     opened: ExitStack,
     device: str | None = None,
 ) -> Sound:
-    """Open of the rig's audio device what a session's scene `planned` needs; `opened` closes the stream.
+    """Open what a session's scene `planned` needs of the rig's audio device; `opened` closes the stream.
 
-    `dose_before` is the dose of the participant's sessions in the 24 hours before; `device` replaces the one that the
-    rig names. Raises `RigError` if a calibration is too old or the device exists in simulation alone, and `AudioError`
-    if the device cannot be opened.
+    `dose_before` is of the 24 hours before; `device` replaces the rig's. Raises `RigError` for an old calibration or a
+    simulated device, and `AudioError` if it cannot be opened.
     """
     audio = opening.audio_of(rig)
     noise: MaskerNoise | None = None

@@ -38,10 +38,7 @@ CLOSED = "The session has ended; nothing was changed."
 
 
 class Remarks:
-    """Puts on record what the experimenter says; an answer of the session can be corrected until its end.
-
-    It may be called from any thread. `trial` is the trial under way; None outside of trials.
-    """
+    """Puts the experimenter's remarks and corrections on record, from any thread; `trial` is None outside of trials."""
 
     def __init__(self, *, spoken: Answers, kind: Kind, console: Console, log: Log, limits: Limits) -> None:
         self.trial: int | None = None
@@ -190,10 +187,7 @@ class Attendance:
 
 
 class Paused:
-    """Implements `Attended` for a session that is paused or complete: what is noted goes on record behind its footer.
-
-    No file is held in between, so that the participant can still withdraw, or be run elsewhere.
-    """
+    """`Attended` for a paused or complete session: notes follow its footer; no file is held in between."""
 
     def __init__(self, path: Path, contents: journal.Contents, clock: Clock) -> None:
         """Tell of the session whose journal at `path` has these contents."""

@@ -59,10 +59,9 @@ def run(
 ) -> Footer:
     """Run a participant in the room through what is left of their visit, and bring the dataset up to date.
 
-    The protocol must be sealed, and the participant enrolled. `task_id` is one of their tasks; None stands for all that
-    are not complete. `root` None stands for `participants/STUDY`, and `recordings` None for those in the dataset.
-    Return the footer of the last session begun. Raises `PalpateError` for anything that forbids or ends a session:
-    what files can tell, before anything is asked of a person.
+    The protocol must be sealed, and the participant enrolled. `task_id` None stands for all tasks that are not
+    complete, `root` None for `participants/STUDY`, and `recordings` None for those in the dataset. Returns the footer
+    of the last session begun. Raises `PalpateError`, for what files can show before a person is asked anything.
     """
     clock = MonotonicClock()
     protocol = files.load(protocol_file)
@@ -322,10 +321,7 @@ def _anchored_in(rig: Rig, rig_file: Path) -> tuple[Path, Path | None] | None:
 
 
 def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: Console) -> bool:
-    """Show the dataset's anchor for the lab book, and enter it where the rig says; a failure undoes no session.
-
-    Return False, and do neither, if nothing was added since the last anchor.
-    """
+    """Show a new anchor for the lab book, and enter it where the rig says, if possible; return False for an old one."""
     again = ["palpate", "anchor", str(root)]
     try:
         anchor, is_new = beliefs.keep_anchor(root)
@@ -369,10 +365,7 @@ def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
 
 
 def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
-    """Return the folder of recordings that is given, or else the dataset's own.
-
-    Raises `RecordingError` if they are simulated, not those that the study was begun with, or cannot be used.
-    """
+    """Return the given folder of recordings or the dataset's. Raises `RecordingError` if simulated, others or bad."""
     from palpate.experiment.recordings import manifest
 
     kept = root / storage.RECORDINGS

@@ -37,8 +37,7 @@ MOST_ATTEMPTS = 10
 """Attempts at one trial by one runner, so that a rule which no step satisfies cannot go on for ever."""
 
 SLICE_S = 5.0
-"""A pause that is asked for while a device is silent is met after so long, s. A driver may open its port anew in each
-slice, and a board that restarts when its port is opened needs 2 s until it speaks."""
+"""Longest wait for a device before a pause counts, s: a board that restarts at each opening needs 2 s to speak."""
 
 FAMILIARISED = "familiarised"
 """The state that goes on record when the participant is familiar with the materials."""
@@ -151,10 +150,7 @@ def _ear(devices: Devices, log: SessionLog, voices: Path | None) -> Ear | None:
 
 
 class SessionLog:
-    """Implements `Log`: the session's journal, for more than one thread, and its `frames` of a tracker, if it has one.
-
-    That file is open from the beginning: what could not be kept would have been felt.
-    """
+    """Implements `Log`: the journal, for several threads, and a tracker's `frames`, opened before anything is felt."""
 
     def __init__(
         self, path: Path, clock: Clock, contents: journal.Contents, done: Progress, frames: Path | None
@@ -359,10 +355,7 @@ class _Session:
         return ""
 
     def _next(self) -> entries.PlannedTrial | None:
-        """Return the trial that comes next; at the end of the debriefing, if none is to be done again, None.
-
-        The masker is silent in the debriefing, and its level is chosen anew for what is done again.
-        """
+        """Return the next trial, or None after a debriefing, which is silent; the masker is then chosen anew."""
         if not self.log.done.remaining:
             if self._masking is not None:
                 self._masking.end()

@@ -23,10 +23,9 @@ if TYPE_CHECKING:
 class Scene:
     """What a task needs.
 
-    Stimuli are synthesised (`synthesis`), from the spectra of `materials`, those that the task presents and that of the
-    masker's probe, and drive the panel (`actuator`); or the experimenter lays out a real object before each trial, and
-    no spectra are opened. The masker plays noise of the colour `masker`, None for no noise, and a
-    microphone may listen to answers (`listens`).
+    `synthesis` makes stimuli from the spectra of `materials`, those of the task and of the masker's probe, for the
+    panel (`actuator`); else real objects are laid out. `masker` is the noise's color, None for none, and a microphone
+    may listen to answers (`listens`).
     """
 
     synthesis: bool
@@ -63,10 +62,7 @@ def virtual(protocol: Protocol) -> Scene:
 
 
 def played(protocol: Protocol, task_ids: Collection[str] | None = None) -> list[Scene]:
-    """Return the scene of a task with virtual stimuli, for each choice of materials that one presents.
-
-    Where `task_ids` are given, only they count.
-    """
+    """Return the scene of a task with virtual stimuli (of `task_ids`, if given) for each choice of materials."""
     virtual_ids = [t.id for t in protocol.tasks if t.stimulus == "virtual" and (task_ids is None or t.id in task_ids)]
     each = [plan(protocol=protocol, task_id=one) for one in virtual_ids] or [virtual(protocol)]
     return list({scene.materials: scene for scene in each}.values())
@@ -91,10 +87,7 @@ def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
 
 
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
-    """Return the spectra of the materials that `scene` holds, and of no others, from the folder of their recordings.
-
-    Raises `RecordingError` if a recording is missing or unusable.
-    """
+    """Return the spectra of the materials of `scene` from their recordings. Raises `RecordingError`."""
     from palpate.experiment.recordings import manifest
     from palpate.experiment.synthesis import crinkle
 
@@ -118,10 +111,9 @@ def fastest_mm_s(protocol: Protocol) -> float:
 
 
 def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> tuple[str, float]:
-    """Return the material with most outside the tactile band at a speed that the protocol counts, and how much.
+    """Return the material with the largest rms outside the tactile band at a speed that counts, and that, m/s^2.
 
-    That is the largest rms of what lies outside, m/s^2; infinity if any speed counts. Raises `SynthesisError` if a
-    speed that counts has no spectrum.
+    It is infinity if any speed counts. Raises `SynthesisError` if a speed that counts has no spectrum.
     """
     from palpate.experiment.synthesis.crinkle import rms_outside
 
@@ -134,10 +126,9 @@ def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> t
 
 
 def open_stimuli(*, scene: Scene, protocol: Protocol, recordings: Path, output_rate_hz: int) -> dict[str, Basis]:
-    """Return the materials that `scene` holds, by their ids, prepared from the folder of their recordings.
+    """Return the prepared materials of `scene` by id, for an actuator's rate in Hz.
 
-    `output_rate_hz` is what the actuator expects, Hz. Raises `RecordingError` if a recording is missing or unusable,
-    and `SynthesisError` if no waveform can be made of the recordings at this rate.
+    Raises `RecordingError` for a bad recording, and `SynthesisError` if no waveform can be made at this rate.
     """
     spectra = load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     return prepare_stimuli(spectra, protocol=protocol, output_rate_hz=output_rate_hz)
@@ -148,9 +139,8 @@ def prepare_stimuli(
 ) -> dict[str, Basis]:
     """Return the materials of a task, prepared: with all their bins, or with those of the tactile band.
 
-    Bins outside the band are left out if what lies outside stays below the floor in every material (`felt_outside`).
-    That is decided for all materials together: if some were filtered and others not, participants could tell them apart
-    by that. Errors are those of `open_stimuli`.
+    Bins outside are left out if `felt_outside` is below the floor in every material: filtering only some would tell
+    them apart. Raises as `open_stimuli`.
     """
     from palpate.experiment.synthesis import crinkle, waveforms
 
@@ -164,11 +154,7 @@ def prepare_stimuli(
 
 
 def masker_samples(*, colour: Colour, rate_hz: int, seconds: float) -> NDArray[np.float64]:
-    """Return one round of the masker's noise at the audio device's rate, rms 1, shape (n,).
-
-    It is the same in every session, for a masker is no random draw of a study. Raises `SynthesisError` if no noise can
-    be made at this rate.
-    """
+    """Return a round of the masker's noise, rms 1, shape (n,), the same in all sessions. Raises `SynthesisError`."""
     import numpy as np
 
     from palpate.experiment.synthesis.noise import noise

@@ -1,8 +1,4 @@
-"""A participant's visit: their tasks one after the other, gone on with after each pause, and how it is told.
-
-Who the participant is, and whether they consented, is asked in `run.py` before the first task; what they report, at the
-end of the last.
-"""
+"""A participant's visit: their tasks one after the other, continued after each pause."""
 
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -22,9 +18,8 @@ Noting = Callable[[str], Attended | None]
 def walk(*, console: Console, tasks: Sequence[str], run: Callable[[str], Footer], noting: Noting) -> Footer:
     """Run a participant's tasks, one at least, and return the footer of the last one begun.
 
-    In a pause the console attends what `noting` gives. A task that paused goes on as soon as the experimenter wants it
-    to, and so does one whose device failed. Raises `PalpateError` if it does not: `PauseAsked` if no session was under
-    way.
+    In a pause the console attends what `noting` gives; the task continues when the experimenter wants it to. Raises
+    `PalpateError` if it does not, `PauseAsked` without a session under way.
     """
     for task in tasks:
         footer = _task(console, task, run, partial(noting, task))

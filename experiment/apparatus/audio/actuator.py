@@ -1,7 +1,4 @@
-"""An actuator on an output of the session's audio stream: scheduled to the sample, and measured by loopback.
-
-What the loopback heard is set beside what was intended: where it began, how loud it was, and what else was there.
-"""
+"""An actuator on an output of the session's audio stream: scheduled to the sample, and measured by loopback."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -30,8 +27,8 @@ LEAST_DB = -200.0
 class Alignment:
     """Where and how the intended waveform was heard, its first sample at sample `onset` of what was heard.
 
-    The gain, heard by intended, is negative where the polarity is reversed; the residual is the power of what delay and
-    gain do not explain, relative to the intended waveform, dB, at least `LEAST_DB`.
+    `gain`, heard by intended, is negative for reversed polarity; the residual is what delay and gain do not explain,
+    relative to the intended waveform, dB, at least `LEAST_DB`.
     """
 
     onset: int
@@ -42,9 +39,8 @@ class Alignment:
 def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]], *, gain: float) -> Alignment | None:
     """Return where the intended waveform lies in what was heard; None where nothing heard resembles it.
 
-    The onset is where a multiple of the waveform leaves the least of what was heard unexplained: the maximum of their
-    cross-correlation, for white noise the most likely one. Heard are m samples, intended n of them, not all zero, and m
-    is at least n. `gain` is what the loopback makes of a sample of 1.0; residuals are relative to what is so scaled.
+    The onset is the maximum of the cross-correlation, most likely in white noise: there a multiple of the waveform
+    leaves the least unexplained. Heard are m samples, intended n <= m, not all zero. `gain` is the loopback's.
     """
     wanted, found = intended.astype(np.float64), heard.astype(np.float64)
     energy = float(wanted @ wanted)
@@ -66,11 +62,7 @@ def align(heard: NDArray[np.floating[Any]], intended: NDArray[np.floating[Any]],
 
 
 def silence_objection(heard: NDArray[np.floating[Any]], *, gain: float, tolerance: DeliveredRig) -> str:
-    """Return why an intended silence does not count as delivered; empty where it does.
-
-    A silence has no power to compare with, so the loudest of the samples heard, shape (m,), is compared with full
-    scale, which the loopback returns as `gain`.
-    """
+    """Return why an intended silence was not delivered, or "": by its loudest sample, shape (m,), over `gain`."""
     loudest = float(np.max(np.abs(heard))) / gain
     if loudest <= 10 ** (tolerance.residual_db / 20):
         return ""
@@ -85,7 +77,7 @@ def objection(
 ) -> str:
     """Return why what was heard does not count as delivered; empty where it does.
 
-    The errors are measured minus asked, and minus contact, ms; `gain` is what the loopback makes of a sample of 1.0.
+    Errors are measured minus requested, and minus contact, ms; `gain` is what the loopback makes of a sample of 1.0.
     """
     if alignment.gain <= 0:
         return "its polarity is reversed"
@@ -109,10 +101,7 @@ class AudioActuator:
     """Implements `Actuator`."""
 
     def __init__(self, stream: AudioStream, audio: AudioRig, condition: Conditioner) -> None:
-        """Take an output of the session's running stream, which stays open when the actuator is closed.
-
-        `audio` is the device in the rig file; every stimulus passes through `condition`.
-        """
+        """Take an output of the session's running stream, which stays open when the actuator is closed."""
         self._stream = stream
         self._audio = audio
         self._condition = condition
@@ -135,10 +124,7 @@ class AudioActuator:
         return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
 
     def prepare(self, stimulus: Stimulus | Ring) -> Played:
-        """Limit and shape a stimulus at `rate_hz` and lay it ready; nothing sounds yet.
-
-        `AudioError` says that it is too long, or that the stream has stopped.
-        """
+        """Prepare a stimulus at `rate_hz`; nothing sounds yet. Raises `AudioError` if too long or without a stream."""
         self.withdraw()
         self._requested_ns = None
         played = self._condition(stimulus)
@@ -174,8 +160,8 @@ class AudioActuator:
     def delivered(self, contact_ns: int) -> Delivered | None:
         """Wait until the stimulus has ended, and compare what the loopback heard with it; see `Actuator.delivered`.
 
-        Return None where the rig has no loopback, unless the stream itself knows of a fault. `ActuatorError`
-        says that nothing was aimed and nothing has landed, `AudioError` that the stream has stopped.
+        Without a loopback only faults of the stream are returned. Raises `ActuatorError` if nothing was aimed or has
+        landed, `AudioError` if the stream has stopped.
         """
         cue, requested_ns = self._cue, self._requested_ns
         if cue is not None and cue.withdrawn:

@@ -29,10 +29,8 @@ LONGEST_S = 0.5
 class Loopback:
     """What the loopback showed.
 
-    Of the way from output to input and of the gain it has the median, and how far the largest is from the smallest. The
-    residual is the worst of the probes; `xruns` are those that the device reported meanwhile. `as_reported` says
-    that the driver reported both latencies, which then divide the round trip into `output_ms` and `input_ms`; else it
-    is halved.
+    Delay and gain are medians with full ranges; the residual is the worst probe's; `xruns` are the device's meanwhile.
+    `as_reported`: the driver's latencies divide the round trip into `output_ms` and `input_ms`; else it is halved.
     """
 
     round_trip_frames: float
@@ -71,7 +69,7 @@ def probe(*, rate_hz: int, peak: float) -> NDArray[np.float32]:
 
 
 def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes: int) -> Loopback:
-    """Play so many probes, and return what was heard of them; `AudioError` if one was not heard or the stream stopped.
+    """Play so many probes, and return what was heard; `AudioError` if one was not or the stream stopped.
 
     `output` is the actuator's channel and `entry` that of the loopback, from 1; `peak` is of full scale, 1.0.
     """
@@ -116,8 +114,8 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
 def steadily(measured: Callable[[], Loopback], audio: AudioRig, *, exact: bool) -> Loopback:
     """Measure until nothing disturbed it, and return the good measurement; `AudioError` after `MOST_TIMES`.
 
-    The rig's `delivered` says how far probes may differ from what was played, and from each other. An `exact` server
-    waits for its clients and loses nothing, so that the under-runs it reports do not count.
+    The rig's `delivered` limits the probes' differences. An `exact` server loses nothing, so its under-runs do not
+    count.
     """
     trouble = ""
     for _ in range(MOST_TIMES):
@@ -159,11 +157,9 @@ def disturbed(found: Loopback, audio: AudioRig, *, exact: bool) -> str:
 
 
 def rewritten(rig_text: str, values: dict[str, str]) -> str:
-    """Return the text of a valid rig file with other values (key -> what to write) in [audio.latency]; all else stays.
+    """Return a valid rig file with other values by key in [audio.latency], and without its remark NOT CALIBRATED.
 
-    Only the remark of a new rig file that says NOT CALIBRATED of it goes.
-
-    Raises `RigError`: the file lacks the table or one of the keys.
+    Raises `RigError` if the table or a key is missing.
     """
     document = tomlkit.parse(re.sub(" *# NOT CALIBRATED: `palpate calibrate audio`.*", "", rig_text))
     table = document.get("audio", {}).get("latency", {})

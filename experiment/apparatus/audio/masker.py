@@ -1,12 +1,10 @@
 """The masker: noise on the headphones that hides the sound of the stimuli, its level in dB(A), and its dose.
 
-One loop plays from the beginning of a session to its end, so that it neither stops nor repeats audibly: its round is
-ten seconds, and its end goes over into its beginning. Levels change in ramps. What the headphones bring to the ear is
-known from their calibration; no level is above the protocol's limit, and each moment of it counts towards the dose of
-24 hours.
+One loop of ten seconds without a seam plays throughout a session. Levels change in ramps. The headphones' calibration
+gives the level at the ear, which stays within the protocol's limit and counts towards the dose of 24 hours.
 
-The dose is that of Directive 2003/10/EC, articles 2 and 3: levels are referred to eight hours, equal energy (3 dB more
-in half the time), and the lower exposure action value of 80 dB(A) is a dose of 1.
+The dose is that of Directive 2003/10/EC, articles 2 and 3: eight hours, equal energy (3 dB more in half the time), and
+1 at the lower exposure action value of 80 dB(A).
 """
 
 from dataclasses import dataclass
@@ -47,10 +45,7 @@ def _unnormalised_db(f: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def a_weighted_db(*, frequency_hz: NDArray[np.floating[Any]], power: NDArray[np.floating[Any]]) -> float:
-    """Return the A-weighted level of a sound relative to its unweighted level, dB.
-
-    The sound's power, any unit, is given at frequencies above 0; both have shape (n,).
-    """
+    """Return a sound's A-weighted level less its unweighted one, dB, from power at frequencies above 0, shape (n,)."""
     weights = 10 ** (a_weighting_db(frequency_hz=frequency_hz) / 10)
     return float(10 * np.log10(np.sum(weights * power) / np.sum(power)))
 
@@ -89,10 +84,7 @@ SOFTEST_DB_A = 30.0
 
 @dataclass(frozen=True)
 class MaskerNoise:
-    """One round of a loop of noise, rms 1, float32, shape (n,), and how loud the headphones make it.
-
-    The levels at the ear, dB(A), are that at a gain of 1 and the highest that it may be set to.
-    """
+    """A loop of noise, rms 1, float32, shape (n,), with its levels at the ear, dB(A), at a gain of 1 and at most."""
 
     samples: Block
     full_scale_db_a: float
@@ -113,8 +105,7 @@ def masker_noise(
 ) -> MaskerNoise:
     """Return a masker of one round of noise, rms 1 at the stream's rate, shape (n,), up to the protocol's limit, dB(A).
 
-    The rig file states the level at the ear of pink noise with an rms of full scale, dB(A). `AudioError` says that the
-    headphones cannot play even the softest level.
+    `pink_full_scale_db_a` is for pink noise with an rms of full scale. Raises `AudioError` if no level can be played.
     """
     power = np.abs(np.fft.rfft(samples)[1:]) ** 2
     f = np.arange(1, power.size + 1) * rate_hz / samples.size
@@ -133,8 +124,7 @@ def masker_noise(
 class AudioMasker:
     """Noise on some channels of a stream, at a level in dB(A).
 
-    With each level the stream is given the time at which the dose allows no more of it. Its callback fades there, as at
-    the end of the whole sound, though nobody may ask anything of the masker then.
+    The stream's callback fades by itself when the level's dose is used up, as at the end of the sound.
     """
 
     def __init__(
@@ -146,10 +136,7 @@ class AudioMasker:
         clock: Clock,
         dose_before: float = 0.0,
     ) -> None:
-        """Begin in silence on the headphones' channels, from 1, of the session's stream.
-
-        `dose_before` is what the participant's sessions of the 24 hours before used up.
-        """
+        """Begin in silence on these channels, from 1; `dose_before` is the participant's of 24 hours."""
         self._noise = made
         self._clock = clock
         self._stream = stream
@@ -175,11 +162,9 @@ class AudioMasker:
         return self._go(level_db_a)
 
     def set_level(self, level_db_a: float) -> float:
-        """Go to another level in a ramp, and return the one in force: the level wanted, or the nearest that is allowed.
+        """Go to the nearest allowed level in a ramp, and return it.
 
-        Raises:
-            AudioError: it is no level, or the masker is silent.
-            DoseUsedUp: the masker falls silent.
+        Raises `AudioError` for no level or a silent masker, `DoseUsedUp` where it falls silent.
         """
         if self._level_db_a is None:
             raise AudioError("masker: got a level while it is silent; allowed: only while it plays; start it first")

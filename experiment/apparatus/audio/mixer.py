@@ -1,9 +1,6 @@
 """What an audio callback does with each block: loops and stimuli mixed, limited, and the inputs kept. No device.
 
-Everything that `fill` touches was allocated before the stream began, or by the session's thread when it handed over a
-stimulus; what `fill` itself allocates are views.
-
-Everything ends at a frame, and so does a loop: the callback itself fades there, whatever the session's threads do.
+`fill` allocates only views. Everything ends at a frame: the callback itself fades there, whatever threads do.
 """
 
 from collections import deque
@@ -26,8 +23,7 @@ SLOTS = 8
 """Stimuli that may wait or sound at a time."""
 
 UNSHARED = 500
-"""Elements up to which numpy keeps the interpreter to itself. In a larger operation another thread may take it, and the
-callback waits until it is given back: so blocks are made in pieces."""
+"""Elements of a block's piece: in larger operations numpy lets other threads take the interpreter."""
 
 Block = NDArray[np.float32]
 
@@ -78,8 +74,8 @@ class Slot:
 class Gain:
     """What samples are multiplied by: it goes to `wanted` by at most `step` a frame, and to 0 from the frame `ends` on.
 
-    The callback alone writes `gain`, that of the last frame played. `ends_ns` is the session time that `ends` is the
-    frame of; whoever calls `fill` translates it before each block, for a device that stood still has lost frames.
+    The callback alone writes `gain`, that of the last frame. `ends` is translated from the session time `ends_ns`
+    before each block, since a stalled device loses frames.
     """
 
     step: float
@@ -91,10 +87,7 @@ class Gain:
 
 @dataclass(slots=True, eq=False, kw_only=True)
 class Loop(Gain):
-    """Samples on some output channels, from 0: frame f of the stream plays sample f modulo n.
-
-    `samples` are one round, float32, shape (n,).
-    """
+    """Samples on some output channels, from 0, float32, shape (n,): frame f of the stream plays sample f modulo n."""
 
     samples: Block
     channels: tuple[int, ...]
@@ -104,9 +97,8 @@ class Loop(Gain):
 class Layout:
     """What a mixer is made for: channels, the frames of the largest block, the longest stimulus and the input kept.
 
-    `ceilings` are the largest magnitudes of a sample of each output channel, 1.0 being full scale. What leaves
-    on the output channel `sent`, from 0, is kept as well; None for none. At its end the whole sound falls silent by
-    `step` of its gain a frame.
+    `ceilings` are the largest magnitudes of each output channel, 1.0 being full scale. The output channel `sent`, from
+    0, is kept too; None for none. At the end the gain falls by `step` a frame.
     """
 
     outputs: int
@@ -157,8 +149,8 @@ class Mixer:
     def schedule(self, waveform: NDArray[np.floating[Any]], *, channel: int, frame: int) -> Cue:
         """Hand over a stimulus of samples, 1.0 being full scale, shape (n,), to a channel, from 0.
 
-        Its first sample is to leave at `frame`, or with the next block (`AT_ONCE`). `AudioError` says that the stimulus
-        is empty or too long, that the channel does not exist, or that too many stimuli wait already.
+        Its first sample leaves at `frame`, or with the next block (`AT_ONCE`). Raises `AudioError` if it is empty or
+        too long, the channel does not exist, or too many wait.
         """
         if np.ndim(waveform) != 1 or not 1 <= np.size(waveform) <= self.layout.stimulus_frames:
             raise AudioError(

@@ -1,10 +1,8 @@
-"""The one stream of a session, out and in: opened once and kept; everything is told by its frames.
+"""The one stream of a session, out and in: opened once and kept, on frames that count from 0 at its first sample.
 
-Frames count from 0 at the stream's first sample. A block's samples are made by `mixer.Mixer` in the device's callback.
-What is scheduled before `lead_frames` have to be made leaves at its very frame; what comes too late is never played
-belatedly: its cue says so.
-
-Devices are known by host API and name; what PortAudio says against one becomes an `AudioError`.
+A block's samples are made by `mixer.Mixer` in the device's callback. A stimulus at least `lead_frames` ahead leaves at
+its very frame; a late one is never played. Devices are known by host API and name; PortAudio's errors become
+`AudioError`s.
 """
 
 import atexit
@@ -184,9 +182,9 @@ def close_stream(stream: Any) -> None:
 
 @contextmanager
 def looking_anew() -> Iterator[None]:
-    """Have PortAudio look for devices again afterwards; by itself it looks once. No stream may be open in this process.
+    """Have PortAudio look for devices again at the end. No stream may be open in this process.
 
-    An audio server is started or stopped inside: PortAudio must have left a server that goes.
+    Servers are started or stopped inside: PortAudio must have left a server that goes.
     """
     with host.taking_turns():
         if _left_alone:
@@ -217,10 +215,7 @@ def devices() -> tuple[Device, ...]:
 
 
 def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
-    """Return PortAudio's number of a device that has so many inputs and outputs at least, or raise `AudioError`.
-
-    The host API is as PortAudio names it, such as `JACK Audio Connection Kit`.
-    """
+    """Return the number of a device with so many inputs and outputs in PortAudio's `host_api`. Raises `AudioError`."""
     present = devices()
     named = [(i, each) for i, each in enumerate(present) if (each.host_api, each.name) == (host_api, name)]
     if not named:
@@ -279,10 +274,9 @@ SWITCH_S = 0.0002
 class StreamSettings:
     """How a stream is opened: a device by PortAudio's names, its input channels, and an output for each ceiling.
 
-    A ceiling is the largest magnitude of a sample, 1.0 being full scale. `block` is in frames; with JACK it is the
-    server's period, or a buffer more stands between. Of the output `sent`, from 0, what leaves is kept; None for none.
-    Without `stimuli` no place for any is held; without inputs the device is opened to play alone. A frame leaves the
-    output `output_ms` after the stream takes it.
+    A ceiling is the largest magnitude, 1.0 being full scale. `block` is in frames; with JACK the server's period, lest
+    a buffer be added. The output `sent`, from 0, is kept; None for none. `stimuli`: places for some are reserved. A
+    frame leaves `output_ms` after the stream takes it.
     """
 
     host_api: str
@@ -325,11 +319,7 @@ class AudioStream:
     """A session's sound, in and out."""
 
     def __init__(self, settings: StreamSettings, clock: Clock) -> None:
-        """Open the device and wait until it runs; the session's clock must go by itself.
-
-        Raises:
-            AudioError: the device does not exist, is busy, has too few channels, refuses the rate, or does not start.
-        """
+        """Open the device and wait until it runs; the session's clock must go by itself. Raises `AudioError`."""
         self._settings = settings
         self._clock = clock
         outputs = len(settings.ceilings)
@@ -433,10 +423,7 @@ class AudioStream:
         return self._mixer.whole.ends_ns
 
     def end(self, at_ns: int) -> None:
-        """Have everything, stimuli included, silent from a session time on; an end that comes before it stays.
-
-        The callback fades within `FADE_S`, even if no thread of the session runs any more.
-        """
+        """Silence everything, stimuli included, at a session time or before; the callback fades within `FADE_S`."""
         self._mixer.whole.ends_ns = min(self._mixer.whole.ends_ns, at_ns)
 
     def silence(self) -> None:

@@ -1,9 +1,8 @@
-"""What a rig makes of a study's recordings: the error budget of each material at the speeds that count, and its table.
+"""What a rig makes of a study's recordings: the error budget of each material at the speeds that count.
 
-`palpate plan` shows it. A session for a participant says first what the rig leaves out, and is refused where that is
-more than the protocol allows; `palpate check` and `palpate doctor` say so before. What is measured is what a session
-would hand over, but for voltages, which are shaped for each speed instead of prepared: `synthesis/voltages.py` says
-that they are the same.
+`palpate plan` shows it; sessions, `palpate check` and `palpate doctor` refuse a rig that leaves out more than the
+protocol allows. It measures what a session would hand over; voltages are shaped for each speed
+(`synthesis/voltages.py`).
 """
 
 from __future__ import annotations
@@ -44,12 +43,11 @@ BEYOND = 1.5
 
 @dataclass(frozen=True)
 class Fidelity:
-    """The budgets of one material at each speed, mm/s, and what may stand beside them, as shares of the rms asked for.
+    """The budgets of one material at each speed, mm/s, and further shares of the rms requested.
 
-    `nearest_m_s2` is the dissimilarity (6) to the most similar of the other materials of the scene, at each speed,
-    empty where there is none. `other_reading` is how far the other reading of equation (7) lies there, empty where the
-    rig takes accelerations. `interpolation` and `averaging` are the largest over the speeds recorded; None where too
-    few speeds or takes were.
+    `nearest_m_s2` is the dissimilarity (6) to the most similar other material of the scene at each speed, empty without
+    one. `other_reading` is that of equation (7), empty for accelerations. `interpolation` and `averaging` are the
+    largest over the speeds recorded; None for too few speeds or takes.
     """
 
     speeds_mm_s: tuple[float, ...]
@@ -78,10 +76,9 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
 def fidelity(
     *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, beside: bool = True
 ) -> dict[str, Fidelity]:
-    """Return the fidelity of each material that a scene plays, by its id.
+    """Return the fidelity of each material that a scene plays, by its id; without `beside` only the budgets.
 
-    Without `beside` only the budgets are measured. Raises `RecordingError` if a recording is missing or unusable, and
-    `RigError` if the response table is.
+    Raises `RecordingError` for a missing or unusable recording, and `RigError` for the response table.
     """
     from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
     from palpate.experiment.recordings import manifest
@@ -124,10 +121,7 @@ def fidelity(
 
 
 def carried_hz(rig: Rig, rig_folder: Path) -> tuple[float, float] | None:
-    """Return the lowest and highest frequency at which a rig's panel was measured, Hz; None where it never was.
-
-    Raises `RigError` or `RecordingError` if the response table cannot be used.
-    """
+    """Return the range in which a rig's panel was measured, Hz, if it was. Raises `RigError` or `RecordingError`."""
     from palpate.experiment.apparatus.panel.response_table import parse
     from palpate.experiment.apparatus.rig import response_table
 
@@ -140,7 +134,7 @@ def carried_hz(rig: Rig, rig_folder: Path) -> tuple[float, float] | None:
 def judged(
     *, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, task_ids: Collection[str] | None = None
 ) -> str:
-    """Return in words what a rig leaves out at most of what tasks of a study present: these, or all of them.
+    """Return in words the most that a rig leaves out of what these tasks, or all, present.
 
     Raises `RigError` for more than the protocol allows of any task, and otherwise as `fidelity`.
     """
@@ -241,10 +235,7 @@ def _remedy(worst: MostLeftOut, most: float) -> str:
 
 
 def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
-    """Return the standard error of the contact when the onset can be moved for the last time, ms.
-
-    It is the predictor's own, for a foot of one speed throughout; None where the onset cannot be scheduled or in time.
-    """
+    """Return the predictor's standard error of contact at the onset's last move, at one speed, ms; None without."""
     if rig.actuator.driver != "audio" or rig.audio is None:
         return None
     step = protocol.footsteps.step

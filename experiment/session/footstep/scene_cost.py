@@ -48,8 +48,7 @@ class Timing:
 def import_cost(modules: tuple[str, ...]) -> tuple[Timing, float | None]:
     """Return the time, and the median of resident memory, kB, that importing `modules` adds to a session without them.
 
-    Each time a new interpreter first imports what every session needs. The memory is None if the system does not tell
-    it.
+    Each run is a new interpreter with a session's imports. The memory is None if the system does not report it.
     """
     code = (
         "import importlib, json, sys, time\n"
@@ -124,8 +123,7 @@ TURNS = 51
 class Omission:
     """One thing that a task leaves out: its kind, what it is, what that saves, and the error that it costs.
 
-    `saves` is negative if leaving it out takes longer. `saves` and `saves_kb` (1 kB is 1000 bytes) are None if not
-    measured.
+    `saves` is negative if it takes longer. `saves` and `saves_kb` (1 kB is 1000 bytes) are None if not measured.
     """
 
     kind: Kind
@@ -203,11 +201,9 @@ def _time(ms: float) -> str:
 def plan(
     *, protocol: Protocol, rig: Rig, rig_folder: Path, task_id: str, recordings: Path, process: str = ""
 ) -> TaskPlan:
-    """Plan a task, and measure what it leaves out; the rig's response table is found from `rig_folder`.
+    """Plan a task, and measure what it leaves out; `process` describes the task's process, if one was started.
 
-    `process` is what is told of the task's process, if one was started.
-
-    Raises `RecordingError` if a recording is missing or unusable, and `RigError` if the response table is.
+    Raises `RecordingError` for a missing or unusable recording, and `RigError` for the response table in `rig_folder`.
     """
     scene = scenes.plan(protocol=protocol, task_id=task_id)
     title = protocol.task(task_id).title

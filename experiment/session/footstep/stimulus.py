@@ -67,10 +67,7 @@ class Sounding:
         return (landing.us - landing.from_us) * 1e3 >= self._actuator.lead_ns
 
     def aim(self, landing: Landing) -> None:
-        """Schedule the onset for a predicted contact, or as soon after it as possible.
-
-        The onset stays as it was if that is nearer, or if it is too late to move it.
-        """
+        """Schedule the onset for a predicted contact or soon after, unless it is nearer already or too late."""
         contact_ns = self._session_ns(landing.us)
         onset_ns = max(contact_ns, self._clock.now_ns() + self._actuator.lead_ns)
         late_ns = onset_ns - contact_ns
@@ -94,10 +91,7 @@ class Sounding:
         return self._played is None or self._actuator.withdraw()
 
     def onset(self, contact: Landing, contact_ns: int) -> Onset:
-        """Return how onset and contact, as it is known afterwards, met, once the stimulus has ended.
-
-        Raises `ActuatorError`.
-        """
+        """Return how onset and contact met, once the stimulus has ended. Raises `ActuatorError`."""
         aimed = self._aimed
         return Onset(
             predicted_us=aimed.us if aimed else None,

@@ -60,9 +60,8 @@ MISSING = 0.01
 class FootstepDevices:
     """Implements `KindDevices`; what the task's scene leaves out is None.
 
-    A `ZeroedTracker` is zeroed before the first attempt, and after it was reconnected. `tracker_port` is what the
-    journal calls its port, and `noise_mm` the noise of its sensor, mm rms. Its readings are held against `scrutiny`.
-    `materials` are prepared, by their ids.
+    A `ZeroedTracker` is zeroed before the first attempt, and after a reconnection. `tracker_port` is the port's name in
+    the journal, `noise_mm` the sensor's noise, mm rms. `scrutiny` checks readings; `materials` are prepared, by id.
     """
 
     tracker: Tracker
@@ -88,11 +87,7 @@ def open_footsteps(
     ends: FarEnds,
     opened: ExitStack,
 ) -> FootstepDevices:
-    """Open what a task of footsteps needs; arguments and errors are those of `laboratory.open_laboratory`.
-
-    `stream` is the session's audio stream, for an actuator that is a channel of it. `opened` closes what is opened
-    here.
-    """
+    """Open what a task of footsteps needs, until `opened` closes; otherwise as `laboratory.open_laboratory`."""
     planned = scene.plan(protocol=protocol, task_id=task_id)
     stimuli = Stimuli({}, None)
     if planned.synthesis:
@@ -341,11 +336,7 @@ class Footsteps(Kind):
         self._silent = False
 
     def _parted(self, step: WatchedStep | BrokenStep) -> tuple[ClockMap, TrackerError] | tuple[None, None]:
-        """Journal the tracker's first frame.
-
-        Where its clock has parted from the session's since, return that to use instead, and why the session cannot
-        continue.
-        """
+        """Journal the tracker's first frame; return the clock map and the fault of a clock that has parted since."""
         if step.first_us is None or step.clock is None:
             return None, None
         port, now_ns = self._devices.tracker_port, self._clock.now_ns()

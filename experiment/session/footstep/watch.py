@@ -37,10 +37,7 @@ if TYPE_CHECKING:
 
 
 class Feed:
-    """Reads a tracker; samples can be put back.
-
-    `pace` holds the tracker's clock against the session's; None where time is simulated and says nothing about it.
-    """
+    """Reads a tracker; samples can be put back. `pace` checks its clock, None in simulated time."""
 
     def __init__(self, tracker: Tracker, *, simulated_time: bool) -> None:
         self.tracker = tracker
@@ -82,11 +79,7 @@ class Feed:
 
 
 class Taken:
-    """The samples of one attempt, read by read, with the frames counted and the bytes for the record.
-
-    Clock and counts are kept with each read: a tracker that fails may fail at them too, and a step goes on record all
-    the same.
-    """
+    """The samples of one attempt, read by read, with counts, clock and bytes, since a tracker may fail at them too."""
 
     def __init__(self, feed: Feed) -> None:
         self._feed = feed
@@ -123,10 +116,7 @@ class Taken:
         return self.clock().session_ns(device_us)
 
     def until(self, device_us: float) -> None:
-        """Wait for the first sample at this time or later, and leave what follows it to the next attempt.
-
-        A record then does not depend on how reads were cut. Raises `TrackerError`.
-        """
+        """Wait for the first sample at this time or later; the rest is the next attempt's. Raises `TrackerError`."""
         samples = self._newest if self._newest is not None else self.next()
         while samples.device_us[-1] < device_us:
             samples = self.next()
@@ -159,8 +149,7 @@ TAIL_US = 100_000
 """How long the foot is recorded after contact, so that the landing is on file."""
 
 TAILS = 5
-"""So often it is recorded as long again where the tracker's clock seems to have fallen behind: reads that were only
-held up, by half a second or less, clear it."""
+"""Most further tails while the tracker's clock seems behind: delayed reads, by half a second or less, clear it."""
 
 PATH = 4096
 """Reads that are kept of a falling foot: 6 s or more."""

@@ -1,8 +1,7 @@
-"""Taps on a virtual surface: followed while a question is open, each with its vibration, and each on record.
+"""Taps on a virtual surface, while a question is open, each with its vibration, and each on record.
 
-A thread reads what the hand does. While the hand falls, its touch is predicted, and the vibration of the surface that
-lies there is aimed at it; at the touch itself, what was not aimed sounds at once. The force is the servo's own affair:
-it needs no session for a touch.
+A thread reads the hand. While it falls, its touch is predicted and the vibration aimed at that; what was not aimed
+sounds at the touch. The force is the servo's alone.
 """
 
 import threading
@@ -23,8 +22,7 @@ from palpate.experiment.synthesis.contact.block import Block
 from palpate.experiment.synthesis.tap import Rings
 
 FROM_MM, WANDER_MM = 10.0, 10.0
-"""A touch is predicted from this height above the face on, mm; over so much travel the hand's acceleration changes by
-its scale: a tap is shorter than a step. Ours."""
+"""Height from which a touch is predicted, mm, and the travel that changes acceleration by its own scale. Ours."""
 
 AHEAD_NS = 15_000_000
 """A vibration is made ready when the touch lies no further ahead than this and the actuator's own lead, ns. Ours."""

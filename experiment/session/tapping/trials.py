@@ -47,11 +47,7 @@ def open_comparisons(
 
 @dataclass
 class Comparisons(Kind):
-    """Each attempt is one pair of samples before the participant.
-
-    The participant tries both, and changes from one to the other, as often as they wish; the question is asked from the
-    moment at which both are laid out, and response times count from it.
-    """
+    """Each attempt is one pair of samples, tried at will; question and response times begin once both are laid out."""
 
     lent: Lent
     _laid: PairLaidOut | None = field(default=None, init=False)

@@ -34,10 +34,7 @@ PLACES: tuple[Place, Place] = ("first", "second")
 
 @dataclass(frozen=True)
 class SurfaceDevices:
-    """Implements `KindDevices`: the servo, the actuator, and the surfaces' vibrations by their materials' ids.
-
-    `opened` closes what a session begins.
-    """
+    """`KindDevices`: servo, actuator, and vibrations by their materials' ids; `opened` closes what a session begins."""
 
     servo: Servo
     actuator: Actuator
@@ -55,10 +52,9 @@ class SurfaceDevices:
 def open_surfaces(
     *, protocol: Protocol, rig: Rig, clock: Clock, stream: AudioStream | None, ends: FarEnds, opened: ExitStack
 ) -> SurfaceDevices:
-    """Open what virtual surfaces need; arguments and errors are those of `laboratory.open_laboratory`.
+    """Open what virtual surfaces need; otherwise as `laboratory.open_laboratory`.
 
-    A rig that is not simulated has to bear the protocol's block. Raises `RigError` if it does not, and `ServoError` if
-    the device or the hand's tracker cannot be opened.
+    Raises `RigError` for a real rig that does not bear the protocol's block, and `ServoError` for device or tracker.
     """
     virtual = protocol.surfaces
     device = opening.servo_of(rig)
@@ -115,10 +111,9 @@ def block(virtual: Virtual, *, tracker_hz: int) -> Block:
 
 @dataclass
 class VirtualSurfaces(Kind):
-    """Each attempt is one pair of surfaces, of which one is rendered at a time.
+    """Each attempt is a pair of surfaces, one rendered at a time; `rings` are their vibrations, by id.
 
-    The question is asked from the moment at which the first can be tapped, and response times count from it. `rings`
-    are the surfaces' vibrations, by their materials' ids.
+    Question and response times begin when the first can be tapped.
     """
 
     rings: Mapping[str, Rings]
