@@ -270,7 +270,7 @@ def temporary(folder: Path, make: Callable[[Path], object] = Path.mkdir) -> Iter
         if TEMPORARY.fullmatch(left.name):
             # What is held by a process is on its way; what cannot be removed is left to the next.
             with suppress(OSError), ExitStack() as holding:
-                if _held(left, holding, surely=True):
+                if _lock(left, holding, surely=True):
                     _remove(left)
     with ExitStack() as holding:
         while True:
@@ -278,12 +278,12 @@ def temporary(folder: Path, make: Callable[[Path], object] = Path.mkdir) -> Iter
             holding.callback(_remove, path)
             make(path)
             # Otherwise another process came between, which removes what is left.
-            if _held(path, holding):
+            if _lock(path, holding):
                 break
         yield path
 
 
-def _held(path: Path, holding: ExitStack, *, surely: bool = False) -> bool:
+def _lock(path: Path, holding: ExitStack, *, surely: bool = False) -> bool:
     """Lock a file or folder, not a link, until `holding` ends; return False if another process has it.
 
     A network's file system may have no such lock; nothing is held `surely` there.

@@ -338,14 +338,14 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 **({"corrected_from": answer.answered or NO_ANSWER} if answer and correction else {}),
                 **maskers[attempt],
                 **_timing_s(step, onset),
-                **(_said(answer, spoken[attempt]) if answer and attempt in spoken else {}),
+                **(_answer_cells(answer, spoken[attempt]) if answer and attempt in spoken else {}),
                 **_played(stimulus),
             }
         )
     return rows
 
 
-def _said(answer: entries.Answer, spoken: entries.Spoken) -> dict[str, object]:
+def _answer_cells(answer: entries.Answer, spoken: entries.Spoken) -> dict[str, object]:
     """Return what a microphone adds to an answer, by column; the voice ends the response time only if it is its own."""
     known = spoken.onset_s is not None
     own = known and spoken.proposed is not None and spoken.proposed == answer.answered

@@ -67,7 +67,7 @@ def import_trials(
             one = _task_text(tasks[task], task or "Identification", source, trials.materials, layout)
             files |= bids.events(root, labels[participant], one, map(_event, range(1, len(rows) + 1), rows))
         held = root / "sourcedata"
-        files[held / f"{study}_trials.csv"] = _kept(sessions, labels, tasks)
+        files[held / f"{study}_trials.csv"] = _source_rows(sessions, labels, tasks)
         files[held / "README"] = _sources(hashes, source).encode()
         write(files)
     return Imported(out, said)
@@ -209,7 +209,7 @@ def _description(study: str, source: str, tasks: tuple[str, ...], said: Sequence
     )
 
 
-def _kept(sessions: dict[tuple[str, str], list[Row]], labels: dict[str, str], tasks: dict[str, str]) -> bytes:
+def _source_rows(sessions: dict[tuple[str, str], list[Row]], labels: dict[str, str], tasks: dict[str, str]) -> bytes:
     file = io.StringIO()
     writer = csv.writer(file, lineterminator="\n")
     writer.writerow(KEPT)

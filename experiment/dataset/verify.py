@@ -99,10 +99,10 @@ def verify(
     roster = storage.roster_path(root)
     headers: list[Header] = []
     rosters: list[Roster] = []
-    enrolled = [_told(root, roster, lambda: _roster(roster, rosters))] if roster.exists() else []
+    enrolled = [_file_finding(root, roster, lambda: _roster(roster, rosters))] if roster.exists() else []
     people = rosters[0] if rosters else Roster(roster)
     here = [path for path in journals if not people.has_erased(str(path))]
-    findings = [_told(root, path, lambda path=path: _session(path, headers)) for path in here]  # type: ignore[misc]
+    findings = [_file_finding(root, path, lambda path=path: _session(path, headers)) for path in here]  # type: ignore[misc]
     findings += enrolled
     known = {(header.study, header.purpose) for header in headers}
     evidence, told = _evidence(root, known, registers, numbers, signer)
@@ -114,9 +114,9 @@ def verify(
     refused = {finding.item for finding in (*findings, *unlike) if finding.word == "refused"}
     unlike += [Finding("refused", place.place, FOREIGN) for place in foreign]
     if named := {header.recordings_sha256 for header in headers} - {None}:
-        findings.append(_told(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
+        findings.append(_file_finding(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
     texts = {finding.text for finding in findings}
-    findings += _together(root, texts, evidence, refused) if beliefs.has_journals(root) else _alone(root)
+    findings += _together(root, texts, evidence, refused) if beliefs.has_journals(root) else _tables_alone(root)
     findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
     findings += _leftovers(root)
     if (root / "derivatives").exists():
@@ -203,7 +203,7 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
                 yield DatasetError(f"{path}: is missing; make it again ({beliefs.build_again(root)})")
 
 
-def _alone(root: Path) -> Iterator[Finding]:
+def _tables_alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
     if (origin := beliefs.origin_of(root)) not in beliefs.ALONE:
         text = f"holds no journal, and the tables say {origin}; restore it from a backup"
@@ -212,7 +212,7 @@ def _alone(root: Path) -> Iterator[Finding]:
     yield Finding("note", origin, f"no journal is behind these tables, {beliefs.ALONE[origin]}: no change shows")
 
 
-def _told(root: Path, path: Path, check: Callable[[], str]) -> Finding:
+def _file_finding(root: Path, path: Path, check: Callable[[], str]) -> Finding:
     """Return what a check says of a file, or the error that it raises."""
     try:
         return Finding("holds", path.relative_to(root).as_posix(), check())
@@ -405,7 +405,7 @@ class _Anchored:
     same: bool
 
 
-def _of(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> list[_Anchored]:
+def _anchors_of_file(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> list[_Anchored]:
     """Return what is anchored of a file, the fewest lines first."""
     return sorted(
         (
@@ -424,7 +424,7 @@ def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evide
     named = {prefix.file for place in evidence for anchor in place.anchors for prefix in anchor.prefixes}
     for name in sorted({*files, *named}):
         hashes = files.get(name, ())
-        anchored = _of(name, hashes, evidence)
+        anchored = _anchors_of_file(name, hashes, evidence)
         broken = [one for one in anchored if not one.same]
         if not broken:
             continue
@@ -483,7 +483,11 @@ def _verdict(
     yield "Nothing speaks against this dataset: an accident that changed what is listed above would have been noticed."
     outside = [place for place in evidence if place.guard]
     for place in outside:
-        best = [same[-1] for name in files if (same := [one for one in _of(name, files[name], [place]) if one.same])]
+        best = [
+            same[-1]
+            for name in files
+            if (same := [one for one in _anchors_of_file(name, files[name], [place]) if one.same])
+        ]
         if not best:
             continue
         anchored, days = sum(one.lines for one in best), sorted(one.day for one in best)
@@ -493,7 +497,7 @@ def _verdict(
             f"PROVEN by {place.place}: {anchored} of {count(total, 'line')} {are} {when}. To change one of these "
             f"unseen, a person would have had to {place.guard} too."
         )
-    left = total - sum(_most(name, hashes, outside) for name, hashes in files.items())
+    left = total - sum(_most_lines(name, hashes, outside) for name, hashes in files.items())
     if left:
         which = f"{count(left, 'line')} that came after the last anchor" if outside else "journals, heads and tables"
         yield (
@@ -502,5 +506,5 @@ def _verdict(
         )
 
 
-def _most(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> int:
-    return max((one.lines for one in _of(name, hashes, evidence) if one.same), default=0)
+def _most_lines(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> int:
+    return max((one.lines for one in _anchors_of_file(name, hashes, evidence) if one.same), default=0)

@@ -304,10 +304,10 @@ def font_for(letters: frozenset[str], wanted: Path | None) -> tuple[Path, str]:
     import matplotlib as mpl
 
     first = wanted or Path(mpl.get_data_path()) / "fonts" / "ttf" / "DejaVuSans.ttf"
-    missing = letters - _held(first)
+    missing = letters - _glyphs(first)
     if missing and wanted is None:
         for path in _of_this_machine():
-            if letters <= _held(path):
+            if letters <= _glyphs(path):
                 return path, ""
     return first, "".join(sorted(missing))
 
@@ -326,7 +326,7 @@ def _of_this_machine() -> tuple[Path, ...]:
 
 
 @lru_cache(maxsize=512)
-def _held(font: Path) -> frozenset[str]:
+def _glyphs(font: Path) -> frozenset[str]:
     """Return the letters that a font file holds; none where it cannot be read."""
     from matplotlib.ft2font import FT2Font
 

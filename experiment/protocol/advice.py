@@ -17,7 +17,7 @@ LEAST_S = 5.0
 
 def advice(protocol: Protocol) -> tuple[Problem, ...]:
     """Return each value that deserves a second look: its field, what it is, and what it would be as a rule."""
-    checks = (_consent, _chances, _asked, _band, _orders, _duration)
+    checks = (_consent, _chances, _open_anovas, _band, _orders, _duration)
     return tuple(problem for check in checks for problem in check(protocol))
 
 
@@ -37,7 +37,7 @@ def _chances(protocol: Protocol) -> Iterator[Problem]:
             yield Problem(written(("analysis", place, "chance")), None, f"{test.chance:g}", allowed)
 
 
-def _asked(protocol: Protocol) -> Iterator[Problem]:
+def _open_anovas(protocol: Protocol) -> Iterator[Problem]:
     """Give each planned one-way ANOVA that does not name its materials."""
     for place, test in enumerate(protocol.analysis):
         if test.test == "one-way ANOVA" and test.materials is None:

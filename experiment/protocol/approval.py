@@ -256,10 +256,10 @@ def _parted(found: object, sealed: object) -> tuple[str, str]:
         if (cut := same - BEFORE) > 0:
             cut = found.find(" ", cut, same) + 1 or cut
             found, sealed = f"...{found[cut:]}", f"...{sealed[cut:]}"
-    return _said(found), _said(sealed)
+    return _value_text(found), _value_text(sealed)
 
 
-def _said(value: object) -> str:
+def _value_text(value: object) -> str:
     if value is ...:
         return "nothing"
     return quoted(value) if isinstance(value, str) else json.dumps(value)

@@ -224,7 +224,7 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
         for place, condition in enumerate(planned.conditions()):
             path = take_path(partial, place)
             if path.exists():
-                _kept(path, condition)
+                _saved_take(path, condition)
         yield partial
     finally:
         lock.release()
@@ -235,7 +235,7 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
 def publish(planned: Plan, out: Path, *, note: str = "") -> Path:
     """Write the recordings, remove the takes, return the manifest's path. Raises `RecordingError` for a bad take."""
     partial = check(out, planned)
-    takes = [_kept(take_path(partial, place), condition) for place, condition in enumerate(planned.conditions())]
+    takes = [_saved_take(take_path(partial, place), condition) for place, condition in enumerate(planned.conditions())]
     identity = f"protocol {planned.protocol_sha256}, rig {planned.rig_sha256}"
     note = "; ".join(filter(None, (f"recorded with palpate record, {planned.source}", note, f"SHA-256: {identity}")))
     label = SIMULATED if planned.simulated else planned.source
@@ -276,7 +276,7 @@ def _difference(key: str, there: object, asked: object) -> str:
     return f"{key} {there!r} there, {asked!r} asked for"
 
 
-def _kept(path: Path, condition: Condition) -> Take:
+def _saved_take(path: Path, condition: Condition) -> Take:
     try:
         with np.load(io.BytesIO(storage.read_bytes(path)), allow_pickle=False) as content:
             samples_m_s2, achieved_mm_s = content["samples_m_s2"], float(content["achieved_mm_s"])

@@ -44,7 +44,7 @@ def text(contents: Contents, trial: int | None = None) -> str:
         if trial not in {planned.trial for planned in header.order}:
             raise JournalError(f"trial {trial}: this session has none; allowed: 1 to {len(header.order)}; give another")
         told = [line for line in everything if isinstance(line, Unreadable) or getattr(line.entry, "trial", 0) == trial]
-    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_said(line)}" for line in told]
+    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_entry_text(line)}" for line in told]
     if trial is not None and not told:
         lines.append(f"Trial {trial} was not begun yet.")
     lines += [
@@ -66,7 +66,7 @@ def _is_exposure(line: Line | Unreadable) -> bool:
     return isinstance(line, Line) and isinstance(line.entry, entries.Exposure)
 
 
-def _said(line: Line | Unreadable) -> str:
+def _entry_text(line: Line | Unreadable) -> str:
     if isinstance(line, Unreadable):
         return f"line {line.number} CANNOT BE READ: {line.why}"
     entry = line.entry

@@ -98,7 +98,7 @@ def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
 
 def keep(protocol: Protocol, dataset: Path, participant: str, person: Person) -> Path:
     """Save who a participant is, and return the file. Raises `RosterError` for an unreadable file, or no enrolment."""
-    with _held(protocol, dataset) as path:
+    with _locked_file(protocol, dataset) as path:
         _write(path, protocol, dataset, {**known(protocol, dataset), participant: person})
     return path
 
@@ -107,7 +107,7 @@ def forget(protocol: Protocol, dataset: Path, participant: str) -> bool:
     """Delete what is known of a participant; return False if there was nothing."""
     if participant not in known(protocol, dataset):
         return False
-    with _held(protocol, dataset) as path:
+    with _locked_file(protocol, dataset) as path:
         people = known(protocol, dataset)
         people.pop(participant, None)
         _write(path, protocol, dataset, people)
@@ -115,7 +115,7 @@ def forget(protocol: Protocol, dataset: Path, participant: str) -> bool:
 
 
 @contextmanager
-def _held(protocol: Protocol, dataset: Path) -> Iterator[Path]:
+def _locked_file(protocol: Protocol, dataset: Path) -> Iterator[Path]:
     """Yield the file, in a folder that only its owner may open, while nobody else changes it. Raises `RosterError`."""
     path = place(protocol, dataset)
     if path is None:

@@ -75,7 +75,7 @@ def of_accelerations(
         raise SynthesisError(
             f"carries_hz: got {low_hz:g} to {high_hz:g} Hz; allowed: a lowest frequency below a highest"
         )
-    asked = _asked(stimulus)
+    asked = _requested_amplitudes(stimulus)
     # Against the equations, and not against the waveform that was prepared, which may be wrong itself.
     off_m_s2 = finite(handed_m_s2, what="handed_m_s2") - inverse_on(asked, stimulus.basis.on)
     wanted = asked[: stimulus.basis.on.carried]
@@ -102,7 +102,7 @@ def of_voltages(
 
     `voltages_v`, V, shape (n,), and `shaped` are those of `shaping.drive` with that `response` and the scale used.
     """
-    asked, whole, carried = _asked(stimulus), _rms_asked(stimulus), stimulus.basis.on.carried
+    asked, whole, carried = _requested_amplitudes(stimulus), _rms_asked(stimulus), stimulus.basis.on.carried
     missing_v = finite(handed_v, what="handed_v") - finite(voltages_v, what="voltages_v")
     within = _bending(response, stimulus)
     wanted = np.abs(asked[:carried])
@@ -134,7 +134,7 @@ def _beyond(stimulus: Stimulus, carries_hz: tuple[float, float]) -> dict[str, ND
 
 def _budget(stimulus: Stimulus, reached: NDArray[np.float64], **shares: float) -> Budget:
     """Return a budget with the shares of what the scene left out and what the rate cannot carry; `reached`: (K,)."""
-    asked, whole = np.abs(_asked(stimulus)), _rms_asked(stimulus)
+    asked, whole = np.abs(_requested_amplitudes(stimulus)), _rms_asked(stimulus)
     carried = reached.size
     f = bin_frequencies_hz(bins=stimulus.basis.spectra.samples, rate_hz=stimulus.basis.spectra.rate_hz)[: asked.size]
     felt = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
@@ -149,7 +149,7 @@ def _budget(stimulus: Stimulus, reached: NDArray[np.float64], **shares: float) -
     )
 
 
-def _asked(stimulus: Stimulus) -> NDArray[np.float64]:
+def _requested_amplitudes(stimulus: Stimulus) -> NDArray[np.float64]:
     """Return C'_k(v) with its sign, m/s^2, shape (K,), without the bin at 0 Hz, which sounds in no stimulus."""
     asked = stimulus.bins.coefficients.copy()
     asked[0] = 0.0
@@ -157,7 +157,7 @@ def _asked(stimulus: Stimulus) -> NDArray[np.float64]:
 
 
 def _rms_asked(stimulus: Stimulus) -> float:
-    return hypot(_rms(_asked(stimulus)), _scene(stimulus)[0])
+    return hypot(_rms(_requested_amplitudes(stimulus)), _scene(stimulus)[0])
 
 
 def _scene(stimulus: Stimulus) -> tuple[float, float]:
@@ -258,7 +258,7 @@ def other_reading(stimulus: Stimulus, *, shaped: Shaped, response: Response) -> 
     """
     table = _bending(response, stimulus)
     at, measured = table.at, response.accelerations_m_s2
-    wanted = np.abs(_asked(stimulus)[: stimulus.basis.on.carried][at.known])
+    wanted = np.abs(_requested_amplitudes(stimulus)[: stimulus.basis.on.carried][at.known])
     reached, a = np.abs(shaped.reached_m_s2[at.known]), shaped.scale * wanted
     low_v, high_v = (
         AtBins(slice(None), at.levels_v, np.pad(measured[row].T, ((1, 0), (0, 0)))).voltages_v(a)

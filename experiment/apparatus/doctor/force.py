@@ -42,7 +42,7 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
     try:
         with closing(ForceDevice(where, limit_n=0.0)) as line:
             yield Check("force device", "green", f"{where} accepts a connection; no force was sent")
-            yield from answers(_asked(line, device, rate_hz, clock), device, rate_hz=rate_hz)
+            yield from answers(_measure_waits(line, device, rate_hz, clock), device, rate_hz=rate_hz)
     except PalpateError as error:
         yield refused("force device", error)
     if protocol is None or virtual is None:
@@ -79,7 +79,7 @@ def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -
     )
 
 
-def _asked(line: ForceDevice, device: ServoRig, rate_hz: int, clock: Clock) -> NDArray[np.float64]:
+def _measure_waits(line: ForceDevice, device: ServoRig, rate_hz: int, clock: Clock) -> NDArray[np.float64]:
     """Send no force in each cycle, and wait for its answer; return how long each took, ms, until one comes too late."""
     begun_ns, period_ns = clock.now_ns(), round(1e9 / rate_hz)
     waited_ms: list[float] = []

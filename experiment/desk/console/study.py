@@ -220,14 +220,14 @@ def where(one: Person) -> str:
 def sentences(status: Status) -> Text:
     """Return what speaks against the evidence, who comes next, and what is to be done."""
     told = Text()
-    for name, style, lines in _told(status):
+    for name, style, lines in _report_lines(status):
         told.append("\n\n" if told else "").append(name, style=style)
         for line in lines:
             told.append(f"\n{line}")
     return told if told else Text("Nothing is to be done.", style=DIM)
 
 
-def _told(status: Status) -> Iterator[tuple[str, str, list[str]]]:
+def _report_lines(status: Status) -> Iterator[tuple[str, str, list[str]]]:
     due, under_way = status.those("to begin"), status.those("under way")
     if status.doubts:
         yield "AGAINST THE EVIDENCE", f"bold {BAD}", list(status.doubts)

@@ -83,10 +83,10 @@ def utterances(samples: NDArray[np.float64], *, after: int, quiet: Quiet) -> tup
     found, past = [], 0
     while (ahead := np.flatnonzero(sustained[past:])).size:
         first = past + int(ahead[0])
-        end = _after(heard, first)
+        end = _last_frame(heard, first)
         begins = [
             _picked(white, after + begin * _HOP + _FRAME // 2)
-            for begin in (_before(heard, first, past), *_again(heard, first, end))
+            for begin in (_first_frame(heard, first, past), *_further_begins(heard, first, end))
         ]
         found.append(Utterance(tuple(sorted(set(begins))), min(after + end * _HOP + _FRAME, white.size)))
         past = end + 1
@@ -114,21 +114,21 @@ def _energies(white: NDArray[np.float64]) -> NDArray[np.float64]:
     return energies
 
 
-def _before(heard: NDArray[np.intp], first: int, past: int) -> int:
+def _first_frame(heard: NDArray[np.intp], first: int, past: int) -> int:
     """Return the frame at which the sound begins that is loud from `first` on, not before `past`."""
     frames = heard[(heard >= past) & (heard <= first)]
     breaks = np.flatnonzero(np.diff(frames) > _BEFORE_MS)
     return int(frames[breaks[-1] + 1] if breaks.size else frames[0])
 
 
-def _after(heard: NDArray[np.intp], first: int) -> int:
+def _last_frame(heard: NDArray[np.intp], first: int) -> int:
     """Return the last frame of the utterance that is loud from `first` on."""
     frames = heard[heard >= first]
     breaks = np.flatnonzero(np.diff(frames) > _WITHIN_WORDS_MS)
     return int(frames[breaks[0]] if breaks.size else frames[-1])
 
 
-def _again(heard: NDArray[np.intp], first: int, end: int) -> list[int]:
+def _further_begins(heard: NDArray[np.intp], first: int, end: int) -> list[int]:
     """Return the frames after `first` and up to `end` at which sound begins after a silence."""
     frames = heard[(heard >= first) & (heard <= end)]
     begins: list[int] = frames[1:][np.diff(frames) > _BEFORE_MS].tolist()

@@ -96,14 +96,14 @@ def utterances(root: Path, *, share: float, seed: int) -> tuple[Utterance, ...]:
     for path, header in dataset.sessions:
         if header.participant in withdrawn:
             continue
-        for one in _kept(path, storage.voices_folder(root, header.participant)):
+        for one in _recorded_utterances(path, storage.voices_folder(root, header.participant)):
             drawn = hashlib.sha256(f"{seed} {one.sha256}".encode()).hexdigest()
             if one.flagged or int(drawn[:8], 16) < share * 2**32:
                 found.append((drawn, one))
     return tuple(one for _, one in sorted(found, key=lambda pair: pair[0]))
 
 
-def _kept(path: Path, folder: Path) -> Iterator[Utterance]:
+def _recorded_utterances(path: Path, folder: Path) -> Iterator[Utterance]:
     """Yield the utterances of a session whose answers count and whose sound is still there."""
     answers: dict[tuple[int, int], str | None] = {}
     spoken: dict[tuple[int, int], Spoken] = {}

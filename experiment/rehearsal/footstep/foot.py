@@ -91,7 +91,7 @@ def trajectory(
         hesitation = "none" if rng.random() >= HESITATES else ("pause" if rng.random() < 0.5 else "dip")
     if hesitation in ("stop", "turn"):
         return _in_vain(rng, speed_mm_s, rest_mm, hesitation)
-    before, start_mm = _before(rng, hesitation, speed_mm_s, rest_mm)
+    before, start_mm = _hesitation_path(rng, hesitation, speed_mm_s, rest_mm)
     descent, contact_mm_s = _descent(rng, start_mm, speed_mm_s)
     landing = _landing(rng, contact_mm_s)
     lift = _minimum_jerk(float(landing[1][-1]), rest_mm, rng.uniform(0.3, 0.45))
@@ -139,7 +139,7 @@ def _in_vain(rng: np.random.Generator, speed_mm_s: float, rest_mm: float, hesita
     )
 
 
-def _before(
+def _hesitation_path(
     rng: np.random.Generator, hesitation: Hesitation, speed_mm_s: float, rest_mm: float
 ) -> tuple[list[Curve], float]:
     """Return what comes before the passage that leads to contact, and the height from which that passage begins."""
