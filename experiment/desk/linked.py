@@ -71,6 +71,8 @@ EARLY = (Choice(key=ENTER, words="end the break"), Choice(key=ESCAPE, words="go 
 NEXT = "── Task {step} ──"
 """The line between what was told of one task and what is told of the next."""
 
+STOPPED = "The participant stopped everything: the session pauses."
+
 UNWRITABLE = "The text {}, which cannot go on record; write it without that character."
 
 NO_SESSION = (
@@ -319,6 +321,9 @@ class LinkedConsole:
             # A later pause neither takes a stop back, nor a break's length.
             if isinstance(deed, Stop) or not (isinstance(before, Stop) or (lasts and deed.minutes is None)):
                 self._pausing, self._paused_by = deed, by
+            if before is None and by == port.BY_PARTICIPANT:
+                # The reply goes to the participant's screen alone, and the session may wait for a disk.
+                self.show(STOPPED)
             self._changed.notify_all()
         if session is not None:
             session.pause(by)

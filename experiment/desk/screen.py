@@ -237,26 +237,32 @@ class Screen:
         """Show page after page. Raises `LinkError` for a session of another version, and `DisplayError`."""
         while not self.window.closed:
             heard = self.feed.heard()
-            for key in self.window.pressed():
-                if heard.line is not None and key == self.settings.stop:
-                    _send(heard.line, Pause())
+            for key in self._pressed(heard):
                 choice = pages.chosen(self._prompt, key, self.settings)
                 if heard.line is not None and choice is not None and self._prompt is not None:
                     _send(heard.line, Choose(question=self._prompt.question or 0, key=choice))
-            self._show(heard.prompt)
+            self._show(heard)
             self._tell(heard)
             if self._over(heard):
                 return
             time.sleep(POLL_S)
 
-    def _show(self, prompt: Prompt | None) -> None:
+    def _pressed(self, heard: Heard) -> list[str]:
+        """Return the keys that were pressed; the one that stops everything counts at once, whatever is shown."""
+        keys = self.window.pressed()
+        if heard.line is not None and self.settings.stop in keys:
+            _send(heard.line, Pause())
+        return keys
+
+    def _show(self, heard: Heard) -> None:
+        prompt = heard.prompt
         page, hand_mm = pages.page(prompt, self.settings, wall_ns()), prompt.hand_mm if prompt else None
         moved = hand_mm != (self._prompt.hand_mm if self._prompt else None)
         if page != self._page:
             self.window.put(self._picture(page))
             self._since_ns = self._drawn_ns = self.window.show(hand_mm)
             # What was pressed before the page was seen answers nothing on it.
-            self.window.pressed()
+            self._pressed(heard)
         elif moved or monotonic_ns() - self._drawn_ns > REDRAW_NS:
             self._drawn_ns = self.window.show(hand_mm)
         self._page, self._prompt = page, prompt

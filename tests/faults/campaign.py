@@ -19,6 +19,7 @@ BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
 
 PARTS: tuple[str, ...] = (
     "kills",
+    "writes",
     "stalls",
     "exposure",
     "endurance",

@@ -33,7 +33,11 @@ def main() -> None:
     client.activate()
     loud.append((-1, time.monotonic()))
     while True:
-        outputs = sorted(client.get_ports("^PortAudio:out_[0-9]+$"), key=lambda port: port.name)
+        try:
+            outputs = sorted(client.get_ports("^PortAudio:out_[0-9]+$"), key=lambda port: port.name)
+        except jack.JackError:
+            # A session that ends closes them as they are listed.
+            outputs = []
         for place, output in enumerate(outputs[len(entries) :], len(entries)):
             entry = client.inports.register(f"in_{place}")
             client.connect(output, entry)

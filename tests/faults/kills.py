@@ -341,6 +341,9 @@ ATTACKS = {
 }
 """By the name of the row. Of an attack's moments the next is taken in turn."""
 
+AT_CALL = "SIGKILL at a write call"
+"""A part of its own: see `writes`."""
+
 VIRTUAL = ("SIGKILL as the panel sounds", "panel off the network")
 """These need a stimulus, and come in sessions that have one."""
 
@@ -498,17 +501,19 @@ def _size(path: Path) -> int:
     return path.stat().st_size if path.exists() else 0
 
 
-WHOLE = (
-    {row: 125 for row in ATTACKS if row.startswith("SIGKILL")}
-    | {"SIGKILL at a write call": 1000}
-    | {row: 25 for row in ATTACKS if not row.startswith("SIGKILL")}
-)
-SUBSET = dict.fromkeys(ATTACKS, 1)
+WHOLE = {row: 125 for row in ATTACKS if row.startswith("SIGKILL") and row != AT_CALL} | {
+    row: 25 for row in ATTACKS if not row.startswith("SIGKILL")
+}
+SUBSET = dict.fromkeys(WHOLE, 1)
 
 
 def attacks(size: Size) -> Iterator[Count]:
-    """Run laboratories beside one another, and add up their rows."""
-    rows = WHOLE if size is Size.WHOLE else SUBSET
+    """Make each attack."""
+    yield from made(WHOLE if size is Size.WHOLE else SUBSET)
+
+
+def made(rows: dict[str, int]) -> Iterator[Count]:
+    """Make attacks as often as rows say: run laboratories beside one another, and add up what came of each row."""
     with tempfile.TemporaryDirectory() as folder:
         shares = [
             {

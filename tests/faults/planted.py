@@ -1,4 +1,7 @@
-"""Faults planted in a copy of the checkout, one at a time: the row that promises against each has to catch it."""
+"""Faults planted in a copy of the checkout, one at a time: the row that promises against each has to catch it.
+
+`python -m tests.faults.planted WORD...` plants by themselves those whose name has all of the words.
+"""
 
 from __future__ import annotations
 
@@ -23,24 +26,36 @@ LEFT = (".git", ".venv", "__pycache__", ".mypy_cache", ".ruff_cache", ".pytest_c
 
 
 def attacks(size: Size) -> Iterator[Count]:
-    """Plant each fault by itself; each row of the table names what caught it. Raises `ValueError` for a stale patch."""
-    chosen = [patch for patch in PATCHES if patch.subset or size is Size.WHOLE]
+    """Plant each fault by itself; each row of the table names what caught it."""
+    yield from caught([patch for patch in PATCHES if patch.subset or size is Size.WHOLE], size)
+    if size is Size.WHOLE:
+        yield from (Count(f"{name}: NOT PLANTED, palpate has no such part yet", 0, 0) for name in AWAITED)
+
+
+def caught(chosen: Sequence[Patch], size: Size) -> Iterator[Count]:
+    """Plant each of the chosen faults; of the whole, each row also runs once without any."""
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / "checkout"
         shutil.copytree(ROOT, copy, symlinks=True, ignore=shutil.ignore_patterns(*LEFT))
         _check_that_the_copy_runs(copy)
         if size is Size.WHOLE:
             for rows in sorted({patch.rows for patch in chosen}):
-                by, _, said = run(copy, rows)
+                try:
+                    by, _, said = run(copy, rows)
+                except RuntimeError as error:
+                    by, said = " ".join(rows), str(error)
                 if by:
                     yield Count(f"nothing planted: `{by}` fails", 1, 0, 0, (said,))
         for patch in chosen:
-            yield _caught(patch, copy)
-    if size is Size.WHOLE:
-        yield from (Count(f"{name}: NOT PLANTED, palpate has no such part yet", 0, 0) for name in AWAITED)
+            try:
+                yield _caught(patch, copy)
+            except (ValueError, RuntimeError) as error:
+                # It proves nothing, and ends no run.
+                yield Count(f"{patch.name}: could not be judged", 1, 0, 1, (str(error)[-2000:],))
 
 
 def _caught(patch: Patch, copy: Path) -> Count:
+    """Return whether a fault is caught. Raises `ValueError` for a stale patch, `RuntimeError` for one that breaks."""
     path = copy / patch.file
     as_it_is = path.read_bytes()
     try:
@@ -93,3 +108,14 @@ def _check_that_the_copy_runs(copy: Path) -> None:
     said = subprocess.check_output([sys.executable, "-c", asked], cwd=copy, env=_env(copy), text=True).split()
     if not all(Path(one).resolve().is_relative_to(copy.resolve()) for one in said):
         raise RuntimeError(f"got {' and '.join(said)}; allowed: files of the copy at {copy}; the copy is not what runs")
+
+
+def main() -> None:
+    words = sys.argv[1:]
+    for count in caught([patch for patch in PATCHES if all(word in patch.name for word in words)], Size.SUBSET):
+        sys.stdout.write(f"{count.fault}\n" + "".join(f"  {failure}\n" for failure in count.failures))
+        sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    main()

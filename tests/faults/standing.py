@@ -62,6 +62,9 @@ PROGRAMS = {
 }
 """The processes of a session by what their command holds."""
 
+PEERS = ("console", "screen")
+"""Processes at the socket of a session at a desk, as `peer` has them."""
+
 
 def pushes_file(folder: Path) -> Path:
     """Return where the force device keeps what it pushed: beside everything that hangs."""
@@ -218,7 +221,7 @@ class Session:
         """Have an entry written, where that can be asked for."""
 
     def ask(self, event: str) -> None:
-        """Ask for a pause or a stop."""
+        """Ask for a pause or a stop; "escape" is the participant's."""
         raise NotImplementedError
 
     @property
@@ -251,6 +254,10 @@ class Session:
         """Return how long after a moment one of the words, a regular expression, was shown first, s; or infinity."""
         found = (at for at, said in tuple(self.said) if at > after_s and re.search(words, said, re.IGNORECASE))
         return min(found, default=float("inf")) - after_s
+
+    def part(self, name: str) -> list[int]:
+        """Return the processes of a part, by its name in `PROGRAMS`; "session" is the session's own."""
+        return self.processes(PROGRAMS.get(name, ""))
 
     def processes(self, program: str = "") -> list[int]:
         """Return the session's process, or those below it whose command holds a word."""
@@ -317,8 +324,18 @@ class AtDesk(Session):
             time.sleep(0.01)
         self._line = link.Line(at, visited.ME)
         self.opened.callback(self._line.close)
+        self._peers = {role: self._begin_peer(at, role) for role in PEERS}
         threading.Thread(target=self._read, daemon=True).start()
         return process
+
+    def _begin_peer(self, at: Path, role: str) -> subprocess.Popen[bytes]:
+        peer = subprocess.Popen([sys.executable, "-m", "tests.faults.peer", at, role], stdin=subprocess.PIPE)
+        self.opened.callback(peer.wait)
+        self.opened.callback(peer.kill)
+        return peer
+
+    def part(self, name: str) -> list[int]:
+        return [self._peers[name].pid] if name in self._peers else super().part(name)
 
     def _read(self) -> None:
         shown = ""
@@ -354,7 +371,11 @@ class AtDesk(Session):
         self._line.send(TakeNote(text="a note"))
 
     def ask(self, event: str) -> None:
-        self._line.send(Pause() if event == "pause" else Stop())
+        if event != "escape":
+            self._line.send(Pause() if event == "pause" else Stop())
+        elif (keys := self._peers["screen"].stdin) is not None:
+            keys.write(b"\n")
+            keys.flush()
 
     @property
     def answered(self) -> int:

@@ -23,8 +23,9 @@ class Window:
 
     size_px = (640, 400)
 
-    def __init__(self, *rounds: list[str]) -> None:
+    def __init__(self, *rounds: list[str], as_drawn: str = "up") -> None:
         self.rounds = list(rounds)
+        self.as_drawn = as_drawn
         self.pictures: list[Image] = []
         self.hands: list[float | None] = []
         self.seen = 0
@@ -49,7 +50,7 @@ class Window:
         if self.fresh:
             # What was pressed while the page was drawn.
             self.fresh = False
-            return ["up"]
+            return [self.as_drawn]
         return self.rounds.pop(0)
 
     def close(self) -> None:
@@ -262,6 +263,8 @@ def test_the_participants_key_stops_at_any_moment(prompt: Prompt | None) -> None
     sent = Sent()
     run(Told(heard(sent, prompt)), Window([], ["escape"], ["e"]))
     assert sum(isinstance(deed, Pause) for deed in sent.deeds) == 1
+    run(Told(heard(sent, prompt)), Window([], as_drawn="escape"))
+    assert sum(isinstance(deed, Pause) for deed in sent.deeds) == 2
     pedal = ScreenRig(keys=ScreenKeys(stop="e"))
     run(Told(heard(sent, prompt)), Window([], ["escape"], ["e"]), pedal)
-    assert sum(isinstance(deed, Pause) for deed in sent.deeds) == 2
+    assert sum(isinstance(deed, Pause) for deed in sent.deeds) == 3
