@@ -358,7 +358,7 @@ PATCHES = (
         "experiment/desk/link.py",
         "        return bool(self.unsent) and time.monotonic() - self.read_s > AWAY_S\n",
         "        return False\n",
-        (f"{_T}desk/test_link.py",),
+        (f"{_T}desk/test_link.py::test_a_console_that_stops_reading_is_away_until_it_reads_again",),
     ),
     Patch(
         "unknown files left out after an erasure",
@@ -372,7 +372,9 @@ PATCHES = (
         "experiment/session/tapping/taps.py",
         "        if late_ns > LATE_NS and not self.lent.clock.simulated:\n",
         "        if late_ns < 0 and not self.lent.clock.simulated:\n",
-        (f"{_SESSION}tapping/test_virtual.py",),
+        (
+            f"{_SESSION}tapping/test_virtual.py::test_a_touch_that_is_read_late_sounds_nothing_and_its_trial_comes_again",
+        ),
     ),
     Patch(
         "undelivered stimulus counts as delivered",

@@ -374,7 +374,8 @@ def main() -> None:
             sys.stdout.write(json.dumps(laboratory.tell(names[name])) + "\n")
             sys.stdout.flush()
         return
-    chosen = [case for case in every() if words and all(f" {word} " in f" {case.name} " for word in words)]
+    exactly = [case for case in every() if case.name == " ".join(words)]
+    chosen = exactly or [one for one in every() if words and all(f" {word} " in f" {one.name} " for word in words)]
     if not words:
         sys.stdout.write("".join(f"{case.name}\n" for case in every()))
     for told in results(chosen) if chosen else ():
