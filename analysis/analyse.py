@@ -69,10 +69,7 @@ class Analysis:
         return self.out / page.REPORT
 
     def text(self, width: int = WIDTH, *, full: bool = False) -> str:
-        """Return matrices, tests and the report's path for a terminal, or every section if it is to be `full`.
-
-        Only the last line, the path, may be longer than `width`.
-        """
+        """Return what a terminal shows, every section if `full`; only the last line, a path, may exceed `width`."""
         band = [textwrap.fill(self.study.label, width)] if self.study.label else []
         wanted = IN_SHORT + ("exclusions",) * bool(self.study.exclusions or self.study.unasked)
         parts = [self._in_terminal(section) for section in self.sections if full or section.slug in wanted]
@@ -173,7 +170,8 @@ def _bids(study: Study) -> dict[str, bytes]:
         "GeneratedBy": [{"Name": "palpate", "Version": ours.version, "SourceSha256": ours.source_sha256}],
     }
     ignored = f"{page.REPORT}\nresults.json\n{MANIFEST}\ntables\nfigures\n"
-    readme = f"{study.label}\n\n" * bool(study.label) + "palpate analyse made these tables, figures and report.\n"
+    label = [study.label] if study.label else []
+    readme = "\n\n".join([*label, "palpate analyse made these tables, figures and report.\n"])
     return {
         "dataset_description.json": (json.dumps(description, indent=2, ensure_ascii=False) + "\n").encode(),
         "README": readme.encode(),

@@ -105,10 +105,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Audit:
-    """What was found; `label` is that of the dataset, `origin` as in `comparison_section`.
-
-    `passed_over` tells of each table of a paper that was not read.
-    """
+    """What was found, the dataset's `label`, the `origin` as in `comparison_section`, and tables `passed_over`."""
 
     study: str
     origin: str
@@ -171,15 +168,10 @@ def _told(lines: Sequence[Line]) -> Iterator[str]:
 def audit(target: str, against: Path | None = None, stated: Stated | None = None) -> Audit:
     """Return the audit of a study's printed numbers.
 
-    Args:
-        target: id of a study that palpate brings along, a file of printed numbers, a paper's HTML page or CSV tables,
-            or the folder of a dataset.
-        against: for a dataset, the file of its paper's printed numbers; by default the study's own, by its id.
-        stated: for a page or CSV tables, what the paper says outside of them.
-
-    Raises:
-        PublishedError: for a file that cannot be used, with every problem at once.
-        DatasetError: for a dataset that cannot be read or has no paper.
+    `target` is the id of a study that palpate brings along, a file of printed numbers, a paper's HTML page or CSV
+    tables, or a dataset's folder; `against` is the file of a dataset's paper, by default found by its id; `stated` is
+    what a paper says outside of its tables. Raises `PublishedError` for a file that cannot be used, and `DatasetError`
+    for a dataset that cannot be read or has no paper.
     """
     path = Path(target)
     is_paper = path.suffix.lower() in paper.SUFFIXES and not path.is_dir()
@@ -219,11 +211,7 @@ def _dataset(root: Path, against: Path | None) -> Audit:
 
 
 def compare(published: Published, results: Results, *, diagnose: bool) -> Comparison:
-    """Return every printed number beside the one from a dataset of the same study.
-
-    `diagnose` says whether a difference may be explained by how the number was printed. It is true for a reconstruction
-    alone, since new answers differ for reasons of their own.
-    """
+    """Return every printed number beside a dataset's; `diagnose`, for reconstructions, explains differences."""
     lines = [*Checks(published, FromResults(results), diagnose=diagnose).lines()]
     lines += [_icc(one, results) for one in published.icc]
     tasks = dict.fromkeys(cell.task for cell in published.tables())
@@ -262,36 +250,41 @@ def _correlation(published: Published, result: TaskResult) -> Correlation:
 
 def comparison_section(origin: str, comparison: Comparison) -> Section:
     """Return every printed number beside the recomputed one; `origin`, a key of `OWN`, decides the wording."""
-    own, held = OWN[origin], origin in HELD
-    tables = []
+    own = OWN[origin]
     places: dict[tuple[str, str], list[Line]] = {}
     for line in comparison.lines:
         places.setdefault((line.where, line.task), []).append(line)
-    for (where, task), lines in places.items():
-        groups = [list(group) for _, group in groupby(lines, key=lambda line: (line.subject, line.quantity in MARKS))]
-        doubts = Counter(doubt for group in groups if (doubt := _doubt(group)))
-        often = [doubt for doubt, count in doubts.items() if count > 1]
-        shared = often[0] if len(often) == 1 else None
-        rows = tuple(_row(group, origin, shared) for group in groups)
-        notes = (f"{shared[0].capitalize()}, where nothing else is said: {shared[1]}.",) if shared else ()
-        doubtful = [i for i, group in enumerate(groups) if not all(line.agrees for line in group)]
-        marked = frozenset((i, 3) for i in doubtful if held)
-        header = ("quantity", "printed", own, "agrees?" if held else "same?")
-        tables.append(Table(f"{where}, {task}", header, rows, left=frozenset(range(4)), marked=marked, notes=notes))
+    tables = tuple(_table(f"{where}, {task}", lines, origin) for (where, task), lines in places.items())
     shown = [asdict(line) | {"verdict": _verdict(line, origin)} for line in comparison.lines]
-    records = [{own if key == "recomputed" else key: value for key, value in line.items()} for line in shown]
-    correlations = " ".join(
-        f"{c.task}: the {c.cells} cells of the printed table correlate with this dataset's at r = {c.r:.4f}."
-        if c.r is not None
-        else f"{c.task}: the {c.cells} cells of the printed table have no correlation with this dataset's, because "
-        f"{c.statement}."
-        for c in comparison.correlations
-    )
-    unread = f" {plural(comparison.unread, 'cell')} {'was' if comparison.unread == 1 else 'were'} not read."
-    counted = _counted(comparison.lines, origin) + unread * bool(comparison.unread)
-    paragraphs = [counted, f"{comparison.source}. {ABOUT[origin]}", correlations]
+    records = tuple({own if key == "recomputed" else key: value for key, value in line.items()} for line in shown)
+    counted = _counted(comparison.lines, origin)
+    if comparison.unread:
+        counted += f" {plural(comparison.unread, 'cell')} {'was' if comparison.unread == 1 else 'were'} not read."
+    paragraphs = (counted, f"{comparison.source}. {ABOUT[origin]}", " ".join(map(_correlated, comparison.correlations)))
     title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
-    return Section("comparison", title, tuple(filter(None, paragraphs)), tuple(tables), tuple(records))
+    return Section("comparison", title, tuple(filter(None, paragraphs)), tables, records)
+
+
+def _table(title: str, lines: Sequence[Line], origin: str) -> Table:
+    groups = [list(group) for _, group in groupby(lines, key=lambda line: (line.subject, line.quantity in MARKS))]
+    doubts = Counter(doubt for group in groups if (doubt := _doubt(group)))
+    often = [doubt for doubt, count in doubts.items() if count > 1]
+    shared = often[0] if len(often) == 1 else None
+    rows = tuple(_row(group, origin, shared) for group in groups)
+    notes = (f"{shared[0].capitalize()}, where nothing else is said: {shared[1]}.",) if shared else ()
+    held = origin in HELD
+    marked = frozenset((i, 3) for i, group in enumerate(groups) if held and not all(line.agrees for line in group))
+    header = ("quantity", "printed", OWN[origin], "agrees?" if held else "same?")
+    return Table(title, header, rows, left=frozenset(range(4)), marked=marked, notes=notes)
+
+
+def _correlated(one: Correlation) -> str:
+    if one.r is not None:
+        return (
+            f"{one.task}: the {one.cells} cells of the printed table correlate with this dataset's at r = {one.r:.4f}."
+        )
+    why = f"because {one.statement}"
+    return f"{one.task}: the {one.cells} cells of the printed table have no correlation with this dataset's, {why}."
 
 
 def _counted(lines: Sequence[Line], origin: str) -> str:

@@ -63,7 +63,7 @@ def by_type(*found: Interval) -> dict[str, Interval]:
     for kind, f in zip(TYPES, found, strict=True):
         same = next((one for one in kinds if math.isclose(one.low, f.low) and math.isclose(one.high, f.high)), f)
         kinds.setdefault(same, []).append(kind)
-    return {f"type{'s' * (len(same) > 1)} {' and '.join(same)}": f for f, same in kinds.items()}
+    return {f"{'types' if same[1:] else 'type'} {' and '.join(same)}": f for f, same in kinds.items()}
 
 
 class FromResults:

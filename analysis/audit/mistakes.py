@@ -167,10 +167,9 @@ FEW = 50
 
 
 def slip_of(printed: Printed, values: Sequence[Interval], *, squares: bool = False, explained: bool = False) -> str:
-    """Return the slips of the point or of a digit by which one of `values` becomes the printed number; or nothing.
+    """Return the slips of the point or a digit that give the printed number.
 
-    Where the point or something else (`explained`) gives the number, two digits that are swapped are told and one that
-    is wrong is not, for that gives most.
+    Where it is `explained`, swapped digits are named and a wrong one is not.
     """
     found: list[str] = []
     for power in (-1, 1, -2, 2):
@@ -221,11 +220,7 @@ def of_t(
     *,
     sd_in_doubt: bool = False,
 ) -> Iterator[Mistake]:
-    """Yield mistakes in a one-sample t, `printed`, with effect sizes `effects`.
-
-    Where `sd_in_doubt`, the SD may be wrong: beside a standard error a right t looks like d, beside a population SD
-    like one of sqrt(n - 1).
-    """
+    """Yield mistakes in a one-sample t, `printed`, with effect sizes `effects`; `sd_in_doubt`: the SD may be wrong."""
     error, population = (f", or the SD is {one}" * sd_in_doubt for one in ("the standard error", "the population SD"))
     correct = tuple(t_of(one, n) for one in effects)
     yield Mistake("its sign is lost", tuple(one.times(Fraction(-1)) for one in correct))

@@ -316,7 +316,7 @@ def _judged(
     if row.misprinted:
         names = ", ".join(f"-> {cells[i].answered}{_slip_in(published, cells, i)}" for i in row.misprinted)
         besides = "so would" if gaps else "a possible cause is"
-        reasons.append(f"{besides} a misprint of {'one of ' * (len(row.misprinted) > 1)}{names}")
+        reasons.append(f"{besides} a misprint of {'one of ' if len(row.misprinted) > 1 else ''}{names}")
     possible = row.fewest <= row.trials <= row.most
     first = f"no whole counts give all means and SDs at once{given}" if possible else NO_ROW
     return cited.text("row", printed, found, "impossible", "; ".join([first, *reasons]))

@@ -38,10 +38,7 @@ class Share:
 
 @dataclass(frozen=True)
 class Pair:
-    """The answers to one pair of places, the lower first.
-
-    `right` counts the higher, or the first of two same; `ties` are trials, and right for nobody.
-    """
+    """Answers to a pair of places, the lower first: choices of the higher (of two same, the first), and ties."""
 
     low: int
     high: int

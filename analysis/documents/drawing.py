@@ -1,8 +1,7 @@
 """What all figures share: colours, style, the width of a column, the heading, and files.
 
-Colours are those of Okabe and Ito (2008, "Color Universal Design", https://jfly.uni-koeln.de/color/), which any common
-colour vision tells apart, without the yellow, which is too faint on white. Maps of a quantity use one hue,
-Brewer's Blues. What differs in colour also differs in marker, hatching or line.
+Colours are those of Okabe and Ito (2008, https://jfly.uni-koeln.de/color/) without the faint yellow, and Brewer's
+Blues; marker, hatching or line differ too.
 """
 
 import io

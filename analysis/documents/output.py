@@ -25,8 +25,7 @@ DESCRIPTION, DERIVATIVES = "dataset_description.json", "derivatives"
 def publish(out: Path, files: Mapping[str, bytes], label: str, command: Command) -> tuple[Path, ...]:
     """Write `files`, path within `out` -> content, remove what only an earlier run wrote, and return the paths.
 
-    The manifest names the `label` of the dataset and the `command` that writes. Raises `DatasetError` before anything
-    is written, see `check`; or if the file system refuses.
+    The manifest names `label` and `command`. Raises `DatasetError` as `check`, or if the file system refuses.
     """
     ours = check(out, files, command)
     new = {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
@@ -56,11 +55,10 @@ def publish(out: Path, files: Mapping[str, bytes], label: str, command: Command)
 
 
 def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[str]]:
-    """Return the files in a folder of ours, name -> SHA-256; call it before long work to find what is in the way.
+    """Return a folder's own files, name -> SHA-256; call it before long work to find what is in the way.
 
-    Raises `DatasetError` for a folder within a dataset, save below its `derivatives`; for one that another command
-    wrote; for a file in the way of one of `names` that is not ours or was changed since; and for a place outside the
-    folder, to which a link or a manifest leads.
+    Raises `DatasetError` within a dataset (save its `derivatives`), for a folder of another command, a file of `names`
+    that is not ours or was changed, and a link or manifest that leads outside.
     """
     inside = out.resolve()
     for folder in (inside, *inside.parents):

@@ -60,7 +60,7 @@ def folder(
     first = _section(sections[0], label, numbered, files, ' class="first"')
     rest = [_section(section, label, numbered, files) for section in sections[1:]]
     body = "".join(
-        f'<h2 class="part">{escape(section.part)}</h2>' * (section.part not in ("", before.part)) + shown
+        shown if section.part in ("", before.part) else f'<h2 class="part">{escape(section.part)}</h2>{shown}'
         for before, section, shown in zip(sections, sections[1:], rest, strict=False)
     )
     formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
@@ -82,7 +82,7 @@ def _contents(sections: Sequence[Section]) -> str:
     lines = []
     for part, of in groupby(sections, key=lambda section: section.part):
         links = ", ".join(f'<a href="#{section.slug}">{escape(section.title)}</a>' for section in of)
-        lines.append(f"<li>{escape(part)}{': ' * bool(part)}{links}</li>")
+        lines.append(f"<li>{escape(part)}{': ' if part else ''}{links}</li>")
     return "".join(lines)
 
 

@@ -348,9 +348,8 @@ def escaped(text: str) -> str:
 
 def _table(table: Table, title: str, label: str) -> str:
     columns = "".join("l" if column in table.left else "r" for column in range(len(table.header)))
-    caption = ". ".join(part for part in (label, table.title or title) if part) + f" ({table.standing})" * bool(
-        table.standing
-    )
+    caption = ". ".join(part for part in (label, table.title or title) if part)
+    caption += f" ({table.standing})" if table.standing else ""
     head = r"\begin{table}", rf"\caption{{{escaped(caption)}}}", rf"\begin{{tabular}}{{{columns}}}"
     rows = (r"\toprule", _row(table.header), r"\midrule", *map(_row, table.rows), r"\bottomrule", r"\end{tabular}")
     notes = (rf"\par\small {escaped(note)}" for note in table.notes)
@@ -363,4 +362,4 @@ def _row(cells: tuple[str, ...]) -> str:
 
 def plural(count: int, noun: str) -> str:
     """Return `1 trial` or `2 trials`."""
-    return f"{count} {noun}{'s' * (count != 1)}"
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"

@@ -189,11 +189,7 @@ def transmitted(counts: NDArray[np.int64]) -> NDArray[np.float64]:
 
 
 def likely_answers(counts: NDArray[np.int64]) -> float:
-    """Return how many of the possible answers, counts of shape (answers,), can occur to one material.
-
-    It is the number whose expected number of answers is closest to that observed, by Bayes's rule with a flat prior
-    (Panzeri and Treves 1996, appendix).
-    """
+    """Return how many answers can occur to a material, of counts (answers,) (Panzeri and Treves 1996, appendix)."""
     trials = int(counts.sum())
     occurred = counts[counts > 0]
     least = len(occurred)

@@ -91,11 +91,7 @@ def fit(counts: NDArray[np.int64], tolerance: float = TOLERANCE) -> tuple[Floats
 
 @dataclass(frozen=True)
 class Scaling:
-    """A map: points of shape (n, 2), centered, on the principal axes; the first has no negative coordinate.
-
-    `explained` is the share of the positive eigenvalues on both axes, `negative` that of the negative ones of all
-    magnitudes.
-    """
+    """A map: points, (n, 2), on the principal axes, and shares of eigenvalues `explained` by both and `negative`."""
 
     points: NDArray[np.float64]
     explained: float

@@ -34,11 +34,7 @@ SEED = 1
 
 @dataclass(frozen=True)
 class MaterialTest:
-    """Correct answers to one material against chance; `log_bf10` is natural.
-
-    `flip` is the exact sign-flip test, ours. `p_holm` and `flip_holm` are adjusted within the `family`. `stars` follow
-    the protocol's P.
-    """
+    """Correct answers to one material against chance; stars follow the protocol's P, Holm's in the `family`."""
 
     material: str
     result: inference.TTest
@@ -112,7 +108,9 @@ class TaskResult:
 def bracketed(tasks: Sequence[TaskResult]) -> str:
     """Return what brackets around stars say, where any of the tasks has them."""
     found = any(task.stars(test) != test.stars for task in tasks for test in task.tests)
-    return " Sign flips, the exact test over participants, which is ours, do not show stars in brackets." * found
+    return (
+        " Sign flips, the exact test over participants, which is ours, do not show stars in brackets." if found else ""
+    )
 
 
 @dataclass(frozen=True)

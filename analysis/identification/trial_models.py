@@ -48,11 +48,7 @@ class Design:
 
 
 def design(study: Study) -> Design:
-    """Return the design of the included trials of a study.
-
-    Raises `NotDefined` for a reconstruction or counts, without a trial, and if all answers of a task or material are
-    right, or wrong.
-    """
+    """Return the design of the included trials. Raises `NotDefined` without trials, or for answers all alike."""
     if study.origin == "RECONSTRUCTION":
         raise NotDefined(
             "a reconstruction has no order of trials, no foot speed, no response time and no order of tasks, and which "
@@ -165,11 +161,7 @@ START_SD = 0.5
 def log_likelihood(
     *, correct: Floats, matrix: Floats, participants: NDArray[np.int64], coefficients: Floats, sd: float
 ) -> tuple[float, Floats]:
-    """Return the log likelihood, and its derivatives by the coefficients and then by `sd`, shape (K + 1,).
-
-    Answers, shape (N,), are 0 or 1; the matrix has shape (N, K); participants are indices; coefficients are log odds
-    ratios.
-    """
+    """Return the log likelihood and its derivatives by coefficients and `sd`, (K + 1,); the matrix is (N, K)."""
     people = int(participants.max()) + 1
     fixed = matrix @ coefficients
     mode, width = _modes(correct, fixed, participants, people, sd)
@@ -267,8 +259,7 @@ class TrialModel:
 def gee(design: Design) -> TrialModel:
     """Return the population-averaged logit, exchangeable within participants.
 
-    Raises `NotDefined` for too few participants, a fit that does not converge, or participants that do not differ
-    enough.
+    Raises `NotDefined` for too few or too similar participants, or without convergence.
     """
     people = _participants(design)
     # Decided before the fit: what a fit says of a singular matrix depends on the processor.
@@ -320,8 +311,7 @@ def _of_few(design: Design, estimates: Floats, alike: float) -> Floats:
 def mixed(design: Design) -> TrialModel:
     """Return the logit with a random intercept for each participant, whose SD is estimated too.
 
-    Raises `NotDefined` for too few participants, dependent columns, and a search that does not converge or ends where
-    the likelihood is flat.
+    Raises `NotDefined` for too few participants, dependent columns, no convergence, or a flat maximum.
     """
     from scipy.optimize import minimize
 

@@ -45,11 +45,9 @@ Render = Callable[[float], NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class Way:
-    """A way to compute stimuli.
+    """A way to compute stimuli: the `claim` of its relative error on a grid, and `prepare` for an output rate in Hz.
 
-    `claim` returns the bound on its relative error on a grid, as `experiment/synthesis/waveforms.py` defines it.
-    `prepare` takes an output rate in Hz and does beforehand what does not depend on the speed; it returns what renders
-    a stimulus, and the memory that this holds, in bytes.
+    What is prepared does not depend on the speed; it renders stimuli, and has a size in bytes.
     """
 
     name: str
@@ -58,11 +56,7 @@ class Way:
 
 
 def printed_sum_error(on: Grid) -> float:
-    """Return the bound on the relative error of any sample of a printed sum, equation (3) included.
-
-    Roundings: amplitude, cosine, product, and sums of blocks: 19 + log2(bins), for amplitudes of up to sqrt(2 bins)
-    rms.
-    """
+    """Return the bound on the relative error of any sample of a printed sum, with blocks of 128 terms."""
     bins = on.carried
     return (AT_SPEED_ROUNDINGS + COSINE_ROUNDINGS + 20 + log2(bins)) * ROUNDING * sqrt(2 * bins)
 
@@ -178,10 +172,7 @@ def ways_of(spectra: CrinkleSpectra) -> tuple[Way, ...]:
 def within_claims(
     spectra: CrinkleSpectra, speeds_mm_s: Sequence[float] | None = None, *, denormal: bool = False
 ) -> Seen:
-    """Compare ways at every output rate with the oracle: error, length, and the counts and flags of a stimulus.
-
-    With `denormal`, floored bins are not compared, because a bin that rounds to zero is not floored.
-    """
+    """Compare ways with the oracle at every output rate; `denormal` bins that round to zero are not floored."""
     worst, ways = 0.0, ways_of(spectra)
     if speeds_mm_s is None:
         speeds_mm_s = ALL_SPEEDS_MM_S if spectra.samples <= BINS else FEET_MM_S

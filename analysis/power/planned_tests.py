@@ -198,7 +198,7 @@ def _two_way(
     layout, cells = tasks_by_materials(correct)
     for effect, name in (("A", "task"), ("B", "material"), ("X", "task x material")):
         for same in layout.same[effect]:
-            subject = f"{name}, type{'s' * (len(same) > 1)} {', '.join(same)}"
+            subject = f"{name}, {'types' if same[1:] else 'type'} {', '.join(same)}"
             p = two_way_tests(layout, cells, effect, same[0]).p
             yield Question(number, test.test, test.tasks, subject, test.alpha), Answer(p=p)
 

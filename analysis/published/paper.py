@@ -219,7 +219,7 @@ def _add_confusion(
     if not cells:
         raise _Unknown("no cell holds a mean, or a mean and an SD")
     percent = _is_percent(cells)
-    where += ", read as percent" * percent
+    where += ", read as percent" if percent else ""
     cells = _with_percent(cells, all_of_them=percent)
     task = f"task {number + 1}"
     trials = {"trials": stated.trials} if stated.trials else {}

@@ -90,7 +90,7 @@ def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
     for one in exclusions:
         by_rule.setdefault(one.rule, []).append(one.reason)
     told = "; ".join(
-        f"{rule}, {plural(len(reasons), 'time')} ({'such as: ' * (len(set(reasons)) > 1)}{reasons[0]})"
+        f"{rule}, {plural(len(reasons), 'time')} ({'such as: ' if len(set(reasons)) > 1 else ''}{reasons[0]})"
         for rule, reasons in by_rule.items()
     )
     return DatasetError(f"{dataset}: every trial is left out: {told}; check the exclusion rules of the protocol")

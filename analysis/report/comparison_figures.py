@@ -25,7 +25,7 @@ def sheets(results: Compared, label: str, *, titles: bool = False) -> tuple[draw
 def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:
     height = min(0.42 * len(results.materials) + 0.9, drawing.PAGE_INCHES)
     for page, tasks in drawing.pages(results.tasks, height):
-        figure, panels = drawing.sheet([height] * len(tasks), "Right choices, percent" * titles, label)
+        figure, panels = drawing.sheet([height] * len(tasks), "Right choices, percent" if titles else "", label)
         for axes, task in zip(panels, tasks, strict=True):
             choices(axes, task, results.materials)
             if len(results.tasks) == 1 and not titles:
@@ -39,7 +39,7 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[drawing.
     shown = [(task, one) for task in results.tasks for one in task.scales if one.scale is not None]
     height = min(0.2 * len(results.materials) + 0.8, drawing.PAGE_INCHES)
     for page, scaled in drawing.pages(shown, height):
-        figure, panels = drawing.sheet([height] * len(scaled), f"Scale of {results.quality}" * titles, label)
+        figure, panels = drawing.sheet([height] * len(scaled), f"Scale of {results.quality}" if titles else "", label)
         for place, (axes, (task, one)) in enumerate(zip(panels, scaled, strict=True)):
             scale(axes, task, one, results.materials, place)
             if len(results.tasks) == 1 and not titles:

@@ -301,11 +301,11 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
     tasks = results.tasks
     count = len(tasks[0].confusion.materials)
     width = drawing.COLUMN_MM if count <= FEW else drawing.PAGE_MM
-    figure, (axes,) = drawing.sheet([2.4], "Correct answers: mean ± SD" * titles, label, width)
+    figure, (axes,) = drawing.sheet([2.4], "Correct answers: mean ± SD" if titles else "", label, width)
     correct_ratios(axes, tasks)
     adjusted = [task.task.id for task in tasks if task.correction]
     by = f"adjusted by Holm in {' and '.join(adjusted)}" if adjusted else "not adjusted"
-    dots = ", dots participants" * (min(len(task.confusion.participants) for task in tasks) <= DOTS)
+    dots = ", dots participants" if min(len(task.confusion.participants) for task in tasks) <= DOTS else ""
     said = (
         f"Correct answer ratios of each material in {_people(tasks)}. Bars are means, whiskers standard deviations "
         f"among participants{dots}, and the dashed line is chance. *, ** and *** mark means above chance with P < "
@@ -317,7 +317,7 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
     height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else min(0.32 * count + 1.4, drawing.PAGE_INCHES)
     for page, of in drawing.pages(tasks, height):
         figure, panels = drawing.sheet(
-            [height] * len(of), "Answer ratios: means among participants" * titles, label, width
+            [height] * len(of), "Answer ratios: means among participants" if titles else "", label, width
         )
         for axes, task in zip(panels, of, strict=True):
             confusion(axes, task, unanswered=unanswered)
@@ -334,7 +334,7 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
 
     found = [one for one in zip(tasks, results.identifications, strict=True) if one[1].scaling]
     for page, mapped in drawing.pages(found, MAP_INCHES):
-        title = "Map of the materials, from their confusions" * titles
+        title = "Map of the materials, from their confusions" if titles else ""
         figure, panels = drawing.sheet([MAP_INCHES] * len(mapped), title, label)
         for axes, (_, one) in zip(panels, mapped, strict=True):
             material_map(axes, one, tasks[0].confusion.materials)
@@ -346,7 +346,9 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
         yield drawing.Sheet(f"map{page}", "confusions", said, figure)
 
     if confusing := _confusing(results):
-        figure, (axes,) = drawing.sheet([2.5], "Confusing answers and dissimilarity of spectra" * titles, label)
+        figure, (axes,) = drawing.sheet(
+            [2.5], "Confusing answers and dissimilarity of spectra" if titles else "", label
+        )
         against_dissimilarity(axes, confusing, results.dissimilarities.source)
         said = (
             f"Mean confusing answer ratios in {_people(tasks)} against the dissimilarity of the spectra, a point for "
@@ -406,7 +408,7 @@ def contrast_sheet(
     """Return the figure of marginal means; `label` stands above it, and its own title if there are to be `titles`."""
     materials = list(dict.fromkeys(one.material for one in found.means))
     width = drawing.COLUMN_MM if len(materials) <= FEW else drawing.PAGE_MM
-    figure, (axes,) = drawing.sheet([2.4], "Marginal means of right answers" * titles, label, width)
+    figure, (axes,) = drawing.sheet([2.4], "Marginal means of right answers" if titles else "", label, width)
     for index, task in enumerate(tasks):
         of = [one for one in found.means if one.task == task]
         places = [materials.index(one.material) + 0.16 * (index - (len(tasks) - 1) / 2) for one in of]
@@ -445,7 +447,9 @@ def _course(results: Results, label: str, *, titles: bool) -> Iterator[drawing.S
     chances = {task.task.id: task.chance for task in results.tasks}
     if found.learning:
         window = max(one.last - one.first + 1 for windows in found.learning.values() for one in windows)
-        figure, (axes,) = drawing.sheet([2.3], f"Right answers, {plural(window, 'trial')} at a time" * titles, label)
+        figure, (axes,) = drawing.sheet(
+            [2.3], f"Right answers, {plural(window, 'trial')} at a time" if titles else "", label
+        )
         learning(axes, found.learning, chances)
         of = plural(window, "successive trial")
         said = (
@@ -454,7 +458,7 @@ def _course(results: Results, label: str, *, titles: bool) -> Iterator[drawing.S
         )
         yield drawing.Sheet("learning", "course", said, figure)
     if found.speed:
-        figure, (axes,) = drawing.sheet([2.3], "Right answers by the speed of the foot" * titles, label)
+        figure, (axes,) = drawing.sheet([2.3], "Right answers by the speed of the foot" if titles else "", label)
         speed(axes, found.speed, chances)
         said = (
             f"Share of right answers by the speed of the foot, of all participants together ({_people(results.tasks)}"
@@ -462,7 +466,7 @@ def _course(results: Results, label: str, *, titles: bool) -> Iterator[drawing.S
         )
         yield drawing.Sheet("speed", "course", said, figure)
     if found.onsets:
-        figure, (axes,) = drawing.sheet([2.3], "Onset of the stimulus, measured at the panel" * titles, label)
+        figure, (axes,) = drawing.sheet([2.3], "Onset of the stimulus, measured at the panel" if titles else "", label)
         onset_errors(axes, found.onsets)
         trials = " and ".join(f"{task} ({plural(len(one.errors_ms), 'trial')})" for task, one in found.onsets.items())
         said = (
@@ -470,7 +474,7 @@ def _course(results: Results, label: str, *, titles: bool) -> Iterator[drawing.S
         )
         yield drawing.Sheet("onset-errors", "course", said, figure)
     if found.masker:
-        figure, (axes,) = drawing.sheet([2.3], "Masker of each participant" * titles, label)
+        figure, (axes,) = drawing.sheet([2.3], "Masker of each participant" if titles else "", label)
         masker_levels(axes, found.masker)
         people = " and ".join(f"{task} (n = {len(levels)})" for task, levels in found.masker.items())
         said = (

@@ -49,9 +49,8 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     adjusted = {task.correction is not None for task in results.tasks}
     how = {True: "adjusted by Holm", False: "not adjusted"}
     said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
-    short = ", which are too short with so few" * any(
-        cell.bootstrap is not None and test.result.n < ENOUGH for _, test, cell in tested
-    )
+    few = any(cell.bootstrap is not None and test.result.n < ENOUGH for _, test, cell in tested)
+    short = ", which are too short with so few" if few else ""
     notes = (
         f"Correct answer ratios with BCa intervals over participants{short}. P is of t against chance, {said}; ours is "
         f"that of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
@@ -165,7 +164,7 @@ def _listed(tests: Sequence[MaterialTest], cells: dict[str, Cell]) -> str:
     parts = []
     for place, test in enumerate(tests):
         limits = interval(cells[test.material].bootstrap, 2)
-        shown = f", {'95 % CI ' * (not place)}{limits}" if limits != "-" else ""
+        shown = f", {'' if place else '95 % CI '}{limits}" if limits != "-" else ""
         parts.append(f"{test.material} ({number(test.result.mean, 2)}{shown})")
     return joined(parts)
 
@@ -215,7 +214,7 @@ def compared_section(study: Study, results: Compared, mark: str) -> Section:
                  "also_in": "pairs.csv, scales.csv"}
             )  # fmt: skip
     laws = {scaled.law for task in results.tasks if (scaled := _first_scale(task))}
-    of = f", and the step between them on the scale of {joined([LAWS[law] for law in sorted(laws)])}" * bool(laws)
+    of = f", and the step between them on the scale of {joined([LAWS[law] for law in sorted(laws)])}" if laws else ""
     notes = (f"Neighbours in {results.quality}: how often they were told right{of}, with participants as the units.",)
     table = tabulate("Neighbours", NEIGHBORS, records, notes, standing=mark)
     return Section("found", FOUND, tuple(paragraphs), (table,))
@@ -236,7 +235,7 @@ LAWS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidso
 
 def more(results: Compared) -> str:
     """Return `more hardness`, or what to say where no protocol names what was compared."""
-    return f"more{' of' * (results.quality == UNNAMED)} {results.quality}"
+    return f"more of {UNNAMED}" if results.quality == UNNAMED else f"more {results.quality}"
 
 
 def _first_scale(task: TaskComparisons) -> Scaled | None:
@@ -250,7 +249,7 @@ def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
     shares = [one.right.value for one in task.people if one.right.value is not None]
     yield f"{task.task.title} ({people})."
     if trials:
-        among = f", from {100 * min(shares):.0f} to {100 * max(shares):.0f} % among them" * (len(shares) > 1)
+        among = f", from {100 * min(shares):.0f} to {100 * max(shares):.0f} % among them" if len(shares) > 1 else ""
         yield (
             f"The sample with {more(results)} was named in {right} of {trials} trials with two materials "
             f"({100 * right / trials:.0f} %{among})."

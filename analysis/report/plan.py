@@ -181,7 +181,9 @@ def _source(study: Study) -> list[str]:
     if not known and len(study.parts) == 1:
         return ["What was planned is not known: the dataset holds no protocol."]
     several = len(study.parts) > 1
-    return [f"The plan{f' of {part.name}' * several} is sourcedata/protocol.toml; {part.sealed}." for part in known]
+    return [
+        f"The plan{f' of {part.name}' if several else ''} is sourcedata/protocol.toml; {part.sealed}." for part in known
+    ]
 
 
 def _tests(study: Study, done: Callable[[PlannedTest], str]) -> Iterator[Record]:
@@ -190,7 +192,7 @@ def _tests(study: Study, done: Callable[[PlannedTest], str]) -> Iterator[Record]
         for plan in part.protocol.analysis if part.protocol else ():
             found.setdefault(plan.model_dump_json(), (plan, []))[1].append(part.name)
     for plan, parts in found.values():
-        where = f" ({', '.join(parts)} alone)" * (len(parts) < len(study.parts))
+        where = f" ({', '.join(parts)} alone)" if len(parts) < len(study.parts) else ""
         yield {
             "test": plan.test, "tasks": ", ".join(plan.tasks) + where,
             "alpha": f"{plan.alpha:g}" if plan.test in (T, ONE_WAY, TWO_WAY) else None,
@@ -226,7 +228,7 @@ def _against_chance(task: str, found: TaskResult | None, level: float) -> str:
     above = sum(found.above(test, test.p_holm if found.correction else test.result.p, level) for test in tested)
     flips = sum(found.above(test, found.flip(test), level) for test in found.tests)
     missing = [test for test in found.tests if test.result.p is None]
-    why = f", not defined for {', '.join(test.material for test in missing)}" * bool(missing and tested)
+    why = f", not defined for {', '.join(test.material for test in missing)}" if missing and tested else ""
     of = f"{above} of {len(found.tests)} materials shown above chance" if tested else "t is defined for no material"
     by_flips = f"{flips} by sign flips, ours" if tested else f"{flips} shown above chance by sign flips, ours"
     ours = f", and {by_flips}" if any(test.flip for test in found.tests) else ""

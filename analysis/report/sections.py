@@ -100,11 +100,11 @@ def _icc_notes(reliability: Reliability, most: int | None = None) -> tuple[str, 
     for form in reliability.icc.forms if reliability.icc else ():
         if form.statement and (most is None or form.value is None):
             forms.setdefault(form.statement, []).append(form.shrout_fleiss)
-    notes += [f"{', '.join(names)}{f' of {of}' * (most is not None)}: {why}." for why, names in forms.items()]
+    notes += [f"{', '.join(names)}{'' if most is None else f' of {of}'}: {why}." for why, names in forms.items()]
     if who := reliability.dropped:
         lack = "task or material" if reliability.task is None else "material"
         more = len(who[most:]) if most else 0
-        named = ", ".join(who[:most]) + f" and {more} more, whom the report names" * bool(more)
+        named = ", ".join(who[:most]) + (f" and {more} more, whom the report names" if more else "")
         notes.append(f"The matrix of {of} leaves out participants who had no trial of some {lack}: {named}.")
     return tuple(notes)
 
@@ -383,7 +383,7 @@ def _never(task: TaskResult) -> Iterator[str]:
             (unnamed, f"The answer {material} was never given by"),
         ):
             if who := [f"sub-{label}" for label, one in zip(matrix.participants, which, strict=True) if one]:
-                more = f" and {len(who) - FEW} more" * (len(who) > FEW)
+                more = f" and {len(who) - FEW} more" if len(who) > FEW else ""
                 yield f"{said} {', '.join(who[:FEW])}{more}."
 
 
