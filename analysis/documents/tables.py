@@ -221,24 +221,9 @@ def table_text(table: Table, width: int = WIDTH) -> str:
     sizes = [max(1, *(len(row[column]) for row in rows)) for column in range(len(table.header))]
     sizes[:-1] = [min(size, WIDEST) for size in sizes[:-1]]
     if table.matrix and len(_blocks(sizes, width)) > 1:
-        broken = [tuple(re.sub(r" (?=± |\()", "\n", cell) for cell in row) for row in rows]
-        parts = [[*table.header[place].split(), *(part for row in broken for part in row[place].split("\n"))]
-                 for place in range(1, len(sizes))]  # fmt: skip
-        narrow = [max(1, *map(len, column)) for column in parts]
-        if sizes[0] + sum(narrow) + len(GAP) * len(narrow) <= width:
-            sizes[1:], rows = narrow, broken
-    blocks, rows_of = [], len(table.rows)
-    # By so many of the first columns rows are told apart; 1 where by none.
-    naming = next((n for n in range(1, len(sizes)) if len({row[:n] for row in table.rows}) == rows_of), 1)
-    for most in (WIDEST, NARROWEST) if len(_blocks(sizes, width)) > 1 else ():
-        # Each part has the names of its rows, wrapped where that leaves room for a column beside them.
-        names = [min(size, most) for size in sizes[:naming]]
-        beside = max(*sizes[naming:-1], min(sizes[-1], NARROWEST), 0)
-        if sum(names) + len(GAP) * naming + beside <= width:
-            sizes[:naming] = names
-            break
-    else:
-        naming = 1
+        sizes, rows = _broken(table, sizes, rows, width)
+    naming = _named(table, sizes, width) if len(_blocks(sizes, width)) > 1 else 1
+    blocks = []
     for columns in _blocks(sizes, width, naming):
         widths = [sizes[column] for column in columns]
         widths[-1] = min(widths[-1], max(width - sum(widths[:-1]) - len(GAP) * (len(widths) - 1), 1))
@@ -248,6 +233,31 @@ def table_text(table: Table, width: int = WIDTH) -> str:
     notes = "\n".join(textwrap.fill(note, width) for note in table.notes)
     title = textwrap.fill(table.heading, width)
     return "\n".join(part for part in (title, "\n\n".join(blocks), notes) if part)
+
+
+def _broken(
+    table: Table, sizes: list[int], rows: list[tuple[str, ...]], width: int
+) -> tuple[list[int], list[tuple[str, ...]]]:
+    """Return the sizes and rows of a matrix with cells broken before ± or a bracket, if it then fits."""
+    broken = [tuple(re.sub(r" (?=± |\()", "\n", cell) for cell in row) for row in rows]
+    parts = [[*table.header[place].split(), *(part for row in broken for part in row[place].split("\n"))]
+             for place in range(1, len(sizes))]  # fmt: skip
+    narrow = [max(1, *map(len, column)) for column in parts]
+    fits = sizes[0] + sum(narrow) + len(GAP) * len(narrow) <= width
+    return ([sizes[0], *narrow], broken) if fits else (sizes, rows)
+
+
+def _named(table: Table, sizes: list[int], width: int) -> int:
+    """Narrow the columns that name rows where that leaves room for one beside them; return how many each part shows."""
+    count = len(table.rows)
+    naming = next((n for n in range(1, len(sizes)) if len({row[:n] for row in table.rows}) == count), 1)
+    for most in (WIDEST, NARROWEST):
+        names = [min(size, most) for size in sizes[:naming]]
+        beside = max(*sizes[naming:-1], min(sizes[-1], NARROWEST), 0)
+        if sum(names) + len(GAP) * naming + beside <= width:
+            sizes[:naming] = names
+            return naming
+    return 1
 
 
 def markdown(section: Section, label: str) -> str:
