@@ -331,7 +331,11 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
 
     for task in tasks:
         yield from _participants(task, label, titles=titles)
+    yield from _similarity(results, label, titles=titles)
 
+
+def _similarity(results: Results, label: str, *, titles: bool) -> Iterator[drawing.Sheet]:
+    tasks = results.tasks
     found = [one for one in zip(tasks, results.identifications, strict=True) if one[1].scaling]
     for page, mapped in drawing.pages(found, MAP_INCHES):
         title = "Map of the materials, from their confusions" if titles else ""
