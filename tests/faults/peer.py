@@ -1,12 +1,14 @@
 """A process at a session's socket that can be made to stand still: `python -m tests.faults.peer SOCKET console|screen`.
 
-A screen is palpate's own but for its window: a line at the standard input is the participant's stop.
+A screen is palpate's own but for its window: a line at the standard input is the participant's stop. A peer says a line
+once it is connected.
 """
 
 from __future__ import annotations
 
 import sys
 import threading
+import time
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, cast
@@ -49,13 +51,22 @@ class Blind:
         return keys
 
 
+def _say_connected() -> None:
+    sys.stdout.write("connected\n")
+    sys.stdout.flush()
+
+
 def main() -> None:
     at, role = Path(sys.argv[1]), sys.argv[2]
     if role == "screen":
         with closing(Feed(at)) as feed:
+            while feed.heard().line is None:
+                time.sleep(0.01)
+            _say_connected()
             window = cast("Window", Blind())
             Screen(feed, window, ScreenRig(fullscreen=False), at.parent, lambda _: None, stays=True).run()
     with suppress(LinkError), closing(Line(at, Hello(role="console", by="another"))) as line:
+        _say_connected()
         for _ in line.messages():
             pass
 

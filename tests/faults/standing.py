@@ -329,9 +329,13 @@ class AtDesk(Session):
         return process
 
     def _begin_peer(self, at: Path, role: str) -> subprocess.Popen[bytes]:
-        peer = subprocess.Popen([sys.executable, "-m", "tests.faults.peer", at, role], stdin=subprocess.PIPE)
-        self.opened.callback(peer.wait)
+        command = [sys.executable, "-m", "tests.faults.peer", at, role]
+        peer = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+        self.opened.callback(peer.communicate)
         self.opened.callback(peer.kill)
+        if peer.stdout is not None:
+            # A key that is pressed before stops nothing.
+            peer.stdout.readline()
         return peer
 
     def part(self, name: str) -> list[int]:
