@@ -329,7 +329,7 @@ class AtDesk(Session):
         return process
 
     def _begin_peer(self, at: Path, role: str) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "tests.faults.peer", at, role]
+        command = [sys.executable, "-m", "tests.faults.peer", str(at), role]
         peer = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
         self.opened.callback(peer.communicate)
         self.opened.callback(peer.kill)
