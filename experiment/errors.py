@@ -1,44 +1,63 @@
-"""Every error that palpate raises on purpose; each says what it got, what is allowed and what to do."""
-
-from __future__ import annotations
+"""Every error that palpate raises on purpose; each carries what was found, what is allowed and what to do."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import replace
+from pathlib import Path
+from typing import Self
+
+from palpate.experiment.findings import Finding, Remedy, counted, summary
 
 
 class PalpateError(Exception):
-    """Base of all; `str()` is the line shown to the experimenter."""
+    """Base of all; `str()` is the line shown to the experimenter, made of `finding` once.
+
+    `findings` are the single ones, where `finding` sums up several of one file.
+    """
 
     exit_code = 2
 
+    def __init__(
+        self,
+        where: Path | str,
+        what: str = "",
+        remedy: Remedy | str = "",
+        *,
+        allowed: str = "",
+        field: str = "",
+        line: int | None = None,
+    ) -> None:
+        """Say what was found `where`; one argument alone is what was found, nowhere in particular."""
+        where, what = (where, what) if what else ("", str(where))
+        self.finding = Finding(what, where, line=line, field=field, allowed=allowed, remedy=remedy)
+        self.findings: tuple[Finding, ...] = (self.finding,)
+        super().__init__(self.finding.sentence())
 
-@dataclass(frozen=True)
-class Problem:
-    """One thing wrong in a file: where it stands, what was got, what is allowed."""
+    @classmethod
+    def of(cls, error: "PalpateError") -> Self:
+        """Return an error of this class that says what another does."""
+        return cls._with(str(error), error.finding, error.findings)
 
-    path: str
-    line: int | None
-    got: str
-    allowed: str
+    @classmethod
+    def at(cls, finding: Finding) -> Self:
+        """Return the error of a finding."""
+        return cls._with(finding.sentence(), finding, (finding,))
 
-    def __str__(self) -> str:
-        where = f"line {self.line}: " if self.line is not None else ""
-        return f"{where}{self.path}: got {self.got}; allowed: {self.allowed}"
+    @classmethod
+    def in_file(cls, file: Path | str, findings: Sequence[Finding]) -> Self:
+        """Return the error of all that is wrong with a file, as the user named it: a heading, and a line for each."""
+        lines = (f"{file}: {counted(findings)}", *(f"  {one.clause()}" for one in findings))
+        text = "\n".join(line.replace("\n", " ") for line in lines)
+        return cls._with(text, summary(file, findings), tuple(replace(one, where=file) for one in findings))
+
+    @classmethod
+    def _with(cls, text: str, finding: Finding, findings: tuple[Finding, ...]) -> Self:
+        made = cls(text)
+        made.finding, made.findings = finding, findings
+        return made
 
 
 class ProtocolError(PalpateError):
-    """A protocol file that cannot be used: `file` as the user named it, and every problem by line."""
-
-    def __init__(self, file: str, problems: Sequence[Problem]) -> None:
-        self.file = file
-        self.problems = tuple(problems)
-        count = len(self.problems)
-        head = f"{file}: {count} error{'s' if count != 1 else ''}"
-        super().__init__("\n".join(line.replace("\n", " ") for line in (head, *(f"  {p}" for p in self.problems))))
-
-    def __reduce__(self) -> tuple[type[ProtocolError], tuple[str, tuple[Problem, ...]]]:
-        """Let the error pass whole from one process to another."""
-        return ProtocolError, (self.file, self.problems)
+    """A protocol file that cannot be used."""
 
 
 class ScheduleError(PalpateError):

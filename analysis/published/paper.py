@@ -86,7 +86,7 @@ def read(path: Path, stated: Stated) -> Paper:
     try:
         return Paper(load.checked(path, Published, document), tuple(passed), passed.unread)
     except ProtocolError as error:
-        raise PublishedError(f"{path}: {error.problems[0]}") from error
+        raise PublishedError.at(error.findings[0]) from error
 
 
 class _Unknown(Exception):

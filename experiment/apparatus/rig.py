@@ -593,7 +593,7 @@ def load(path: Path) -> Rig:
     try:
         rig = files.read(path, Rig)
     except ProtocolError as error:
-        raise RigError(str(error)) from error
+        raise RigError.of(error) from error
     rig._folder = path.resolve().parent
     return rig
 

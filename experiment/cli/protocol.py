@@ -226,8 +226,6 @@ def check(
     and one that does not bear the stiffness of a virtual block, as palpate run refuses them for participants. Practice
     and rehearsals go on. What the rig's screen says in words that are not palpate's is shown too.
     """
-    from dataclasses import asdict
-
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.errors import ProtocolError
@@ -237,7 +235,9 @@ def check(
         protocol = files.load(protocol_file)
     except ProtocolError as error:
         if as_json:
-            options.put({"file": error.file, "valid": False, "errors": [asdict(p) for p in error.problems]})
+            options.put(
+                {"file": str(error.finding.where), "valid": False, "errors": [one.record() for one in error.findings]}
+            )
             raise typer.Exit(error.exit_code) from None
         raise
     today = day(wall_ns())
@@ -264,7 +264,7 @@ def check(
         sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
         approved = seal.model_dump(mode="json", exclude={"protocol"}) if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
-        known["advice"] = [asdict(one) for one in advice.advice(protocol)]
+        known["advice"] = [one.record() for one in advice.advice(protocol)]
         if rig_file is not None:
             refused = None if refusal is None else str(refusal)
             known["rig"] = {"file": str(rig_file), "told": told, "refused": refused, "words": words}

@@ -93,7 +93,7 @@ def check_texts(where: Path, texts: dict[str, object]) -> None:
     try:
         checked(where, _Texts, texts)
     except ProtocolError as error:
-        raise DatasetError(f"{where}: {error.problems[0]}; mend it") from error
+        raise DatasetError.at(replace(error.findings[0], remedy="mend it")) from error
     presented = texts.get("presented")
     for name in presented if isinstance(presented, tuple) else ():
         if name in MISSING:

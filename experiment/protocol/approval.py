@@ -19,7 +19,8 @@ import rfc8785
 from pydantic import Field
 
 from palpate.experiment import storage
-from palpate.experiment.errors import PalpateError, Problem, ProtocolError, other_format
+from palpate.experiment.errors import PalpateError, ProtocolError, other_format
+from palpate.experiment.findings import Finding, mismatch
 from palpate.experiment.protocol import rules
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
@@ -107,7 +108,7 @@ def write(
     if page_sha256 is not None:
         _refuse(protocol_path, _of_another_page(protocol, page_sha256))
     allowed = "a text of your own; write it, then have the board read the page (palpate check)"
-    _refuse(protocol_path, [Problem(name, None, f"'{UNFILLED}'", allowed) for name in unfilled(protocol)])
+    _refuse(protocol_path, [mismatch(name, None, f"'{UNFILLED}'", allowed) for name in unfilled(protocol)])
     stated = {
         "format": FORMAT,
         "protocol_sha256": sha256(protocol),
@@ -123,7 +124,7 @@ def write(
         same = read(protocol_path).protocol_sha256 == seal.protocol_sha256
         there = "this version of the protocol is sealed already" if same else "there is one for another version"
         allowed = f"no seal: {there}; replace it (--replace), or move it away"
-        _refuse(path, [Problem("seal", None, "an existing seal", allowed)])
+        _refuse(path, [mismatch("seal", None, "an existing seal", allowed)])
     _write(path, seal)
     return seal
 
@@ -144,10 +145,10 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
     seal = read(protocol_path)
     problems = _changed(protocol_path, protocol, seal)
     if today < seal.approved_on:
-        problems.append(Problem("approved_on", None, str(seal.approved_on), f"no later than today ({today}); wait"))
+        problems.append(mismatch("approved_on", None, str(seal.approved_on), f"no later than today ({today}); wait"))
     if today > seal.expires_on:
         allowed = f"no earlier than today ({today}): the approval has expired; have it renewed and seal again"
-        problems.append(Problem("expires_on", None, str(seal.expires_on), allowed))
+        problems.append(mismatch("expires_on", None, str(seal.expires_on), allowed))
     _refuse(seal_path(protocol_path), problems)
     return seal
 
@@ -167,7 +168,7 @@ def read(protocol_path: Path) -> Seal:
             "a protocol with its seal; if it had one, restore that from a backup, for another is another approval; if "
             "not, have it approved, then seal it (palpate seal)"
         )
-        _refuse(path, [Problem("seal", None, "no seal", allowed)])
+        _refuse(path, [mismatch("seal", None, "no seal", allowed)])
     document, text = load.parsed(path)
     if (other := other_format(path, "seal", document.get("format"), FORMAT, remedy=SEAL_AGAIN)) is not None:
         raise other
@@ -178,7 +179,7 @@ def read(protocol_path: Path) -> Seal:
             f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited; put back the "
             "one that palpate seal wrote"
         )
-        _refuse(path, [Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed)])
+        _refuse(path, [mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed)])
     return seal
 
 
@@ -192,8 +193,8 @@ def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Se
         changed = _changed_fields(protocol, seal.protocol)
         fields = "; ".join(
             one.got
-            if one.path == MORE
-            else f"{one.path} is {one.got}, but {one.allowed.removesuffix(APPROVED)} was approved"
+            if one.field == MORE
+            else f"{one.field} is {one.got}, but {one.allowed.removesuffix(APPROVED)} was approved"
             for one in changed
         )
         told = f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one."
@@ -205,30 +206,30 @@ def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Se
     return "SEALED: this version is approved; compare what the seal says with the board's letter.", seal
 
 
-def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Problem]:
+def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Finding]:
     problems = _contradictions(protocol, seal)
     if seal.protocol_sha256 != (found := sha256(protocol)):
         allowed = (
             f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval; "
             "undo the change, or have it approved and seal it again"
         )
-        problems.append(Problem("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
+        problems.append(mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
         problems += _changed_fields(protocol, seal.protocol)
     return problems
 
 
-def _changed_fields(protocol: Protocol, approved: str) -> list[Problem]:
+def _changed_fields(protocol: Protocol, approved: str) -> list[Finding]:
     """Return what differs from the form that the seal holds, field by field, the first few."""
     forms = approved, canonical(protocol)
     sealed, found = (dict(_leaves(storage.json_of(form))) for form in forms)
     differing = [path for path in {**sealed, **found} if sealed.get(path, ...) != found.get(path, ...)]
     problems = [
-        Problem(written(path), None, got, f"{allowed}{APPROVED}")
+        mismatch(written(path), None, got, f"{allowed}{APPROVED}")
         for path in differing[:MOST_FIELDS]
         for got, allowed in (_parted(found.get(path, ...), sealed.get(path, ...)),)
     ]
     if len(differing) > MOST_FIELDS:
-        problems.append(Problem(MORE, None, f"{len(differing) - MOST_FIELDS} more changes", "none"))
+        problems.append(mismatch(MORE, None, f"{len(differing) - MOST_FIELDS} more changes", "none"))
     return problems
 
 
@@ -265,12 +266,12 @@ def _value_text(value: object) -> str:
     return quoted(value) if isinstance(value, str) else json.dumps(value)
 
 
-def _refuse(path: Path, problems: list[Problem]) -> None:
+def _refuse(path: Path, problems: list[Finding]) -> None:
     if problems:
-        raise ProtocolError(str(path), problems)
+        raise ProtocolError.in_file(path, problems)
 
 
-def _of_another_page(protocol: Protocol, digits: str) -> list[Problem]:
+def _of_another_page(protocol: Protocol, digits: str) -> list[Finding]:
     found = sha256(protocol)
     if not re.fullmatch("[0-9a-f]{8,64}", digits.lower()):
         allowed = f"8 to 64 digits and letters a to f, and these are {len(digits)}; type the first on the page again"
@@ -281,12 +282,12 @@ def _of_another_page(protocol: Protocol, digits: str) -> list[Problem]:
             f"the first 8 or more digits of {found}; the page that the board read is of another version: have them "
             "read the page of this one (palpate check)"
         )
-    return [Problem("--sha256", None, quoted(digits), allowed)]
+    return [mismatch("--sha256", None, quoted(digits), allowed)]
 
 
-def _contradictions(protocol: Protocol, seal: Seal) -> list[Problem]:
+def _contradictions(protocol: Protocol, seal: Seal) -> list[Finding]:
     return [
-        Problem(name, None, f"'{sealed}'", f"'{stated}', as the protocol's own ethics block says; mend one of them")
+        mismatch(name, None, f"'{sealed}'", f"'{stated}', as the protocol's own ethics block says; mend one of them")
         for name in ("approval_number", "board", "approved_on", "expires_on")
         if (stated := getattr(protocol.ethics, name)) and stated != (sealed := getattr(seal, name))
     ]

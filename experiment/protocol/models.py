@@ -12,7 +12,8 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from palpate.experiment.errors import Problem, ProtocolError
+from palpate.experiment.errors import ProtocolError
+from palpate.experiment.findings import mismatch
 from palpate.experiment.protocol import rules
 from palpate.experiment.records.tapping import FIRST, SECOND, TIE
 from palpate.experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
@@ -559,4 +560,4 @@ class Protocol(Confined):
 
     def _lacks(self, kind: str) -> ProtocolError:
         allowed = f"a study whose trials are of the kind '{kind}'; name the protocol of one"
-        return ProtocolError(f"study {self.study.id}", [Problem(kind, None, "no such table", allowed)])
+        return ProtocolError.in_file(f"study {self.study.id}", [mismatch(kind, None, "no such table", allowed)])

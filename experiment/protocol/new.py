@@ -203,12 +203,12 @@ def _check(made: str, of: Sequence[NewMaterial] = ()) -> None:
     try:
         load.checked(Path("protocol"), Protocol, tomllib.loads(made))
     except ProtocolError as error:
-        problem = error.problems[0]
+        problem = error.findings[0]
         got, allowed = problem.got, problem.allowed
-        if problem.path == "materials":
+        if problem.field == "materials":
             got, allowed = f"{len(of)} material{'' if len(of) == 1 else 's'}", "two materials or more"
-        elif problem.path in OTHER_KEYS:
-            got, allowed = f"the key {got}, which stands for '{OTHER_KEYS[problem.path]}'", "a key of its own"
+        elif problem.field in OTHER_KEYS:
+            got, allowed = f"the key {got}, which stands for '{OTHER_KEYS[problem.field]}'", "a key of its own"
         allowed = re.sub(r"materials\[(\d+)\]\.\S+", lambda one: quoted(of[int(one[1])].name), allowed)
         raise PalpateError(f"got {got}; allowed: {allowed}") from error
 

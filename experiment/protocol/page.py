@@ -644,4 +644,4 @@ def _odd(protocol: Protocol) -> Iterator[Block]:
     else:
         yield Said("palpate finds no value that is allowed and unlikely to be meant.")
     for one in found:
-        yield Item(f"{one}.")
+        yield Item(f"{one.sentence()}.")

@@ -24,7 +24,7 @@ sha256 = "..."
 
 import hashlib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -199,9 +199,10 @@ def _read(path: Path) -> Manifest:
     try:
         return settings.checked(path, Manifest, *settings.parsed(path, LARGEST))
     except ProtocolError as error:
-        first, *others = error.problems
+        first, *others = error.findings
         more = f" ({len(others)} more)" if others else ""
-        raise RecordingError(f"{path}: {first}; correct the manifest, or restore it from its copy{more}") from error
+        remedy = f"correct the manifest, or restore it from its copy{more}"
+        raise RecordingError.at(replace(first, remedy=remedy)) from error
 
 
 def _samples(path: Path, *, take: _Take, manifest: Manifest) -> NDArray[np.float64]:

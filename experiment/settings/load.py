@@ -23,7 +23,8 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import PydanticCustomError
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Problem, ProtocolError
+from palpate.experiment.errors import ProtocolError
+from palpate.experiment.findings import Finding, mismatch
 from palpate.experiment.settings import characters
 from palpate.experiment.storage import Place
 
@@ -183,9 +184,9 @@ def read(path: Path, model: type[Model]) -> Model:
     if too_young := tuple(younger(settings, number := document.get("format", 0))):
         lines = locate(text)
         allowed = f"no such key in a file of format {number}; leave it out, or write a newer format"
-        problems = [Problem(written(place), lines[place], "a key", allowed) for place in too_young if place in lines]
+        problems = [mismatch(written(place), lines[place], "a key", allowed) for place in too_young if place in lines]
         if problems:
-            raise ProtocolError(str(path), problems)
+            raise ProtocolError.in_file(path, problems)
     return settings
 
 
@@ -196,7 +197,7 @@ def parsed(path: Path, most: int = LARGEST) -> tuple[dict[str, Any], str]:
     if found := storage.extreme(document):
         place, got = found
         line = None if got == storage.TOO_DEEP else _nearest(locate(text), place)
-        raise ProtocolError(str(path), [Problem(written(place)[:60], line, got, _NO_DEEPER)])
+        raise ProtocolError.in_file(path, [mismatch(written(place)[:60], line, got, _NO_DEEPER)])
     return document, text
 
 
@@ -205,29 +206,29 @@ def checked(path: Path, model: type[Model], document: Mapping[str, Any], text: s
     frozen = _frozen(document)
     # A file without mistakes needs no lines.
     if find(model, frozen, {}):
-        raise ProtocolError(str(path), find(model, frozen, locate(text)))
+        raise ProtocolError.in_file(path, find(model, frozen, locate(text)))
     return model.model_validate(frozen)
 
 
 def _text(path: Path, most: int) -> str:
     if path.is_dir():
-        raise ProtocolError(str(path), [Problem("file", None, "a folder", _existing(path / "protocol.toml"))])
+        raise ProtocolError.in_file(path, [mismatch("file", None, "a folder", _existing(path / "protocol.toml"))])
     try:
         data = storage.read_bytes(path, most)
     except FileNotFoundError as error:
-        raise ProtocolError(str(path), [Problem("file", None, "no such file", _existing(path))]) from error
+        raise ProtocolError.in_file(path, [mismatch("file", None, "no such file", _existing(path))]) from error
     except OSError as error:
         got = f"a file that cannot be read ({error.strerror})"
-        raise ProtocolError(str(path), [Problem("file", None, got, "a TOML file that you may read")]) from error
+        raise ProtocolError.in_file(path, [mismatch("file", None, got, "a TOML file that you may read")]) from error
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         before = data[: error.start]
         column = error.start - (before.rfind(b"\n") + 1) + 1
-        raise ProtocolError(
-            str(path),
+        raise ProtocolError.in_file(
+            path,
             [
-                Problem(
+                mismatch(
                     f"byte {column} of the line",
                     before.count(b"\n") + 1,
                     f"the byte 0x{data[error.start]:02x}, which is not UTF-8",
@@ -253,7 +254,7 @@ _LONG_KEY = re.compile(rf"(?<![\w-])(?:[\w-]+[ \t]*\.[ \t]*){{{3 * storage.DEEPE
 def _document(path: Path, text: str) -> dict[str, Any]:
     if long := _LONG_KEY.search(text):
         at = text.count("\n", 0, long.start()) + 1
-        raise ProtocolError(str(path), [Problem(f"{long[0][:20]}...", at, storage.TOO_DEEP, _NO_DEEPER)])
+        raise ProtocolError.in_file(path, [mismatch(f"{long[0][:20]}...", at, storage.TOO_DEEP, _NO_DEEPER)])
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
@@ -267,7 +268,7 @@ def _document(path: Path, text: str) -> dict[str, Any]:
             column = int(place[2]) if place[2] else len(lines[-1]) + 1
         got = f"'{lines[line - 1].strip()[:60]}'" if line else "text that cannot be parsed"
         where = f"column {column}" if column else "file"
-        raise ProtocolError(str(path), [Problem(where, line, got, f"TOML; {message}; mend this first")]) from error
+        raise ProtocolError.in_file(path, [mismatch(where, line, got, f"TOML; {message}; mend this first")]) from error
 
 
 def _frozen(value: Any) -> Any:
@@ -344,14 +345,14 @@ def _number(noun: str, schema: Schema) -> str:
     return f"{noun} {stated}" if stated else noun
 
 
-def find(model: type[Confined], document: Table, lines: Mapping[Place, int]) -> tuple[Problem, ...]:
+def find(model: type[Confined], document: Table, lines: Mapping[Place, int]) -> tuple[Finding, ...]:
     """Return every problem of `document` as a `model`, in the order of their lines as `locate` returns them."""
     found = {**dict(_broken_rules(model, document)), **dict(islice(_invalid_fields(model, document), MOST_TOLD))}
     problems = (
-        Problem(written(path), _nearest(lines, path), _shown(_value(document, path)), words)
+        mismatch(written(path), _nearest(lines, path), _shown(_value(document, path)), words)
         for path, words in found.items()
     )
-    return tuple(sorted(problems, key=lambda problem: (problem.line or 0, problem.path)))
+    return tuple(sorted(problems, key=lambda problem: (problem.line or 0, problem.field)))
 
 
 def _invalid_fields(model: type[Confined], document: Table) -> Iterator[tuple[Place, str]]:

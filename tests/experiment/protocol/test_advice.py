@@ -20,7 +20,7 @@ from tests.experiment.protocol.small import changed, document, okamoto2012, prot
 
 def told(path: tuple[str | int, ...], new: object) -> list[tuple[str, str, str]]:
     study = Protocol.model_validate(changed(document(), path, new))
-    return [(one.path, one.got, one.allowed) for one in advice(study)]
+    return [(one.field, one.got, one.allowed) for one in advice(study)]
 
 
 @pytest.mark.parametrize("study", [protocol(), Protocol.model_validate(okamoto2012())], ids=["small", "okamoto2012"])
@@ -43,16 +43,16 @@ def test_a_chance_that_was_rounded_is_none(count: int, rounded: float) -> None:
     study = changed(document(), ("materials",), materials)
     assert advice(Protocol.model_validate(changed(study, ("analysis", 0, "chance"), rounded))) == ()
     (one,) = advice(Protocol.model_validate(changed(study, ("analysis", 0, "chance"), rounded + 0.05)))
-    assert one.path == "analysis[0].chance"
+    assert one.field == "analysis[0].chance"
 
 
 def test_a_planned_anova_that_names_no_materials() -> None:
     study = Protocol.model_validate(okamoto2012())
-    assert not any("analysis" in one.path for one in advice(study))
+    assert not any("analysis" in one.field for one in advice(study))
     place = next(i for i, test in enumerate(study.analysis) if test.test == "one-way ANOVA")
     tests = [test.model_copy(update={"materials": None}) for test in study.analysis]
     told = advice(study.model_copy(update={"analysis": tuple(tests)}))
-    assert [(one.path, one.got) for one in told] == [(f"analysis[{place}].materials", "none")]
+    assert [(one.field, one.got) for one in told] == [(f"analysis[{place}].materials", "none")]
 
 
 def test_frequencies_that_no_recording_holds(approved: SnapshotAssertion) -> None:
@@ -90,7 +90,7 @@ def test_a_visit_that_leaves_no_time_for_its_trials(approved: SnapshotAssertion)
     short = changed(document(), ("duration", "shortest_min"), 1)
     assert advice(Protocol.model_validate(changed(short, ("duration", "longest_min"), 2.04))) == ()
     (one,) = advice(Protocol.model_validate(changed(short, ("duration", "longest_min"), 2.03)))
-    assert (one.path, one.got) == ("duration.longest_min", "2.03")
+    assert (one.field, one.got) == ("duration.longest_min", "2.03")
     assert one.allowed == approved
 
 

@@ -57,7 +57,7 @@ def test_a_file_of_format_2_names_no_materials_of_a_test(tmp_path: Path) -> None
     assert loaded(tmp_path, text).analysis[1].materials == ("aluminum foil", "typing paper")
     with pytest.raises(ProtocolError) as refused:
         loaded(tmp_path, text.replace("format = 3", "format = 2"))
-    assert [problem.path for problem in refused.value.problems] == ["analysis[1].materials"]
+    assert [problem.field for problem in refused.value.findings] == ["analysis[1].materials"]
 
 
 class Amplifier(Confined):
@@ -110,8 +110,8 @@ def test_a_younger_key_is_refused_in_a_file_of_an_older_format(tmp_path: Path, m
     text = SMALL + "\n[amplifier]\ngain_db = 6.0\n"
     with pytest.raises(ProtocolError) as refused:
         loaded(tmp_path, text)
-    (problem,) = refused.value.problems
-    assert (problem.path, problem.line) == ("amplifier", SMALL.count("\n") + 2)
+    (problem,) = refused.value.findings
+    assert (problem.field, problem.line) == ("amplifier", SMALL.count("\n") + 2)
     assert loaded(tmp_path, text.replace("format = 2", "format = 4")).model_dump()["format"] == 4
     assert loaded(tmp_path, SMALL).format == 2
 

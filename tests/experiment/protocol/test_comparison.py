@@ -89,7 +89,7 @@ def without_a_chance(study: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[f"{n}-{case[1]}" for n, case in enumerate(BROKEN)])
 def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allowed: str) -> None:
-    problems = [one for one in load.find(Protocol, without_a_chance(study), {}) if one.path == path]
+    problems = [one for one in load.find(Protocol, without_a_chance(study), {}) if one.field == path]
     assert [allowed in one.allowed for one in problems] == [True]
 
 
@@ -128,7 +128,7 @@ def test_a_footstep_study_still_needs_what_its_answers_are_called(key: str, name
     study = small.document()
     study["materials"] = tuple({k: v for k, v in one.items() if k != key} for one in study["materials"])
     found = load.find(Protocol, study, {})
-    assert [(one.path, named in one.allowed) for one in found] == [(f"materials[{i}].{key}", True) for i in range(2)]
+    assert [(one.field, named in one.allowed) for one in found] == [(f"materials[{i}].{key}", True) for i in range(2)]
 
 
 def test_it_presents_every_pair_and_a_material_with_itself() -> None:

@@ -168,7 +168,7 @@ KEPT = [
 @pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[case[1] for case in BROKEN])
 def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allowed: str) -> None:
     (problem,) = load.find(Protocol, study, {})
-    assert problem.path == path
+    assert problem.field == path
     assert allowed in problem.allowed
 
 
@@ -209,7 +209,7 @@ def test_a_part_made_alone_keeps_its_own_rules(build: Any, match: str) -> None:
 
 def test_an_array_with_one_length_says_so() -> None:
     (problem,) = load.find(Protocol, presenting("felt", "cork", analysis={**PAIRED, "materials": ("felt",)}), {})
-    assert (problem.path, problem.allowed.partition(",")[0]) == ("analysis[0].materials", "an array of 2")
+    assert (problem.field, problem.allowed.partition(",")[0]) == ("analysis[0].materials", "an array of 2")
 
 
 def test_a_file_in_json_holds_the_same_protocol() -> None:

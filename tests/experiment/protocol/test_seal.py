@@ -171,7 +171,7 @@ def test_any_one_value_that_differs_from_the_sealed_form_is_named(path: tuple[st
         inner = inner[part]
     inner[path[-1]] = "another value"
     sealed = rfc8785.dumps(form)
-    named = [problem.path for problem in approval._changed_fields(protocol(), sealed.decode())]
+    named = [problem.field for problem in approval._changed_fields(protocol(), sealed.decode())]
     assert named == [written(path)]
 
 
@@ -225,7 +225,7 @@ def test_a_long_text_is_told_from_where_it_was_changed(file: Path, was: str, now
     approval.write(file, before, **APPROVAL)
     with pytest.raises(ProtocolError) as caught:
         approval.verify(file, after, date(2020, 6, 1))
-    (found,) = (problem for problem in caught.value.problems if problem.path == "consent.statement")
+    (found,) = (problem for problem in caught.value.findings if problem.field == "consent.statement")
     assert found.got.startswith(told[0])
     assert found.allowed.startswith(told[1])
     assert f"consent.statement is {found.got}, but" in approval.state(file, after, date(2020, 6, 1))[0]
@@ -241,7 +241,7 @@ def test_changed_and_expired_are_reported_together(file: Path) -> None:
     approval.write(file, protocol(), **APPROVAL)
     with pytest.raises(ProtocolError) as caught:
         approval.verify(file, other(), date(2022, 1, 1))
-    assert [problem.path for problem in caught.value.problems] == ["protocol_sha256", "study.title", "expires_on"]
+    assert [problem.field for problem in caught.value.findings] == ["protocol_sha256", "study.title", "expires_on"]
 
 
 def test_an_approval_that_contradicts_the_protocol_is_refused(file: Path) -> None:

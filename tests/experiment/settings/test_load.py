@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Problem, ProtocolError
+from palpate.experiment.errors import ProtocolError
+from palpate.experiment.findings import Finding
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
@@ -24,13 +25,13 @@ OPTIONAL = {
 }
 
 
-def refused(tmp_path: Path, text: str | bytes) -> tuple[Problem, ...]:
+def refused(tmp_path: Path, text: str | bytes) -> tuple[Finding, ...]:
     file = tmp_path / "study.toml"
     file.write_bytes(text.encode() if isinstance(text, str) else text)
     with pytest.raises(ProtocolError) as caught:
         files.load(file)
     assert str(caught.value).startswith(f"{file}: ")
-    return caught.value.problems
+    return caught.value.findings
 
 
 def line_of(text: str, marker: str) -> int:
@@ -179,7 +180,7 @@ ELSEWHERE = {"answers.no_answer_key": 'no_answer_key = "0"', "analysis[1].tasks"
 def test_one_mistake(tmp_path: Path, old: str, new: str, path: str, got: str, allowed: str) -> None:
     assert SMALL.count(old) == 1
     text = SMALL.replace(old, new)
-    found = {problem.path: problem for problem in refused(tmp_path, text)}
+    found = {problem.field: problem for problem in refused(tmp_path, text)}
     problem = found[path]
     assert problem.line == line_of(SMALL, ELSEWHERE.get(path, old))
     assert got in problem.got
@@ -204,15 +205,15 @@ def test_every_mistake_at_once_in_the_order_of_lines(tmp_path: Path) -> None:
     assert len(expected) > 20
     found = refused(tmp_path, text)
     # The key that `nois` should have been is missing too.
-    assert {problem.path for problem in found} == expected | {"masker.noise"}
+    assert {problem.field for problem in found} == expected | {"masker.noise"}
     lines = [problem.line for problem in found if problem.line is not None]
     assert lines == sorted(lines)
-    assert len({problem.path for problem in found}) == len(found)
+    assert len({problem.field for problem in found}) == len(found)
 
 
 def test_a_rule_is_checked_though_a_type_is_wrong_elsewhere(tmp_path: Path) -> None:
     text = SMALL.replace("gate_top_mm = 18", "gate_top_mm = '18'").replace("contact_mm = 0.5", "contact_mm = 10")
-    found = [problem.path for problem in refused(tmp_path, text)]
+    found = [problem.field for problem in refused(tmp_path, text)]
     assert found == ["footstep.step.gate_top_mm", "footstep.step.contact_mm"]
 
 
@@ -220,7 +221,7 @@ def test_a_rule_is_checked_though_a_type_is_wrong_elsewhere(tmp_path: Path) -> N
 def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> None:
     broken = without(document(), path)
     lines = {path[:-1]: 17} if path[:-1] else {}
-    found = {problem.path: problem for problem in load.find(Protocol, broken, lines)}
+    found = {problem.field: problem for problem in load.find(Protocol, broken, lines)}
     if path in OPTIONAL:
         assert not found
         return
@@ -233,7 +234,7 @@ def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> Non
 @pytest.mark.parametrize(("path", "value"), list(places(document())), ids=str)
 def test_a_wrong_type_is_named_in_plain_words(path: tuple[str | int, ...], value: object) -> None:
     wrong = 7.5 if isinstance(value, str | dict | tuple | bool) else {"a": 1}
-    found = {problem.path: problem for problem in load.find(Protocol, changed(document(), path, wrong), {path: 3})}
+    found = {problem.field: problem for problem in load.find(Protocol, changed(document(), path, wrong), {path: 3})}
     problem = found[load.written(path)]
     assert problem.line == 3
     assert problem.got in ("7.5", "a table")
@@ -245,13 +246,13 @@ def test_a_typing_error_in_a_key_is_recognised(path: tuple[str | int, ...]) -> N
     *parents, key = path
     misspelt = (*parents, str(key)[:2] + "q" + str(key)[2:])
     broken = changed(without(document(), path), misspelt, "x")
-    found = {problem.path: problem for problem in load.find(Protocol, broken, {})}
+    found = {problem.field: problem for problem in load.find(Protocol, broken, {})}
     assert f"did you mean '{key}'?" in found[load.written(misspelt)].allowed
 
 
 def test_an_unknown_key_is_quoted_where_it_needs_quotes(tmp_path: Path) -> None:
     (problem,) = refused(tmp_path, SMALL.replace("[masker]", '[masker]\n"a key" = 1'))
-    assert problem.path == 'masker."a key"'
+    assert problem.field == 'masker."a key"'
 
 
 @pytest.mark.parametrize(
@@ -266,7 +267,7 @@ def test_an_unknown_key_is_quoted_where_it_needs_quotes(tmp_path: Path) -> None:
 def test_broken_syntax(tmp_path: Path, old: str, new: str, line: int, column: int, allowed: str) -> None:
     (problem,) = refused(tmp_path, SMALL.replace(old, new))
     assert problem.line == line
-    assert problem.path == f"column {column}"
+    assert problem.field == f"column {column}"
     assert allowed in problem.allowed
     assert problem.allowed.endswith("mend this first")
 
@@ -282,7 +283,7 @@ def test_what_no_file_needs_is_refused(tmp_path: Path, text: str) -> None:
 @pytest.mark.parametrize("day", ["2020-02-01T07:32:00", "2020-02-01T07:32:00Z", "07:32:00"])
 def test_a_date_with_a_time_is_no_date(tmp_path: Path, day: str) -> None:
     (problem,) = refused(tmp_path, SMALL.replace("approved_on = 2020-02-01", f"approved_on = {day}"))
-    assert (problem.path, problem.allowed) == ("ethics.approved_on", "a date without quotes, such as 2012-04-01")
+    assert (problem.field, problem.allowed) == ("ethics.approved_on", "a date without quotes, such as 2012-04-01")
 
 
 @pytest.mark.parametrize("text", [f"a = {'[' * 5000}", f"a = {'9' * 5000}"])
@@ -293,14 +294,14 @@ def test_absurd_text_is_refused(tmp_path: Path, text: str) -> None:
 
 
 def test_an_empty_file_misses_every_required_table(tmp_path: Path) -> None:
-    missing = {problem.path for problem in refused(tmp_path, "")}
+    missing = {problem.field for problem in refused(tmp_path, "")}
     assert missing == {name for name, field in Protocol.model_fields.items() if field.is_required()}
 
 
 def test_what_is_not_utf8_is_named_by_line_and_byte(tmp_path: Path) -> None:
     (problem,) = refused(tmp_path, SMALL.replace("Grey felt", "Gr\u00e4y felt").encode("latin-1"))
     assert problem.line == line_of(SMALL, "Grey felt")
-    assert problem.path == "byte 18 of the line"
+    assert problem.field == "byte 18 of the line"
     assert "0xe4" in problem.got
     assert "UTF-8" in problem.allowed
 
@@ -327,7 +328,7 @@ def test_a_file_of_nothing_but_unknown_keys_is_told_in_part(tmp_path: Path) -> N
     path.write_text("".join(f"k{n} = 1\n" for n in range(load.MOST_TOLD + 9)), "utf-8")
     with pytest.raises(ProtocolError) as refused:
         load.read(path, load.Confined)
-    assert len(refused.value.problems) == load.MOST_TOLD
+    assert len(refused.value.findings) == load.MOST_TOLD
 
 
 def test_a_key_of_very_many_parts_is_refused_before_it_is_parsed(
