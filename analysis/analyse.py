@@ -112,7 +112,7 @@ def analyse(
     dataset, file or folder that cannot be used or has no trial, and `ProtocolError` for a broken protocol.
     """
     if out is None and len(datasets) > 1:
-        raise DatasetError("--out: got none; allowed: a folder for the results of several datasets; name it")
+        raise DatasetError("--out", "got none", "name it", allowed="a folder for the results of several datasets")
     place = out or datasets[0] / DERIVATIVES / "palpate"
     check(place, (), "analyse")
     study = read_pooled(datasets)
@@ -124,7 +124,7 @@ def analyse(
     comparison, further, drawn = None, tuple[Section, ...](), tuple["Sheet", ...]()
     if study.answers is not None:
         if dissimilarities is not None:
-            raise DatasetError(f"{study.id}: got --dissimilarities and comparisons; allowed: one of them; leave it out")
+            raise DatasetError(study.id, "got --dissimilarities and comparisons", "leave it out", allowed="one of them")
         # Its scales need statsmodels, which no other analysis does.
         from palpate.analysis.comparison import results as comparisons
         from palpate.analysis.report import comparison_sections

@@ -1,11 +1,17 @@
-"""Every error that palpate raises on purpose; each carries what was found, what is allowed and what to do."""
+"""Every error that palpate raises on purpose; each carries what was found, what is allowed and what to do.
+
+Whoever raises one takes what it is made of from here too.
+"""
 
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Self
 
-from palpate.experiment.findings import Finding, Remedy, counted, summary
+from palpate.experiment.findings import Finding as Finding
+from palpate.experiment.findings import Remedy as Remedy
+from palpate.experiment.findings import counted, summary
+from palpate.experiment.findings import mismatch as mismatch
 
 
 class PalpateError(Exception):

@@ -331,7 +331,9 @@ def write_bytes(path: Path, content: bytes) -> None:
         if path.is_symlink() or not path.is_file() or path.read_bytes() != content:
             write(path, content)
     except OSError as error:
-        raise DatasetError(f"cannot write {path}: {error.strerror}; check its folder and the free space") from error
+        raise DatasetError(
+            f"cannot write {path}: {error.strerror}", remedy="check its folder and the free space"
+        ) from error
 
 
 def json_bytes(content: Mapping[str, object]) -> bytes:

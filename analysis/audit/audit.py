@@ -177,13 +177,17 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
     is_paper = path.suffix.lower() in paper.SUFFIXES and not path.is_dir()
     if stated is not None and not is_paper:
         raise PublishedError(
-            f"{target}: got --participants, --trials or --chance; allowed: for an HTML page or a CSV file, whose "
-            "tables do not say them; leave them out"
+            target,
+            "got --participants, --trials or --chance",
+            "leave them out",
+            allowed="for an HTML page or a CSV file, whose tables do not say them",
         )
     if path.is_dir():
         return _dataset(path, against)
     if against is not None:
-        raise PublishedError(f"--against {against}: {target} is no dataset; give the folder of one, or leave it out")
+        raise PublishedError(
+            f"--against {against}", f"{target} is no dataset", "give the folder of one, or leave it out"
+        )
     if is_paper:
         found = paper.read(path, stated or Stated())
         comparison = Comparison(found.printed.source, print_lines(found.printed), (), found.unread)
@@ -192,7 +196,7 @@ def audit(target: str, against: Path | None = None, stated: Stated | None = None
     if printed is None:
         if not path.exists() and path.suffix != ".toml":
             known = ", ".join(published.shipped())
-            raise PublishedError(f"{target}: got no study, file or folder; allowed: {known}, or a path; name one")
+            raise PublishedError(target, "got no study, file or folder", "name one", allowed=f"{known}, or a path")
         printed = published.read(path)
     return Audit(printed.study, PRINT, "", Comparison(printed.source, print_lines(printed), ()))
 
@@ -202,7 +206,7 @@ def _dataset(root: Path, against: Path | None) -> Audit:
     printed = published.read(against) if against else published.load(study.id)
     if printed is None:
         raise DatasetError(
-            f"study {study.id} has no printed numbers here; write them down and give the file to --against"
+            f"study {study.id} has no printed numbers here", remedy="write them down and give the file to --against"
         )
     if not study.attempts["included"].any():
         raise nothing_left(str(root), study.exclusions)

@@ -346,8 +346,9 @@ class FromPrint:
     def _spend(self, amount: int) -> None:
         if not self.work.spend(amount):
             raise PublishedError(
-                f"{self._published.study}: got printed numbers that {MOST_WORK} means and variances are too few to "
-                "check; divide the file into one for each table and its tests"
+                self._published.study,
+                f"got printed numbers that {MOST_WORK} means and variances are too few to check",
+                "divide the file into one for each table and its tests",
             )
 
     def _n(self, task: str) -> int | None:

@@ -50,7 +50,9 @@ def publish(out: Path, files: Mapping[str, bytes], label: str, command: Command)
         if made:
             with suppress(OSError):
                 out.rmdir()
-        raise DatasetError(f"cannot write {error.filename or out}: {error.strerror}; choose another --out") from error
+        raise DatasetError(
+            f"cannot write {error.filename or out}: {error.strerror}", remedy="choose another --out"
+        ) from error
     return tuple(out / name for name in files)
 
 
@@ -64,21 +66,21 @@ def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[s
     for folder in (inside, *inside.parents):
         if _holds_data(folder / DESCRIPTION) and folder / DERIVATIVES not in inside.parents:
             raise DatasetError(
-                f"--out {out} lies within the dataset {folder}; allowed there: a folder below {folder / DERIVATIVES}; "
-                "choose another --out"
+                f"--out {out} lies within the dataset {folder}; allowed there: a folder below {folder / DERIVATIVES}",
+                remedy="choose another --out",
             )
     ours = _manifest(out, command)
     for name in {**dict.fromkeys(names), **ours}:
         if not (out / name).parent.resolve().is_relative_to(inside):
             raise DatasetError(
-                f"{out / name} stands outside {out}, which a link or {out / MANIFEST} names it in; remove that, or "
-                "choose another --out"
+                f"{out / name} stands outside {out}, which a link or {out / MANIFEST} names it in",
+                remedy="remove that, or choose another --out",
             )
     for name in names:
         path = out / name
         if (path.exists() or path.is_symlink()) and not (path.is_file() and _sha256(path) in ours.get(name, [])):
             raise DatasetError(
-                f"{path} is no output of palpate, or was changed since; move it away or choose another --out"
+                f"{path} is no output of palpate, or was changed since", remedy="move it away or choose another --out"
             )
     return ours
 
@@ -97,10 +99,12 @@ def _holds_data(description: Path) -> bool:
 def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
     path = out / MANIFEST
     if out.exists() and not out.is_dir():
-        raise DatasetError(f"{out} is a file; choose a folder for --out")
+        raise DatasetError(f"{out} is a file", remedy="choose a folder for --out")
     if not path.exists():
         if out.exists() and not all(storage.TEMPORARY.fullmatch(inside.name) for inside in out.iterdir()):
-            raise DatasetError(f"{out} holds files that are not palpate's; choose a new or empty folder for --out")
+            raise DatasetError(
+                f"{out} holds files that are not palpate's", remedy="choose a new or empty folder for --out"
+            )
         return {}
     try:
         content = storage.json_of(storage.read_bytes(path))
@@ -108,11 +112,13 @@ def _manifest(out: Path, command: Command) -> dict[str, list[str]]:
         ours = {str(name): [str(digest) for digest in digests] for name, digests in files.items()}
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise DatasetError(
-            f"{path} is not a manifest of this version of palpate; move the folder away or choose another --out"
+            f"{path} is not a manifest of this version of palpate",
+            remedy="move the folder away or choose another --out",
         ) from error
     if wrote != command:
         raise DatasetError(
-            f"{out} holds what `palpate {wrote}` wrote, which `palpate {command}` would remove; choose another --out"
+            f"{out} holds what `palpate {wrote}` wrote, which `palpate {command}` would remove",
+            remedy="choose another --out",
         )
     return ours
 

@@ -148,7 +148,7 @@ def confusion_of(study: Study, task: str) -> Confusion:
     """Return the counts of the included trials of one task of a study. Raises `DatasetError` for comparisons."""
     if study.answers is not None:
         raise DatasetError(
-            f"{study.id}: got comparisons of pairs; allowed: trials in which a material is named; give another dataset"
+            study.id, "got comparisons of pairs", "give another dataset", allowed="trials in which a material is named"
         )
     trials = study.trials(task)
     who, presented, answered = (trials[name].tolist() for name in ("participant", "presented", "answered"))

@@ -116,7 +116,9 @@ def check_out(out: Path) -> None:
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise DatasetError(f"cannot write {error.filename or out}: {error.strerror}; choose another --out") from error
+        raise DatasetError(
+            f"cannot write {error.filename or out}: {error.strerror}", remedy="choose another --out"
+        ) from error
 
 
 def write(result: Numerics, out: Path) -> tuple[Path, ...]:

@@ -79,9 +79,11 @@ def read(path: Path, stated: Stated) -> Paper:
     if not any(key in document for key in ("table", "t", "anova")):
         told = f"; {' '.join(passed).rstrip('.')}" if passed else ""
         raise PublishedError(
-            f"{path}: got no table that the audit can hold against anything{told[:600]}; allowed: confusion tables "
-            "(answers beside materials), ANOVA tables (SS, df, MS, F, P) and tables of t-tests (t, df, P); or write a "
-            "TOML file"
+            path,
+            f"got no table that the audit can hold against anything{told[:600]}",
+            "or write a TOML file",
+            allowed="confusion tables (answers beside materials), ANOVA tables (SS, df, MS, F, P) and tables of "
+            "t-tests (t, df, P)",
         )
     try:
         return Paper(load.checked(path, Published, document), tuple(passed), passed.unread)
@@ -330,7 +332,7 @@ def _text(path: Path) -> str:
             if isinstance(error, FileNotFoundError)
             else f"a file that cannot be read ({storage.why(error)})"
         )
-        raise PublishedError(f"{path}: got {reason}; allowed: an HTML page or a CSV file; give its path") from error
+        raise PublishedError(path, f"got {reason}", "give its path", allowed="an HTML page or a CSV file") from error
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -346,7 +348,7 @@ def _csv(path: Path) -> tuple[Grid, ...]:
     try:
         lines = [[cell.strip() for cell in line] for line in csv.reader(text.splitlines(), delimiter=delimiter)]
     except csv.Error as error:
-        raise PublishedError(f"{path}: got no CSV ({error}); allowed: rows of cells; save the table anew") from error
+        raise PublishedError(path, f"got no CSV ({error})", "save the table anew", allowed="rows of cells") from error
     return _grids(path, (list(block) for filled, block in groupby(lines, any) if filled))
 
 
@@ -361,8 +363,10 @@ def _grids(path: Path, tables: Iterable[list[list[str]]], names: Iterable[str] =
         left -= width * len(rows)
         if width > WIDEST or left < 0:
             raise PublishedError(
-                f"{path}: got tables of more than {WIDEST} columns or {MOST_CELLS} cells; allowed: the tables of one "
-                "paper; leave out what is none"
+                path,
+                f"got tables of more than {WIDEST} columns or {MOST_CELLS} cells",
+                "leave out what is none",
+                allowed="the tables of one paper",
             )
         number = f"table {len(found) + 1}"
         name = _clean(name, 60) or number
@@ -449,7 +453,7 @@ class _Page(HTMLParser):
         self._cells += cells
         if self._cells > MOST_CELLS:
             allowed = "the tables of one paper"
-            raise PublishedError(f"{self._path}: got more than {MOST_CELLS} cells; allowed: {allowed}")
+            raise PublishedError(self._path, f"got more than {MOST_CELLS} cells", allowed=allowed)
 
     def _fill(self, table: int, row: list[str], index: int) -> None:
         while (table, index, len(row)) in self._reach:
@@ -466,8 +470,6 @@ def _html(path: Path) -> tuple[Grid, ...]:
         # Without `close`, which tries every `<` of an unfinished page again.
         page.feed(_text(path))
     except (AssertionError, ValueError, RecursionError) as error:
-        raise PublishedError(
-            f"{path}: got HTML that cannot be parsed; allowed: a page as a browser saves it"
-        ) from error
+        raise PublishedError(path, "got HTML that cannot be parsed", allowed="a page as a browser saves it") from error
     filled = [[row for row in table if any(cell.strip() for cell in row)] for table in page.tables]
     return _grids(path, filled, page.captions)

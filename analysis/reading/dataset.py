@@ -72,35 +72,37 @@ def read(root: Path) -> Study:
             if not path.exists():
                 if left := sorted(path.parent.glob(f"{escape(path.name.removesuffix('events.tsv'))}*")):
                     raise DatasetError(
-                        f"{path} is missing, though {left[0].name} stands there; restore it or make the dataset again"
+                        f"{path} is missing, though {left[0].name} stands there",
+                        remedy="restore it or make the dataset again",
                     )
                 continue
             beside = path.with_suffix(".json")
             sidecar = _sidecar(beside)
             if materials and materials != tuple(sidecar["Materials"]):
-                raise DatasetError(f"{beside}: Materials differ from those of other files; mend one of them")
+                raise DatasetError(beside, "Materials differ from those of other files", "mend one of them")
             materials = tuple(sidecar["Materials"])
             if tasks and answers != _answers(sidecar):
-                raise DatasetError(f"{beside}: Answers differ from those of other files; mend one of them")
+                raise DatasetError(beside, "Answers differ from those of other files", "mend one of them")
             answers = _answers(sidecar)
             shown = tuple(sidecar.get("Presented", materials))
             if task in tasks and tasks[task].presented != shown:
-                raise DatasetError(f"{beside}: Presented differs from that of other files of task {task}; mend one")
+                raise DatasetError(beside, f"Presented differs from that of other files of task {task}", "mend one")
             told = str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", ""))
             tasks[task] = Task(task, *told, shown)
             if (session_id := sidecar.get("SessionId")) is not None:
                 for (who, other), known in session_ids.items():
                     if known == session_id:
                         raise DatasetError(
-                            f"{beside}: SessionId {known} is that of participant {who}, task {other}, too; keep one of "
-                            "them"
+                            beside,
+                            f"SessionId {known} is that of participant {who}, task {other}, too",
+                            "keep one of them",
                         )
                 session_ids[participant, task] = str(session_id)
             rows += _events(
                 path, participant, task, _Levels(shown, materials, answers, facts["Origin"]), sidecar["Rows"]
             )
     if not rows:
-        raise DatasetError(f"{root} holds no trial; run a session first, then make the dataset again")
+        raise DatasetError(f"{root} holds no trial", remedy="run a session first, then make the dataset again")
     protocol, sealed = None, ""
     if (plan := root / "sourcedata" / "protocol.toml").exists():
         from palpate.experiment.protocol import files
@@ -165,13 +167,13 @@ def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
         raise other
     if not isinstance(facts, dict) or not {"Study", "Origin", "Label", "Tasks"} <= set(facts):
         raise DatasetError(
-            f"{path}: the key Palpate lacks Study, Origin, Label or Tasks; give a dataset made by palpate"
+            path, "the key Palpate lacks Study, Origin, Label or Tasks", "give a dataset made by palpate"
         )
     if facts["Origin"] not in ORIGINS:
-        raise DatasetError(f"{path}: Origin is {facts['Origin']!r}; allowed: {', '.join(ORIGINS)}; mend it")
+        raise DatasetError(path, f"Origin is {facts['Origin']!r}", "mend it", allowed=", ".join(ORIGINS))
     tasks = facts["Tasks"]
     if not (isinstance(tasks, list) and all(isinstance(task, str) for task in tasks)):
-        raise DatasetError(f"{path}: Tasks is {tasks!r}; allowed: a list of task ids; mend it")
+        raise DatasetError(path, f"Tasks is {tasks!r}", "mend it", allowed="a list of task ids")
     return facts
 
 
@@ -179,20 +181,20 @@ def _text(path: Path, remedy: str) -> str:
     try:
         return storage.read_text(path)
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is missing; {remedy}") from error
+        raise DatasetError(f"{path} is missing", remedy=remedy) from error
     except (OSError, UnicodeDecodeError) as error:
-        raise DatasetError(f"{path} cannot be read ({storage.why(error)}); {remedy}") from error
+        raise DatasetError(f"{path} cannot be read ({storage.why(error)})", remedy=remedy) from error
 
 
 def _json(path: Path, remedy: str) -> dict[str, Any]:
     try:
         content = storage.json_of(_text(path, remedy))
     except json.JSONDecodeError as error:
-        raise DatasetError(f"{path}: line {error.lineno} is not JSON ({error.msg}); make the dataset again") from error
+        raise DatasetError(path, f"line {error.lineno} is not JSON ({error.msg})", "make the dataset again") from error
     except ValueError as error:
-        raise DatasetError(f"{path}: got no JSON ({error}); make the dataset again") from error
+        raise DatasetError(path, f"got no JSON ({error})", "make the dataset again") from error
     if not isinstance(content, dict):
-        raise DatasetError(f"{path}: got {type(content).__name__}; allowed: a JSON object; make the dataset again")
+        raise DatasetError(path, f"got {type(content).__name__}", "make the dataset again", allowed="a JSON object")
     _refuse_hidden(path, content)
     return content
 
@@ -206,7 +208,10 @@ def _refuse_hidden(path: Path, held: object) -> None:
             _refuse_hidden(path, one)
     elif isinstance(held, str) and hidden(held, "\n" + JOINERS):
         raise DatasetError(
-            f"{path}: got {quoted(held)}; allowed: text without control or invisible characters; make the dataset again"
+            path,
+            f"got {quoted(held)}",
+            "make the dataset again",
+            allowed="text without control or invisible characters",
         )
 
 
@@ -227,18 +232,18 @@ def _sidecar(path: Path) -> dict[str, Any]:
 
 
 def _wrong(path: Path, key: str, got: object, allowed: str) -> DatasetError:
-    return DatasetError(f"{path}: {key} is {got!r}; allowed: {allowed}; make the dataset again")
+    return DatasetError(path, f"{key} is {got!r}", "make the dataset again", allowed=allowed)
 
 
 def _table(path: Path) -> tuple[list[str], list[list[str]]]:
     text = _text(path, "make the dataset again")
     if not text.endswith("\n"):
-        raise DatasetError(f"{path} ends in the middle of a line; it is truncated: make the dataset again")
+        raise DatasetError(f"{path} ends in the middle of a line", remedy="it is truncated: make the dataset again")
     _refuse_hidden(path, text.replace("\t", " "))
     lines = [line.split("\t") for line in text.removesuffix("\n").split("\n")]
     for number, line in enumerate(lines, start=1):
         if len(line) != len(lines[0]):
-            raise DatasetError(f"{path}: line {number}: {len(line)} cells under {len(lines[0])} columns; mend the line")
+            raise DatasetError(path, f"{len(line)} cells under {len(lines[0])} columns", "mend the line", line=number)
     return lines[0], lines[1:]
 
 
@@ -246,14 +251,14 @@ def _participants(path: Path) -> tuple[dict[str, bool], dict[str, str]]:
     """Return whether each participant withdrew, and the first task of those participants whose first task is known."""
     columns, rows = _table(path)
     if "participant_id" not in columns:
-        raise DatasetError(f"{path}: the column participant_id is missing; got {columns}; make the dataset again")
+        raise DatasetError(path, f"the column participant_id is missing; got {columns}", "make the dataset again")
     found: dict[str, bool] = {}
     first: dict[str, str] = {}
     for number, row in enumerate(rows, start=2):
         cells = dict(zip(columns, row, strict=True))
         label = cells["participant_id"].removeprefix("sub-")
         if label in found:
-            raise DatasetError(f"{path}: line {number}: participant {label} is listed twice; keep one line")
+            raise DatasetError(path, f"participant {label} is listed twice", "keep one line", line=number)
         found[label] = cells.get("withdrawn", MISSING) == "1"
         if (task := cells.get("first_task", MISSING)) != MISSING:
             first[label] = task
@@ -265,11 +270,11 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
         label = path.parent.parent.name.removeprefix("sub-")
         if label not in participants:
             raise DatasetError(
-                f"{path}: participant {label} is not in participants.tsv; add the line or remove the file"
+                path, f"participant {label} is not in participants.tsv", "add the line or remove the file"
             )
         if path.name not in {f"sub-{label}_task-{task}_events.tsv" for task in tasks}:
             raise DatasetError(
-                f"{path}: its task is not in dataset_description.json, which has {list(tasks)}; add it there"
+                path, f"its task is not in dataset_description.json, which has {list(tasks)}", "add it there"
             )
 
 
@@ -277,16 +282,16 @@ def _events(path: Path, participant: str, task: str, levels: _Levels, count: int
     columns, lines = _table(path)
     own = columns_of("footstep" if levels.answers is None else "comparison")
     if missing := [column for column in own if column not in columns]:
-        raise DatasetError(f"{path}: missing columns: {', '.join(missing)}; make the dataset again")
+        raise DatasetError(path, f"missing columns: {', '.join(missing)}", "make the dataset again")
     if len(lines) != count:
-        raise DatasetError(f"{path}: {plural(len(lines), 'row')}, its sidecar says {count}; make the dataset again")
+        raise DatasetError(path, f"{plural(len(lines), 'row')}, its sidecar says {count}", "make the dataset again")
     rows: list[dict[str, object]] = []
     counted: set[object] = set()
     for number, line in enumerate(lines, start=2):
         row = _event(dict(zip(columns, line, strict=True)), f"{path}: line {number}", levels)
         if row["counted"]:
             if row["trial"] in counted:
-                raise DatasetError(f"{path}: line {number}: trial {row['trial']} counts twice; one attempt may count")
+                raise DatasetError(path, f"trial {row['trial']} counts twice", "one attempt may count", line=number)
             counted.add(row["trial"])
         rows.append({"participant": participant, "task": task, **row})
     return rows
@@ -304,7 +309,7 @@ def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, o
     }
     for column, allowed in choices.items():
         if cells[column] not in allowed:
-            raise DatasetError(f"{where}: {column}: got {cells[column]!r}; allowed: {', '.join(allowed)}; mend the row")
+            raise DatasetError(where, f"{column}: got {cells[column]!r}", "mend the row", allowed=", ".join(allowed))
     return {
         "trial": _whole(cells["trial"], f"{where}: trial"),
         "attempt": _whole(cells["attempt"], f"{where}: attempt"),
@@ -326,7 +331,7 @@ def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, o
 
 def _whole(cell: str, where: str) -> int:
     if not (cell.isascii() and cell.isdigit() and len(cell) < 8 and int(cell) > 0):
-        raise DatasetError(f"{where}: got {cell!r}; allowed: a whole number from 1; mend the row")
+        raise DatasetError(where, f"got {cell!r}", "mend the row", allowed="a whole number from 1")
     return int(cell)
 
 
@@ -347,7 +352,7 @@ def _number(cell: str, where: str, allowed: str = "a number") -> float:
     except ValueError:
         value = math.nan
     if not ALLOWED[allowed](value):
-        raise DatasetError(f"{where}: got {cell!r}; allowed: {allowed}, or {MISSING}; mend the row")
+        raise DatasetError(where, f"got {cell!r}", "mend the row", allowed=f"{allowed}, or {MISSING}")
     return value
 
 
@@ -366,7 +371,7 @@ def read_pooled(roots: Sequence[Path]) -> Study:
     chances, or the same people's trials; and `ProtocolError`.
     """
     if len({root.resolve() for root in roots}) < len(roots):
-        raise DatasetError(f"got a dataset twice among {', '.join(map(str, roots))}; name each once")
+        raise DatasetError(f"got a dataset twice among {', '.join(map(str, roots))}", remedy="name each once")
     studies = [read(root) for root in roots]
     return studies[0] if len(studies) == 1 else _pool(studies, _names(roots))
 
@@ -376,16 +381,20 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
     origins = {study.origin for study in studies}
     if len(origins) > 1:
         raise DatasetError(
-            f"got datasets of {', '.join(sorted(origins))}; allowed: those of one origin; pool each origin alone"
+            f"got datasets of {', '.join(sorted(origins))}",
+            remedy="pool each origin alone",
+            allowed="those of one origin",
         )
     for study, name in zip(studies, names, strict=True):
         if study.materials != first.materials:
             raise DatasetError(
-                f"{name}: got the materials {', '.join(study.materials)}; allowed: {', '.join(first.materials)}, as in "
-                f"{names[0]}; analyse it apart"
+                name,
+                f"got the materials {', '.join(study.materials)}",
+                "analyse it apart",
+                allowed=f"{', '.join(first.materials)}, as in {names[0]}",
             )
         if study.answers != first.answers:
-            raise DatasetError(f"{name}: got other answers than in {names[0]}; allowed: the same; analyse it apart")
+            raise DatasetError(name, f"got other answers than in {names[0]}", "analyse it apart", allowed="the same")
     for index, study in enumerate(studies):
         for other in range(index):
             _check_apart(studies[other], study, (names[other], names[index]))
@@ -426,8 +435,8 @@ def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:
     if people:
         more = f" and {len(people) - NAMED} more" if len(people) > NAMED else ""
         raise DatasetError(
-            f"{names[0]} and {names[1]} hold the same trials of {', '.join(people[:NAMED])}{more} ({told}); give each "
-            "participant once"
+            f"{names[0]} and {names[1]} hold the same trials of {', '.join(people[:NAMED])}{more} ({told})",
+            remedy="give each participant once",
         )
 
 
@@ -469,5 +478,7 @@ def _tasks(studies: Sequence[Study]) -> tuple[Task, ...]:
             known = found.setdefault(task.id, task)
             if (known.title, known.presented) != (task.title, task.presented):
                 one, other = (f"'{each.title}' with {', '.join(each.presented)}" for each in (known, task))
-                raise DatasetError(f"task {task.id}: got {one}, and {other}; allowed: one; analyse the datasets apart")
+                raise DatasetError(
+                    f"task {task.id}", f"got {one}, and {other}", "analyse the datasets apart", allowed="one"
+                )
     return tuple(found.values())

@@ -73,7 +73,8 @@ def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
         rows = list(csv.DictReader(io.StringIO(storage.read_bytes(path).decode(), newline="")))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise DatasetError(
-            f"{path} cannot be read ({storage.why(error)}); give a CSV file with the columns {', '.join(COLUMNS)}"
+            f"{path} cannot be read ({storage.why(error)})",
+            remedy=f"give a CSV file with the columns {', '.join(COLUMNS)}",
         ) from error
     pairs: dict[frozenset[str], float] = {}
     for number, row in enumerate(rows, start=2):
@@ -85,12 +86,15 @@ def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
             value = math.nan
         if not 0 <= value < math.inf or len(pair) < 2 or pair in pairs:
             raise DatasetError(
-                f"{path}: line {number}: got {first!r}, {second!r}, {text!r}; allowed: two materials, each pair once, "
-                "and a number from 0; mend the line"
+                path,
+                f"got {first!r}, {second!r}, {text!r}",
+                "mend the line",
+                allowed="two materials, each pair once, and a number from 0",
+                line=number,
             )
         pairs[pair] = value
     for pair in map(frozenset, combinations(materials, 2)):
         if pair not in pairs:
-            raise DatasetError(f"{path}: got no dissimilarity of {' and '.join(sorted(pair))}; add the line")
+            raise DatasetError(path, f"got no dissimilarity of {' and '.join(sorted(pair))}", "add the line")
     labels = sorted({label for row in rows if (label := row.get("dataset")) and label != "measured"})
     return Dissimilarities(pairs, " - ".join([path.name, *labels]))

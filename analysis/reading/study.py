@@ -93,7 +93,7 @@ def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
         f"{rule}, {plural(len(reasons), 'time')} ({'such as: ' if len(set(reasons)) > 1 else ''}{reasons[0]})"
         for rule, reasons in by_rule.items()
     )
-    return DatasetError(f"{dataset}: every trial is left out: {told}; check the exclusion rules of the protocol")
+    return DatasetError(dataset, f"every trial is left out: {told}", "check the exclusion rules of the protocol")
 
 
 def _attempt(row: pd.Series[Any], rule: str, reason: str) -> Exclusion:
@@ -236,7 +236,7 @@ def check_chances(parts: Sequence[Part], materials: int) -> None:
         found = {part.name: _chance(part, task, materials) for part in parts if task in part.tasks}
         if len(set(found.values())) > 1:
             got = ", ".join(f"{float(value):.4g} ({name})" for name, value in found.items())
-            raise DatasetError(f"task {task}: got the chances {got}; allowed: one; analyse the datasets apart")
+            raise DatasetError(f"task {task}", f"got the chances {got}", "analyse the datasets apart", allowed="one")
 
 
 def sentences(study: Study) -> tuple[str, ...]:

@@ -91,14 +91,18 @@ def check_comparable(recorded: Recorded, fresh: Recorded) -> None:
     allowed = (recorded.rate_hz, recorded.panel.shape[-1])
     if got != allowed:
         raise RecordingError(
-            f"fresh takes: got {got[1]} samples at {got[0]} Hz; allowed: {allowed[1]} at {allowed[0]} Hz, as the "
-            "recordings have; record the fresh takes again"
+            "fresh takes",
+            f"got {got[1]} samples at {got[0]} Hz",
+            "record the fresh takes again",
+            allowed=f"{allowed[1]} at {allowed[0]} Hz, as the recordings have",
         )
     missing = [material for material in recorded.objects if material not in fresh.objects]
     if missing:
         raise RecordingError(
-            f"fresh takes: got none of {', '.join(missing)}; allowed: every material that was recorded; "
-            "record what is missing"
+            "fresh takes",
+            f"got none of {', '.join(missing)}",
+            "record what is missing",
+            allowed="every material that was recorded",
         )
 
 
@@ -106,8 +110,10 @@ def known_spectra(recorded: Recorded, *, average: Average = "magnitude") -> dict
     """Return equation (2) for each material, averaged over takes, less the panel; RecordingError below two speeds."""
     if recorded.speeds_mm_s.size < 2:
         raise RecordingError(
-            f"recordings: got takes at one speed, {recorded.speeds_mm_s[0]:g} mm/s; allowed: two speeds or more, "
-            "because syntheses lie between them; record the materials at other speeds too, or name other recordings"
+            "recordings",
+            f"got takes at one speed, {recorded.speeds_mm_s[0]:g} mm/s",
+            "record the materials at other speeds too, or name other recordings",
+            allowed="two speeds or more, because syntheses lie between them",
         )
     return {
         material: subtract(
@@ -243,8 +249,9 @@ def compute(recorded: Recorded, fresh: Recorded, *, average: Average = "magnitud
     if recorded.simulated != fresh.simulated:
         kinds = {True: "SIMULATED", False: "real"}
         raise RecordingError(
-            f"got {kinds[recorded.simulated]} recordings and {kinds[fresh.simulated]} fresh takes; allowed: both of "
-            "one kind; name other fresh takes"
+            f"got {kinds[recorded.simulated]} recordings and {kinds[fresh.simulated]} fresh takes",
+            remedy="name other fresh takes",
+            allowed="both of one kind",
         )
     check_comparable(recorded, fresh)
     known = known_spectra(recorded, average=average)

@@ -26,7 +26,7 @@ def audio_of(rig: Rig) -> AudioRig:
     """Return the settings of the rig's audio device; `RigError` if the rig has none."""
     if rig.audio is None:
         got = f"rig '{rig.rig.name}': got no table [audio]; allowed: one, for masker and loopback need it"
-        raise RigError(f"{got}; `palpate devices` lists what this machine has")
+        raise RigError(got, remedy="`palpate devices` lists what this machine has")
     return rig.audio
 
 
@@ -143,8 +143,10 @@ def copy_rig(rig_file: Path, copy: Path) -> None:
         file = copy.with_name(name)
         if file.exists() and storage.read_bytes(file) != content:
             raise RigError(
-                f"{file}: got another {what} of this name from an earlier session; allowed: one name for each {what}; "
-                f"rename the new {what}, in the rig file too"
+                file,
+                f"got another {what} of this name from an earlier session",
+                f"rename the new {what}, in the rig file too",
+                allowed=f"one name for each {what}",
             )
         storage.write(file, content)
     storage.write(copy, storage.read_bytes(rig_file))
@@ -189,13 +191,17 @@ def servo_of(rig: Rig) -> ServoRig:
     """Return the force device of a rig for virtual surfaces; `RigError` if it has none, or its actuator takes volts."""
     if rig.servo is None:
         raise RigError(
-            f"rig '{rig.rig.name}': got no table [servo]; allowed: one, for virtual surfaces need it; add driver, "
-            "address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file"
+            f"rig '{rig.rig.name}'",
+            "got no table [servo]",
+            "add driver, address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file",
+            allowed="one, for virtual surfaces need it",
         )
     if rig.actuator.shaping is not None:
         raise RigError(
-            f"rig '{rig.rig.name}': got an actuator that takes volts (actuator.shaping); allowed for virtual surfaces: "
-            "one that takes accelerations, with full_scale_m_s2; have its amplifier made flat"
+            f"rig '{rig.rig.name}'",
+            "got an actuator that takes volts (actuator.shaping); allowed for virtual surfaces: one that takes "
+            "accelerations, with full_scale_m_s2",
+            "have its amplifier made flat",
         )
     return rig.servo
 
@@ -266,8 +272,10 @@ def open_actuator(
     if (drive is None) != (settings.shaping is None):
         got, allowed = ("no", "one") if drive is None else ("a", "none")
         raise RigError(
-            f"rig '{rig.rig.name}': got {got} frequency shaping for its actuator; allowed: {allowed}, as the rig file "
-            "says; correct [actuator.shaping] there"
+            f"rig '{rig.rig.name}'",
+            f"got {got} frequency shaping for its actuator",
+            "correct [actuator.shaping] there",
+            allowed=f"{allowed}, as the rig file says",
         )
     from palpate.experiment.apparatus.panel.conditioning import Conditioner
 
@@ -284,7 +292,10 @@ def open_actuator(
 
     if stream is None:
         raise ActuatorError(
-            f"rig '{rig.rig.name}': got no audio stream for its actuator; allowed: the session's; open [audio] first"
+            f"rig '{rig.rig.name}'",
+            "got no audio stream for its actuator",
+            "open [audio] first",
+            allowed="the session's",
         )
     return AudioActuator(stream, audio_of(rig), condition)
 
@@ -293,8 +304,10 @@ def accelerometer_of(rig: Rig) -> AccelerometerRig:
     """Return the settings of the rig's accelerometer; `RigError` if the rig has none."""
     if rig.accelerometer is None:
         raise RigError(
-            f"rig '{rig.rig.name}': got no table [accelerometer]; allowed: one, for recording needs it; add driver, "
-            "address, rate_hz, full_scale_m_s2 and trigger_m_s2 to the rig file"
+            f"rig '{rig.rig.name}'",
+            "got no table [accelerometer]",
+            "add driver, address, rate_hz, full_scale_m_s2 and trigger_m_s2 to the rig file",
+            allowed="one, for recording needs it",
         )
     return rig.accelerometer
 
@@ -311,8 +324,10 @@ def open_accelerometer(
     settings = accelerometer_of(rig)
     if settings.rate_hz != rate_hz:
         raise RigError(
-            f"rig '{rig.rig.name}': accelerometer.rate_hz: got {settings.rate_hz}; allowed: {rate_hz}, the protocol's "
-            "synthesis.rate_hz; set the device and the rig file to it"
+            f"rig '{rig.rig.name}'",
+            f"accelerometer.rate_hz: got {settings.rate_hz}",
+            "set the device and the rig file to it",
+            allowed=f"{rate_hz}, the protocol's synthesis.rate_hz",
         )
     if address is None and settings.address == REHEARSAL:
         raise RigError(simulated_only(rig, "accelerometer.address"))

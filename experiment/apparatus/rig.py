@@ -155,12 +155,12 @@ def response_table(folder: Path, shaping: ShapingRig) -> bytes:
         content = storage.read_bytes(path)
     except OSError as error:
         allowed = "the response table of the rig file"
-        raise RigError(f"{path}: cannot be read ({error.strerror}); allowed: {allowed}; restore it") from error
+        raise RigError(path, f"cannot be read ({error.strerror})", "restore it", allowed=allowed) from error
     digest = hashlib.sha256(content).hexdigest()
     if digest != shaping.response_sha256:
         remedy = "restore the table, or write its sha256 into the rig file after measuring anew"
         allowed = f"{shaping.response_sha256}, as the rig file says"
-        raise RigError(f"{path}: got a table with sha256 {digest}; allowed: {allowed}; {remedy}")
+        raise RigError(path, f"got a table with sha256 {digest}", remedy, allowed=allowed)
     return content
 
 
@@ -310,7 +310,7 @@ def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
         got, allowed = f"{made}, the date of a rig file that nobody has calibrated yet", "the day of a calibration"
     elif 0 <= age <= days:
         return
-    raise RigError(f"audio.{table}: got {got}; allowed: {allowed}; {remedy}, and put the result into the rig file")
+    raise RigError(f"audio.{table}", f"got {got}", f"{remedy}, and put the result into the rig file", allowed=allowed)
 
 
 FRAMES = "palpate-frames"
@@ -541,7 +541,7 @@ def check_stops(rig: "Rig", peak_m_s2: float | None, today: date) -> None:
         if 0 <= (today - rig.stops.tried_on).days <= rig.stops.tried_days:
             return
     remedy = "try both, and write the day into stops.tried_on of the rig file"
-    raise RigError(f"rig '{rig.rig.name}': got {got}; allowed: {allowed}; {remedy}")
+    raise RigError(f"rig '{rig.rig.name}'", f"got {got}", remedy, allowed=allowed)
 
 
 class Rig(Confined):
@@ -603,7 +603,7 @@ def kept(path: Path, digest: str) -> Rig:
     rig = load(path)
     if sha256(rig) != digest:
         beside = f" with {rig.driver_file.name} beside it" if rig.driver_file else ""
-        raise RigError(f"{path}: is not{beside} the rig that the session was run on; restore the files from a backup")
+        raise RigError(path, f"is not{beside} the rig that the session was run on", "restore the files from a backup")
     return rig
 
 
@@ -620,7 +620,7 @@ def sha256(rig: Rig) -> str:
         try:
             stated["tracker"]["driver_sha256"] = hashlib.sha256(storage.read_bytes(driver)).hexdigest()
         except OSError as error:
-            raise RigError(f"{driver}: the tracker's driver cannot be read ({error.strerror}); restore it") from error
+            raise RigError(driver, f"the tracker's driver cannot be read ({error.strerror})", "restore it") from error
     return hashlib.sha256(rfc8785.dumps(stated)).hexdigest()
 
 
@@ -637,4 +637,4 @@ def check(rig: Rig, step: Step) -> None:
     if min(heights) > lowest or max(heights) < highest:
         got = f"tracker.calibration reaches from {min(heights):g} to {max(heights):g} mm"
         needs = f"this protocol needs {lowest:g} to {highest:g} mm, because readings are never extrapolated"
-        raise RigError(f"rig '{rig.rig.name}': {got}; {needs}; calibrate further")
+        raise RigError(f"rig '{rig.rig.name}'", f"{got}; {needs}", "calibrate further")

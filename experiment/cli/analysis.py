@@ -129,7 +129,7 @@ def audit(
     people = tuple(_sizes(participants, PublishedError)) if participants else ()
     share = re.fullmatch(r"0?(\.[0-9]{1,9})|([1-9][0-9]{0,3})/([1-9][0-9]{0,3})", chance or "1/2")
     if share is None or not 0 < float(share[1] or int(share[2]) / int(share[3])) < 1:
-        raise PublishedError(f"--chance: got {chance}; allowed: a share such as 1/4 or 0.25; give one")
+        raise PublishedError("--chance", f"got {chance}", "give one", allowed="a share such as 1/4 or 0.25")
     stated = Stated(people, trials, chance) if people or trials or chance else None
     with options.working("Holding the numbers against one another"):
         result = audits.audit(target, against, stated)
@@ -198,9 +198,9 @@ def power(
 
     for name, share in (("--alpha", alpha), ("--target", target)):
         if share is not None and not 0 < share < 1:
-            raise PowerError(f"{name}: got {share}; allowed: a number between 0 and 1; give one")
+            raise PowerError(name, f"got {share}", "give one", allowed="a number between 0 and 1")
     if rule is not None and looks is None:
-        raise PowerError(f"--rule: got {rule} without --looks; allowed: both, or neither; say when to look")
+        raise PowerError("--rule", f"got {rule} without --looks", "say when to look", allowed="both, or neither")
     sizes = _sizes(participants)
     if out is not None:
         output.check(out, (), "power")
@@ -230,7 +230,7 @@ def power(
                 tick=tick,
             )
     except KeyboardInterrupt:
-        raise Interrupted("the simulation was interrupted; nothing was written") from None
+        raise Interrupted("the simulation was interrupted", remedy="nothing was written") from None
     if out is not None:
         report.write(result, out)
     options.put(report.as_dict(result) if as_json else report.text(result))
@@ -258,15 +258,19 @@ def _look(
 
     if not isinstance(model, ChoiceModel):
         raise PowerError(
-            f"--looks: got comparisons of study {protocol.study.id}; allowed: trials in which a material is named; "
-            "leave --looks out"
+            "--looks",
+            f"got comparisons of study {protocol.study.id}",
+            "leave --looks out",
+            allowed="trials in which a material is named",
         )
     if rule not in get_args(sequential.Rule):
-        raise PowerError(f"--rule: got {rule}; allowed: {', '.join(get_args(sequential.Rule))}; give one")
+        raise PowerError("--rule", f"got {rule}", "give one", allowed=", ".join(get_args(sequential.Rule)))
     if not 0 <= alike <= 1:
-        raise PowerError(f"--alike: got {alike}; allowed: a number from 0 to 1; give one")
+        raise PowerError("--alike", f"got {alike}", "give one", allowed="a number from 0 to 1")
     if not 1 <= studies <= simulate.MOST_STUDIES:
-        raise PowerError(f"--studies: got {studies}; allowed: 1 to {simulate.MOST_STUDIES}; give a number between them")
+        raise PowerError(
+            "--studies", f"got {studies}", "give a number between them", allowed=f"1 to {simulate.MOST_STUDIES}"
+        )
     try:
         with options.progress(simulate.LABEL, quiet=as_json) as (total, tick):
             total(2 * -(-studies // sequential.CHUNK))
@@ -282,7 +286,7 @@ def _look(
                 tick=tick,
             )
     except KeyboardInterrupt:
-        raise Interrupted("the simulation was interrupted; nothing was written") from None
+        raise Interrupted("the simulation was interrupted", remedy="nothing was written") from None
     label = f"{simulate.LABEL}, after: {model.label}" if model.label else simulate.LABEL
     section = sequential.section(found)
     if out is not None:
@@ -402,7 +406,9 @@ def import_trials(
     from palpate.experiment.dataset import imported, trial_files
 
     if seconds is not None and milliseconds is not None:
-        raise PalpateError("got --seconds and --milliseconds; allowed: one of them; give the one that the file has")
+        raise PalpateError(
+            "got --seconds and --milliseconds", remedy="give the one that the file has", allowed="one of them"
+        )
     layout = trial_files.Layout(
         presented,
         answered,
@@ -437,7 +443,9 @@ def status(
 
     drawn = {".svg": drawing.svg, ".png": drawing.png, ".pdf": drawing.pdf}
     if figure is not None and figure.suffix.lower() not in drawn:
-        raise PalpateError(f"--figure {figure}: got the suffix '{figure.suffix}'; allowed: .svg, .png, .pdf; give one")
+        raise PalpateError(
+            f"--figure {figure}", f"got the suffix '{figure.suffix}'", "give one", allowed=".svg, .png, .pdf"
+        )
     found = status_of(study)
     if figure is not None:
         aside, stages = found.flow()

@@ -35,7 +35,7 @@ def desk(
     from palpate.experiment.desk.console.study import StudyPage
 
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise LinkError("the desk needs a terminal; palpate status prints the same as lines of text")
+        raise LinkError("the desk needs a terminal", remedy="palpate status prints the same as lines of text")
     options.check_terminal("print the same as lines of text (palpate status)")
     place = dataset or study
     refuses = (

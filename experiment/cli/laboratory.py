@@ -113,9 +113,13 @@ def consent(
     from palpate.experiment.study import enrolment
 
     if correct != (reason is not None):
-        raise RosterError("got one of --correct and --reason; allowed: both or neither; say why the day is corrected")
+        raise RosterError(
+            "got one of --correct and --reason", remedy="say why the day is corrected", allowed="both or neither"
+        )
     if consent_on is None and voices is None:
-        raise RosterError("got no --consent-on; allowed: the day, or --voices or --no-voices; give one of them")
+        raise RosterError(
+            "got no --consent-on", remedy="give one of them", allowed="the day, or --voices or --no-voices"
+        )
     _check_roster(protocol_file, dataset)
     if voices is not None:
         path = enrolment.voices(protocol_file, participant, voices, root=dataset)
@@ -149,7 +153,7 @@ def person(
     root = dataset or enrolment.default_root(protocol)
     old = people.known(protocol, root).get(participant, people.Person())
     if forget and show:
-        raise RosterError("got --forget with --show; allowed: one of them")
+        raise RosterError("got --forget with --show", allowed="one of them")
     if forget:
         known = people.forget(protocol, root, participant)
         typer.echo(f"Participant {participant}: {'what was known is deleted' if known else 'nothing was known'}.")
@@ -166,10 +170,12 @@ def person(
             new = people.Person(name=name, contact=contact)
         except ValueError:
             raise RosterError(
-                "got a name or a contact that is no line of text; allowed: one line of visible text"
+                "got a name or a contact that is no line of text", allowed="one line of visible text"
             ) from None
         if new == people.Person():
-            raise RosterError("got neither a name nor a contact; allowed: one of them or both; nothing was stored")
+            raise RosterError(
+                "got neither a name nor a contact", remedy="nothing was stored", allowed="one of them or both"
+            )
         typer.echo(f"Participant {participant} is kept in {people.keep(protocol, root, participant, new)}")
 
 
@@ -218,11 +224,9 @@ def schedule(
     root = dataset or enrolment.default_root(protocol)
     own = storage.seed_path(root).exists()
     if own and seed is not None:
-        raise RosterError(f"got --seed, and the study in {root} has one of its own; leave out --seed")
+        raise RosterError(f"got --seed, and the study in {root} has one of its own", remedy="leave out --seed")
     if not own and (dataset or reveal):
-        raise RosterError(
-            f"{root}: holds no seed of a study, so nothing is concealed; leave out --dataset and --reveal"
-        )
+        raise RosterError(root, "holds no seed of a study, so nothing is concealed", "leave out --dataset and --reveal")
     drawn = enrolment.settle(root, protocol_file, protocol, None) if own else 1 if seed is None else seed
     known = roster.Roster.load(storage.roster_path(root)) if own else roster.Roster(root)
     allocation = find(allocated(protocol, drawn, known.takes), participant)
@@ -386,7 +390,9 @@ def withdraw(
     from palpate.experiment.study import enrolment, people
 
     if yes and not erase:
-        raise RosterError("got --yes without --erase; allowed: both, or neither; nothing is asked without --erase")
+        raise RosterError(
+            "got --yes without --erase", remedy="nothing is asked without --erase", allowed="both, or neither"
+        )
     _check_roster(protocol_file, dataset)
     if erase and not yes:
         sessions, answers = enrolment.held(protocol_file, participant, root=dataset)
@@ -459,7 +465,7 @@ def anchor(
     from palpate.experiment.errors import DatasetError
 
     if key and not to:
-        raise DatasetError("got --sign without --to; allowed: both, or --to alone; name the register too")
+        raise DatasetError("got --sign without --to", remedy="name the register too", allowed="both, or --to alone")
     made, _ = beliefs.keep_anchor(dataset)
     entered = f"\n{register.enter(made, dataset, to, key)}" if to else ""
     typer.echo(f"For the lab book: {made.line}{entered}")

@@ -68,7 +68,7 @@ def put_file(path: Path, content: bytes) -> None:
     from palpate.experiment import storage
 
     if path.exists() and not (path.is_file() and any(mark in storage.read_bytes(path) for mark in MADE_BY_PALPATE)):
-        raise PalpateError(f"{path}: stands there already, and palpate did not make it; name another file")
+        raise PalpateError(path, "stands there already, and palpate did not make it", "name another file")
     storage.write_bytes(path, content)
 
 
@@ -78,7 +78,7 @@ def a_day(text: str) -> date:
         if re.fullmatch(r"[0-9]{4}-[0-9]{2}-[0-9]{2}", text):
             return date.fromisoformat(text)
     raise PalpateError(
-        f"got the day {quoted(text)}; allowed: a day that the calendar has, as YYYY-MM-DD, such as 2026-04-01"
+        f"got the day {quoted(text)}", allowed="a day that the calendar has, as YYYY-MM-DD, such as 2026-04-01"
     )
 
 
@@ -115,8 +115,9 @@ def check_terminal(instead: str) -> None:
     """Raise `LinkError` where the screen could not be seen, for it is drawn on the standard error; name what to do."""
     if sys.stderr is None or not sys.stderr.isatty():
         raise LinkError(
-            "got a standard error that is no terminal (as with 2> FILE), where the screen would be drawn; allowed: a "
-            f"terminal; leave the redirection out, or {instead}"
+            "got a standard error that is no terminal (as with 2> FILE), where the screen would be drawn",
+            remedy=f"leave the redirection out, or {instead}",
+            allowed="a terminal",
         )
 
 
@@ -140,7 +141,7 @@ def confirm(asked: str, wanted: str, nothing: str) -> None:
     """Return once `wanted` was typed after what is `asked`. Raises `PalpateError`, with `nothing` in words."""
     typed = ask(f"{asked} Type {wanted} to go on: ")
     if typed != wanted:
-        raise PalpateError(f"{nothing}: got {quoted(typed)}; allowed: {wanted}; type it, or give --yes")
+        raise PalpateError(nothing, f"got {quoted(typed)}", "type it, or give --yes", allowed=wanted)
 
 
 def room() -> typer.Typer:

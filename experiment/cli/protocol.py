@@ -71,8 +71,9 @@ def new(
 
     if like and (participants, materials, tasks, repetitions) != (None, None, None, None):
         raise PalpateError(
-            "got --participants, --material, --tasks or --repetitions with --like; allowed: --id and --title; change "
-            "anything else in the copy"
+            "got --participants, --material, --tasks or --repetitions with --like",
+            remedy="change anything else in the copy",
+            allowed="--id and --title",
         )
     file = protocol_file and writing.free(protocol_file)
     rig = rig and _free_for_a_rig(rig)
@@ -98,7 +99,9 @@ def new(
         asks = "A rig file to begin from, too: its name, or Enter for none"
         rig = _answered(asks, "", None, ask, lambda typed: _free_for_a_rig(Path(typed)) if typed else None)
     if rig and rig.resolve() == file.resolve():
-        raise PalpateError(f"got {quoted(str(file))} for protocol and rig; allowed: a file for each; name another")
+        raise PalpateError(
+            f"got {quoted(str(file))} for protocol and rig", remedy="name another", allowed="a file for each"
+        )
     made = {file: text} | ({rig: _a_rig(rig)} if rig else {})
     for path, content in made.items():
         storage.write(path, content.encode())
@@ -172,8 +175,8 @@ def _typed(prompt: str) -> str:
         return input(prompt).strip()
     except (KeyboardInterrupt, EOFError, OSError, ValueError, RuntimeError):
         raise Interrupted(
-            "the questions were interrupted, and nothing was written; where nobody can type, answer with options, and "
-            "add --yes"
+            "the questions were interrupted, and nothing was written",
+            remedy="where nobody can type, answer with options, and add --yes",
         ) from None
 
 
@@ -253,7 +256,7 @@ def check(
         from palpate.experiment.protocol.html import html
 
         if page_file.suffix != ".html":
-            raise PalpateError(f"got the file {quoted(str(page_file))}; allowed: a name that ends in .html")
+            raise PalpateError(f"got the file {quoted(str(page_file))}", allowed="a name that ends in .html")
         judged = [page.Said(one) for one in (told, "" if refusal is None else str(refusal)) if one]
         options.put_file(
             page_file, html(protocol, str(protocol_file), state, seal, today, [*judged, *of_screen]).encode()
@@ -298,7 +301,7 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
         return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
     if protocol.footstep is None:
         bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
-        refusal = RigError(f"{rig_file}: does not bear the block of this protocol; no participant is run on it")
+        refusal = RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
         planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
         return f"{told} The tracker {planar} pushes along the face.", None if bears else refusal
     try:
@@ -311,7 +314,9 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     if recordings is None and not folder.exists():
         if most is not None:
             limited = f"the protocol {allowed} of a vibration to be left out"
-            return "", RecordingError(f"{limited}, and {folder} has no recordings; name their folder (--recordings)")
+            return "", RecordingError(
+                f"{limited}, and {folder} has no recordings", remedy="name their folder (--recordings)"
+            )
         limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
         return f"{name}: {limitless}. Name the folder of recordings (--recordings), and what is left out is told.", None
     try:
@@ -356,7 +361,9 @@ def seal(
     protocol = files.load(protocol_file)
     path = approval.seal_path(protocol_file)
     if yes and not replace:
-        raise PalpateError("got --yes without --replace; allowed: both, or neither; nothing is asked without --replace")
+        raise PalpateError(
+            "got --yes without --replace", remedy="nothing is asked without --replace", allowed="both, or neither"
+        )
     replaces = path.exists()
     if replaces and replace and not yes:
         options.confirm(approval.replaced(protocol_file, protocol), "replace", "no seal was replaced")

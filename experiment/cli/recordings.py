@@ -63,7 +63,7 @@ def record(
 
             if rig is None:
                 raise RecordingError(
-                    "--rig: got none; allowed: the rig file of this laboratory; name it, or use --simulated"
+                    "--rig", "got none", "name it, or use --simulated", allowed="the rig file of this laboratory"
                 )
             manifest = workflow.record_on_rig(
                 protocol_file=protocol_file,
@@ -74,7 +74,7 @@ def record(
                 takes=takes,
             )
     except KeyboardInterrupt:
-        raise Interrupted("the recording was interrupted; run the same command to continue it") from None
+        raise Interrupted("the recording was interrupted", remedy="run the same command to continue it") from None
     typer.echo(f"{'SIMULATED recordings' if simulated else 'Recordings'}: {manifest.parent}")
 
 
@@ -111,7 +111,9 @@ def validate(
     recorded = manifest.load_all(folder)
     if fresh is not None:
         if fresh.resolve() == folder.resolve():
-            raise RecordingError(f"--fresh {fresh}: got the recordings themselves; allowed: other takes; record them")
+            raise RecordingError(
+                f"--fresh {fresh}", "got the recordings themselves", "record them", allowed="other takes"
+            )
         others = manifest.load_all(fresh)
     else:
         from palpate.experiment.rehearsal.footstep import recorder
@@ -141,7 +143,7 @@ def spectrum(
     from palpate.experiment.recordings import spectrum as spectra
 
     if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
-        raise PalpateError(f"--plot {plot}: this is the recording itself; name another file")
+        raise PalpateError(f"--plot {plot}", "this is the recording itself", "name another file")
     result = spectra.of_file(file, channel=channel)
     drawn = None if plot is None else spectra.plot(result, plot)
     plotted = f"\nPlot: {drawn}" if drawn else ""
@@ -178,14 +180,15 @@ def plan(
     protocol = files.load(protocol_file)
     if protocol.footstep is None:
         raise ScheduleError(
-            f"study {protocol.study.id}: got trials of the kind 'comparison'; allowed: 'footstep', for a plan says "
-            "which spectra and bins a footstep task leaves out; ask `palpate check PROTOCOL --rig RIG` how stiff a "
-            "block may be"
+            f"study {protocol.study.id}",
+            "got trials of the kind 'comparison'",
+            "ask `palpate check PROTOCOL --rig RIG` how stiff a block may be",
+            allowed="'footstep', for a plan says which spectra and bins a footstep task leaves out",
         )
     tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
     if not tasks:
         known = ", ".join(one.id for one in protocol.tasks)
-        raise ScheduleError(f"no task '{task}' in study {protocol.study.id}; its tasks: {known}")
+        raise ScheduleError(f"no task '{task}' in study {protocol.study.id}", remedy=f"its tasks: {known}")
     rig = rig or files.shipped("rigs/rehearsal.toml")
     opened = rigs.load(rig)
     open_drive(rig.parent, opened.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
@@ -239,4 +242,4 @@ def _speeds(text: str | None) -> tuple[float, ...]:
     try:
         return tuple(float(part) for part in text.split(","))
     except ValueError:
-        raise RecordingError(f"--speeds: got {text!r}; allowed: numbers and commas, such as 150,250,400") from None
+        raise RecordingError("--speeds", f"got {text!r}", allowed="numbers and commas, such as 150,250,400") from None

@@ -218,13 +218,13 @@ def calibrate_tracker(
     heights_mm = calibrating.heights_asked(points)
     step = files.load(protocol).footsteps.step if protocol is not None else None
     if out is not None and out.exists():
-        raise RigError(f"{out}: got a file that exists; allowed: a new file; name another")
+        raise RigError(out, "got a file that exists", "name another", allowed="a new file")
     before, clock = rigs.load(rig), MonotonicClock()
     try:
         with closing(opening.open_tracker(calibrating.raw(before), clock=clock)) as tracker:
             made = calibrating.walk(tracker, heights_mm, ask=input, clock=clock)
     except (KeyboardInterrupt, EOFError):
-        raise Interrupted("the calibration was interrupted; nothing was written") from None
+        raise Interrupted("the calibration was interrupted", remedy="nothing was written") from None
     after = calibrating.calibrated(before, made, days)
     for line in calibrating.report(made):
         typer.echo(line)
@@ -268,9 +268,9 @@ def calibrate_audio(
     audio = opening.audio_of(loaded)
     entry = audio.channels.loopback
     if entry is None:
-        raise RigError(f"{rig_file}: got no audio.channels.loopback; allowed: an input cabled to the actuator; name it")
+        raise RigError(rig_file, "got no audio.channels.loopback", "name it", allowed="an input cabled to the actuator")
     if out is not None and out.exists():
-        raise RigError(f"{out}: got a file that exists; allowed: a new file; name another")
+        raise RigError(out, "got a file that exists", "name another", allowed="a new file")
     device = None
     with ExitStack() as opened:
         opened.enter_context(host.raised())

@@ -92,11 +92,14 @@ def run(
     from palpate.experiment.session.visit import told
 
     if practice and recordings is not None:
-        raise SessionError("got --recordings with --practice; allowed: one of them; practice simulates recordings")
+        raise SessionError(
+            "got --recordings with --practice", remedy="practice simulates recordings", allowed="one of them"
+        )
     if not practice and (participant is None or rig is None):
         raise SessionError(
-            "got no --participant or no --rig; allowed: both for a session with a participant; name them, or practise "
-            "without a laboratory (--practice)"
+            "got no --participant or no --rig",
+            remedy="name them, or practise without a laboratory (--practice)",
+            allowed="both for a session with a participant",
         )
     protocol = files.load(protocol_file)
     folder, who = dataset or options.default_folder(protocol, practice=practice), participant or "01"
@@ -221,7 +224,9 @@ def _serve(host: str, port: int) -> None:
     try:
         from palpate.experiment.desk.console import serve
     except ImportError as error:
-        raise LinkError(f"a console in a browser needs {error.name}; install palpate with its extra 'serve'") from error
+        raise LinkError(
+            f"a console in a browser needs {error.name}", remedy="install palpate with its extra 'serve'"
+        ) from error
     serve.served(options.palpate_command(*sys.argv[1:], "--served"), host=host, port=port).serve()
 
 

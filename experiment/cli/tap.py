@@ -94,10 +94,10 @@ def contact(
     from palpate.experiment.synthesis.stepping import impact
 
     if law not in ("clamped", "printed"):
-        raise PalpateError(f"--law: got {law!r}; allowed: clamped, printed; choose one of them")
+        raise PalpateError("--law", f"got {law!r}", "choose one of them", allowed="clamped, printed")
     drawn = figures.KINDS
     if plot is not None and plot.suffix.lower() not in drawn:
-        raise PalpateError(f"--plot {plot}: got the suffix '{plot.suffix}'; allowed: {', '.join(drawn)}; give one")
+        raise PalpateError(f"--plot {plot}", f"got the suffix '{plot.suffix}'", "give one", allowed=", ".join(drawn))
     of = impact.Collision(stiffness, damping, mass, speed, force, "printed" if law == "printed" else "clamped")
     made = impact.answer(of, method=method, rate_hz=rate)
     if plot is not None:

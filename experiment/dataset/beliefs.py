@@ -109,7 +109,7 @@ def origin_of(root: Path) -> str:
     try:
         return str(storage.json_of(storage.read_bytes(root / "dataset_description.json"))["Palpate"]["Origin"])
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise DatasetError(f"{root}: is no dataset of palpate; give the folder that holds sourcedata") from error
+        raise DatasetError(root, "is no dataset of palpate", "give the folder that holds sourcedata") from error
 
 
 def journals(root: Path) -> list[Path]:
@@ -166,7 +166,7 @@ def anchor(root: Path) -> Anchor:
     """Return the dataset's anchor. Raises `DatasetError` without roster and session, and as `believed`."""
     dataset = believed(root)
     if dataset.roster is None and not dataset.sessions:
-        raise DatasetError(f"{root}: got no session; allowed: one or more; run a session first, then anchor it")
+        raise DatasetError(root, "got no session", "run a session first, then anchor it", allowed="one or more")
     return Anchor(
         anchored_utc=clock.utc(clock.wall_ns()),
         study=dataset.protocol.study.id,
@@ -233,12 +233,14 @@ def examined(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]
         known = {storage.foot_path(path) for path in paths}
         for path in sorted((root / "sourcedata").glob("sub-*/*_foot.cobs")):
             if path not in known and storage.size(path):
-                raise DatasetError(f"{path}: the journal of these frames is missing; restore it from a backup")
+                raise DatasetError(path, "the journal of these frames is missing", "restore it from a backup")
     with collected(doubts):
         by_id: dict[str, Path] = {}
         for path, header in sessions:
             if (other := by_id.setdefault(header.session_id, path)) != path:
-                raise DatasetError(f"{path}: has the session_id of {other}; allowed: one of its own; take the copy out")
+                raise DatasetError(
+                    path, f"has the session_id of {other}", "take the copy out", allowed="one of its own"
+                )
     with collected(doubts):
         _refuse_tables(root, begun, roster)
     with collected(doubts):
@@ -260,7 +262,7 @@ def _looked_at(
         # Raw frames of an attempt of which the journal does not know: the journal was cut off.
         foot = storage.foot_path(path)
         if storage.size(foot) and not any(isinstance(entry, Armed) for entry in contents.entries):
-            raise DatasetError(f"{path}: knows of no attempt, and {foot.name} does; restore the journal from a backup")
+            raise DatasetError(path, f"knows of no attempt, and {foot.name} does", "restore the journal from a backup")
         if contents.lines:
             _check_header(path, header := contents.header, study)
             if any(isinstance(entry, Withdrawal) for entry in contents.entries):
@@ -284,8 +286,10 @@ def _study(root: Path) -> _Study:
     if not kept.exists() and not has_journals(root):
         got = "holds no study" if root.is_dir() else "is no folder"
         raise DatasetError(
-            f"{root}: {got}; allowed: the folder of a study's dataset, which holds sourcedata; give that one, or "
-            "restore its sourcedata from a backup"
+            root,
+            got,
+            "give that one, or restore its sourcedata from a backup",
+            allowed="the folder of a study's dataset, which holds sourcedata",
         )
     protocol = files.load(kept)
     sha256 = approval.sha256(protocol)
@@ -300,13 +304,13 @@ def _study(root: Path) -> _Study:
         plan = Plan.model_validate_json(storage.read_bytes(plan_file))
     except (OSError, ValidationError) as error:
         raise DatasetError(
-            f"{plan_file}: is no plan of a rehearsal or of practice; restore it, or begin anew"
+            plan_file, "is no plan of a rehearsal or of practice", "restore it, or begin anew"
         ) from error
     for path in (storage.roster_path(root), storage.seed_path(root)):
         if path.exists():
-            raise DatasetError(f"{path}: stands in the dataset of {plan.what}; allowed: none; take it out of there")
+            raise DatasetError(path, f"stands in the dataset of {plan.what}", "take it out of there", allowed="none")
     if plan.protocol_sha256 != sha256:
-        raise DatasetError(f"{kept}: is not the protocol of this {plan.label}; restore it, or begin anew")
+        raise DatasetError(kept, f"is not the protocol of this {plan.label}", "restore it, or begin anew")
     tasks = {one.participant: one.tasks for one in allocate(protocol, plan.seed)[: plan.participants]}
     return _Study(root, protocol, sha256, plan.label, plan.seed, tasks, plan, None, None)
 
@@ -315,7 +319,7 @@ def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[tuple[str, Da
     """Give each file that was not erased and does not begin as an anchor in the dataset's log has it, with an error."""
     kept, broken = register.read(root / LOG) if (root / LOG).exists() else ((), ())
     if broken and not kept:
-        yield LOG.as_posix(), DatasetError(f"{root / LOG}: holds no anchor that can be read; restore it from a backup")
+        yield LOG.as_posix(), DatasetError(root / LOG, "holds no anchor that can be read", "restore it from a backup")
     known: dict[str, tuple[str, ...]] = {}
     told: set[str] = set()
     # The latest anchor is the one that says most.
@@ -331,7 +335,7 @@ def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[tuple[str, Da
                 day = one.anchor.anchored_utc[:10]
                 lines = "1 line" if prefix.lines == 1 else f"{prefix.lines} lines"
                 had = f"had {lines} by the anchor of {day} in {LOG}, and {found if hashes else 'is missing'}"
-                yield prefix.file, DatasetError(f"{root / prefix.file}: {had}; restore it from a backup")
+                yield prefix.file, DatasetError(root / prefix.file, had, "restore it from a backup")
 
 
 def _refuse_erased(root: Path, roster: Roster) -> None:
@@ -339,8 +343,9 @@ def _refuse_erased(root: Path, roster: Roster) -> None:
     for participant in sorted(roster.erased):
         for path in storage.left_of(root, participant):
             raise DatasetError(
-                f"{path}: the data of participant {participant} were erased, as the roster says, and this is here; "
-                f"{_finish(root, roster, participant)}"
+                path,
+                f"the data of participant {participant} were erased, as the roster says, and this is here",
+                _finish(root, roster, participant),
             )
 
 
@@ -390,8 +395,10 @@ def _refuse_strays(root: Path, journals: set[Path]) -> None:
     found = {path for path in source.rglob("*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
     for path in sorted({*found, *root.rglob("*_journal.jsonl")} - known):
         raise DatasetError(
-            f"{path}: looks like a journal, and no session of this dataset writes one there; allowed: "
-            "sourcedata/sub-P/sub-P_task-T_journal.jsonl; take it out of the dataset"
+            path,
+            "looks like a journal, and no session of this dataset writes one there",
+            "take it out of the dataset",
+            allowed="sourcedata/sub-P/sub-P_task-T_journal.jsonl",
         )
 
 
@@ -430,8 +437,10 @@ def _check_header(path: Path, header: Header, study: _Study) -> None:
 
 def _foreign(path: Path, got: str, allowed: str) -> DatasetError:
     return DatasetError(
-        f"{path}: is not of this dataset: its header has {got}; allowed: {allowed}; take the journal out of the "
-        "dataset, or put it back where it came from"
+        path,
+        f"is not of this dataset: its header has {got}",
+        "take the journal out of the dataset, or put it back where it came from",
+        allowed=allowed,
     )
 
 
@@ -446,7 +455,7 @@ def _check_enrolment(path: Path, header: Header, roster: Roster, seal: Seal, pro
             today=(datetime.fromisoformat(header.started_utc) + FARTHEST_EAST).date(),
         )
     except RosterError as error:
-        raise RosterError(f"{path}: the session was not allowed to begin: {error}") from error
+        raise RosterError(path, f"the session was not allowed to begin: {error}") from error
 
 
 def _refuse_tables(root: Path, journals: set[Path], roster: Roster) -> None:
@@ -456,8 +465,9 @@ def _refuse_tables(root: Path, journals: set[Path], roster: Roster) -> None:
         who, task = path.name.split("_")[:2]
         if f"{who}_{task}_" not in begun and who.removeprefix("sub-") not in roster.erased:
             raise DatasetError(
-                f"{path}: no journal gives this table; restore the journal under sourcedata from a backup, or take "
-                "the table out of the dataset"
+                path,
+                "no journal gives this table",
+                "restore the journal under sourcedata from a backup, or take the table out of the dataset",
             )
 
 
@@ -472,9 +482,11 @@ def _refuse_people(root: Path, journals: set[Path], tasks: dict[str, tuple[str, 
         wanted = {path for path, task in own.items() if task == first} or own.keys()
         if wanted and journals.isdisjoint(wanted):
             raise DatasetError(
-                f"{min(wanted)}: is missing, and {table.name} has a session of participant {participant}; restore the "
-                f"journal from a backup; if no such session took place, {table.name} was edited: delete that, and make "
-                f"it again ({build_again(root)})"
+                min(wanted),
+                f"is missing, and {table.name} has a session of participant {participant}; restore the journal from a "
+                "backup",
+                f"if no such session took place, {table.name} was edited: delete that, and make it again "
+                f"({build_again(root)})",
             )
 
 
@@ -489,6 +501,7 @@ def _check_withdrawals(roster: Roster, root: Path, marks: dict[str, Path]) -> No
     for participant, path in (marks | {file.parent.name.removeprefix("sub-"): file for file in files}).items():
         if participant not in roster.withdrawn:
             raise RosterError(
-                f"{roster.path}: participant {participant} withdrew, as {path} says, and the roster does not; restore "
-                "the roster from a backup"
+                roster.path,
+                f"participant {participant} withdrew, as {path} says, and the roster does not",
+                "restore the roster from a backup",
             )

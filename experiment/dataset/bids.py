@@ -95,14 +95,16 @@ def new_dataset(out: Path) -> Iterator[Path]:
     """Yield a folder that becomes `out` if the block succeeds. Raises `DatasetError` unless `out` can be made anew."""
     if out.exists() and not (out.is_dir() and not any(out.iterdir())):
         raise DatasetError(
-            f"{out}: exists, and a dataset is never overwritten; allowed: a new or empty folder; choose another, or "
-            "move it away"
+            out,
+            "exists, and a dataset is never overwritten",
+            "choose another, or move it away",
+            allowed="a new or empty folder",
         )
     try:
         with storage.new_folder(out) as partial:
             yield partial
     except OSError as error:
-        raise DatasetError(f"cannot make {out}: {error.strerror}; free the place or choose another") from error
+        raise DatasetError(f"cannot make {out}: {error.strerror}", remedy="free the place or choose another") from error
 
 
 def write_files(files: Files) -> None:
@@ -176,7 +178,7 @@ def beh_path(root: Path, participant: str, task: str, suffix: str) -> Path:
     """Return `sub-P/beh/sub-P_task-T_SUFFIX`. Raises `DatasetError` for a label that is not letters and digits."""
     for what, label in (("participant", participant), ("task", task)):
         if not re.fullmatch(r"[0-9A-Za-z]+", label):
-            raise DatasetError(f"{what}: got {label!r}; allowed: letters and digits, as BIDS asks; rename it")
+            raise DatasetError(what, f"got {label!r}", "rename it", allowed="letters and digits, as BIDS asks")
     return root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_{suffix}"
 
 
@@ -279,5 +281,7 @@ def _cell(value: object) -> str:
         return repr(value) if np.isfinite(value) else MISSING
     text = str(value)
     if not text or re.search(r"[\t\r\n]", text):
-        raise DatasetError(f"got the text {text[:60]!r}; allowed in a table: one line without tabs; correct its source")
+        raise DatasetError(
+            f"got the text {text[:60]!r}; allowed in a table: one line without tabs", remedy="correct its source"
+        )
     return text

@@ -91,7 +91,7 @@ def build(root: Path, each: Each = map) -> None:
     """
     dataset = believed(root, each)
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
-        raise DatasetError(f"{root}: got no journal; allowed: one or more; run a session first")
+        raise DatasetError(root, "got no journal", "run a session first", allowed="one or more")
     bids.write_files(_study_files(root, dataset))
     for _ in each(partial(_build_session, root, dataset.protocol, dataset.purpose), [of[0] for of in dataset.sessions]):
         pass
@@ -125,13 +125,14 @@ def check_tables(root: Path) -> Believed:
     doubts = edited(root, dataset, dataset.under_way)
     none = dataset.under_way and not any(_has_table(root, header) for _, header in dataset.sessions)
     if (doubts or none) and unmade(root, dataset):
-        raise DatasetError(f"{root}: {UNMADE}")
+        raise DatasetError(root, UNMADE)
     for doubt in doubts:
         raise doubt
     if none:
         raise DatasetError(
-            f"{root}: no session has ended yet, and no table has been made; end one, or have tables made of what was "
-            f"answered so far ({build_again(root)})"
+            root,
+            "no session has ended yet, and no table has been made",
+            f"end one, or have tables made of what was answered so far ({build_again(root)})",
         )
     return dataset
 
@@ -242,7 +243,7 @@ def _check_table(root: Path, path: Path, content: bytes) -> None:
         f"the tables again ({build_again(root)})"
     )
     if not path.exists():
-        raise DatasetError(f"{path}: is missing; make it again ({build_again(root)})")
+        raise DatasetError(path, "is missing", f"make it again ({build_again(root)})")
     read = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
     if read is None and path.suffix != ".tsv":
         return
@@ -253,14 +254,14 @@ def _check_table(root: Path, path: Path, content: bytes) -> None:
             if not isinstance(on_disk, dict):
                 raise ValueError("no JSON object")
             if differing := [key for key in read if on_disk.get(key) != given.get(key)]:
-                raise DatasetError(f"{path}: {differing[0]} is not what the journals give: {remedy}")
+                raise DatasetError(path, f"{differing[0]} is not what the journals give: {remedy}")
             return
     except (OSError, ValueError) as error:
-        raise DatasetError(f"{path}: cannot be read ({storage.why(error)}): {remedy}") from error
+        raise DatasetError(path, f"cannot be read ({storage.why(error)}): {remedy}") from error
     lines = zip_longest(found.split(b"\n"), content.split(b"\n"))
     for number, (on_disk, given) in enumerate(lines, start=1):
         if on_disk != given:
-            raise DatasetError(f"{path}: line {number} is not what the journal gives: {remedy}")
+            raise DatasetError(path, f"line {number} is not what the journal gives: {remedy}")
 
 
 def _session(path: Path, contents: journal.Contents) -> _Session:
@@ -279,8 +280,10 @@ def _session(path: Path, contents: journal.Contents) -> _Session:
                 continue
             if zero_ns is None:
                 raise DatasetError(
-                    f"{path}: got a step before its tracker was opened; allowed: the tracker first; restore the "
-                    "journal from a backup"
+                    path,
+                    "got a step before its tracker was opened",
+                    "restore the journal from a backup",
+                    allowed="the tracker first",
                 )
             at_ns = ClockMap(clock.anchor_us, clock.anchor_ns, clock.drift_ppm).session_ns(at_us)
             at_s = (at_ns - zero_ns) / 1e9
@@ -440,13 +443,13 @@ def raw_frames(journal_file: Path, steps: Sequence[FootStep | BrokenOff]) -> lis
     try:
         raw = storage.read_bytes(path, 2**30)
     except OSError as error:
-        raise DatasetError(f"{path}: cannot read the foot trace ({error.strerror}); restore it") from error
+        raise DatasetError(path, f"cannot read the foot trace ({error.strerror})", "restore it") from error
     parts = []
     for step in steps:
         part = raw[step.trace.offset : step.trace.offset + step.trace.length]
         if hashlib.sha256(part).hexdigest() != step.trace.sha256:
             raise DatasetError(
-                f"{path}: the frames of trial {step.trial} are not those that the journal names; restore the file"
+                path, f"the frames of trial {step.trial} are not those that the journal names", "restore the file"
             )
         parts.append(part)
     return parts

@@ -80,10 +80,10 @@ def _hashes(paths: Sequence[Path]) -> tuple[str, ...]:
             sha256 = hashlib.sha256(storage.read_bytes(path)).hexdigest()
         except OSError as error:
             raise DatasetError(
-                f"{path}: cannot be read ({storage.why(error)}); give a CSV file of trials in UTF-8"
+                path, f"cannot be read ({storage.why(error)})", "give a CSV file of trials in UTF-8"
             ) from error
         if (other := found.setdefault(sha256, path)) is not path:
-            raise DatasetError(f"{path}: holds the same as {other}; give each file once")
+            raise DatasetError(path, f"holds the same as {other}", "give each file once")
     return tuple(found)
 
 
@@ -99,8 +99,10 @@ def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[s
         label = bare if re.match(r"[a-z]", bare) else f"task{bare}"
         if label in found.values() or len(label) > 32 or not bare:
             raise DatasetError(
-                f"{paths[row.file - 1]}: line {row.line}, column {layout.task}: got the task {row.task!r}, whose id "
-                f"would be {label!r}; allowed: up to 32 letters and digits that no other task has; rename it"
+                paths[row.file - 1],
+                f"line {row.line}, column {layout.task}: got the task {row.task!r}, whose id would be {label!r}",
+                "rename it",
+                allowed="up to 32 letters and digits that no other task has",
             )
         found[row.task] = label
     return found
@@ -116,8 +118,11 @@ def _labels(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> tuple
     if len(set(numbers)) < len(numbers):
         row = next(row for row in rows if numbers.count(numbers[cells.index(row.participant)]) > 1)
         raise DatasetError(
-            f"{paths[row.file - 1]}: line {row.line}, column {layout.participant}: got {row.participant!r}, and the "
-            "same number in another spelling; allowed: one spelling; keep one"
+            paths[row.file - 1],
+            f"line {row.line}, column {layout.participant}: got {row.participant!r}, and the same number in another "
+            "spelling",
+            "keep one",
+            allowed="one spelling",
         )
     width = max(2, len(str(max(numbers))))
     return {cell: f"{number:0{width}d}" for cell, number in zip(cells, numbers, strict=True)}, kept

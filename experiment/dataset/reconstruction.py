@@ -36,7 +36,9 @@ def parse_task(text: str) -> tuple[str, Path]:
     """Return task id and counts file of `TASK=FILE`. Raises `DatasetError` for any other text."""
     task, equals, file = text.partition("=")
     if not (equals and file and re.fullmatch(r"[a-z][a-z0-9]*", task)):
-        raise DatasetError(f"got {text!r}; allowed: TASK=FILE, the task in lower-case letters and digits; correct it")
+        raise DatasetError(
+            f"got {text!r}", remedy="correct it", allowed="TASK=FILE, the task in lower-case letters and digits"
+        )
     return task, Path(file)
 
 
@@ -52,21 +54,24 @@ def read_counts(path: Path, materials: Sequence[str]) -> Counts:
     try:
         header = next(lines, [])
         if tuple(header) != COLUMNS:
-            raise DatasetError(f"{path}: line 1: got header {','.join(header)!r}; allowed: {','.join(COLUMNS)}")
+            raise DatasetError(path, f"line 1: got header {','.join(header)!r}", allowed=",".join(COLUMNS))
         for row in lines:
             where = f"{path}: line {lines.line_num}"
             participant, cell, count = _row(row, where, materials)
             if (spelling := spelt.setdefault(participant, row[0])) != row[0]:
                 raise DatasetError(
-                    f"{where}: participant: got {row[0]!r} here and {spelling!r} above; allowed: one spelling; keep one"
+                    where,
+                    f"participant: got {row[0]!r} here and {spelling!r} above",
+                    "keep one",
+                    allowed="one spelling",
                 )
             if cell in counts.setdefault(participant, {}):
-                raise DatasetError(f"{where}: got participant {participant}, {cell} twice; keep one of the lines")
+                raise DatasetError(where, f"got participant {participant}, {cell} twice", "keep one of the lines")
             counts[participant][cell] = count
     except csv.Error as error:
-        raise DatasetError(f"{path}: line {lines.line_num}: {error}; write plain CSV") from error
+        raise DatasetError(path, str(error), "write plain CSV", line=lines.line_num) from error
     if not counts:
-        raise DatasetError(f"{path}: got no counts below the header; allowed: one line a cell; add them")
+        raise DatasetError(path, "got no counts below the header", "add them", allowed="one line a cell")
     return counts
 
 
@@ -76,7 +81,7 @@ def materials_of(path: Path) -> tuple[str, ...]:
     try:
         found = tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
     except csv.Error as error:
-        raise DatasetError(f"{path}: line {rows.line_num}: {error}; write plain CSV") from error
+        raise DatasetError(path, str(error), "write plain CSV", line=rows.line_num) from error
     check_texts(path, {"presented": found})
     return found
 
@@ -97,22 +102,22 @@ def check_texts(where: Path, texts: dict[str, object]) -> None:
     presented = texts.get("presented")
     for name in presented if isinstance(presented, tuple) else ():
         if name in MISSING:
-            raise DatasetError(f"{where}: got a material '{name}', which tables take for a missing value; rename it")
+            raise DatasetError(where, f"got a material '{name}', which tables take for a missing value", "rename it")
 
 
 def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tuple[str, str], int]:
     if len(row) != len(COLUMNS):
-        raise DatasetError(f"{where}: got {len(row)} fields; allowed: {len(COLUMNS)}, {','.join(COLUMNS)}")
+        raise DatasetError(where, f"got {len(row)} fields", allowed=f"{len(COLUMNS)}, {','.join(COLUMNS)}")
     participant, presented, answered, count = row
     answers = (*materials, NO_ANSWER)
     if not re.fullmatch(r"(sub-)?0{0,5}[1-9][0-9]{0,5}", participant):
-        raise DatasetError(f"{where}: participant: got {participant!r}; allowed: a whole number from 1 to 999999")
+        raise DatasetError(where, f"participant: got {participant!r}", allowed="a whole number from 1 to 999999")
     if presented not in materials:
-        raise DatasetError(f"{where}: presented: got {presented!r}; allowed: {', '.join(materials)}")
+        raise DatasetError(where, f"presented: got {presented!r}", allowed=", ".join(materials))
     if answered not in answers:
-        raise DatasetError(f"{where}: answered: got {answered!r}; allowed: {', '.join(answers)}")
+        raise DatasetError(where, f"answered: got {answered!r}", allowed=", ".join(answers))
     if not re.fullmatch(r"[0-9]{1,5}", count) or int(count) > MAX_COUNT:
-        raise DatasetError(f"{where}: count: got {count!r}; allowed: a whole number from 0 to {MAX_COUNT}")
+        raise DatasetError(where, f"count: got {count!r}", allowed=f"a whole number from 0 to {MAX_COUNT}")
     return int(participant.removeprefix("sub-")), (presented, answered), int(count)
 
 
@@ -200,7 +205,9 @@ STUDIES = {OKAMOTO2012.id: OKAMOTO2012}
 def check_study_id(study: str) -> None:
     """Raise `DatasetError` for a text that is no id of a study."""
     if not re.fullmatch(r"[a-z][a-z0-9]*", study):
-        raise DatasetError(f"study: got {quoted(study)}; allowed: lower-case letters and digits; choose another id")
+        raise DatasetError(
+            "study", f"got {quoted(study)}", "choose another id", allowed="lower-case letters and digits"
+        )
 
 
 def study_text(
@@ -218,7 +225,9 @@ def study_text(
         return known if source is None else replace(known, source=source)
     check_study_id(study)
     if source is None:
-        raise DatasetError(f"no texts are held for study {study}; say with --source where its counts come from")
+        raise DatasetError(
+            f"no texts are held for study {study}", remedy="say with --source where its counts come from"
+        )
     materials = {material: material for path in counts.values() for material in materials_of(path)}
     # Only measured counts of a known study come this far: its titles are known, and the order of its materials.
     if known is not None and set(materials) <= set(known.materials):
@@ -246,15 +255,20 @@ def import_counts(counts: Mapping[str, Path], out: Path, *, study: StudyText, so
     """
     if len({path.name for path in counts.values()}) != len(counts):
         raise DatasetError(
-            f"counts files need different names: got {sorted(path.name for path in counts.values())}; rename them"
+            f"counts files need different names: got {sorted(path.name for path in counts.values())}",
+            remedy="rename them",
         )
     if unknown := set(counts) - set(study.tasks):
-        raise DatasetError(f"no such tasks in {study.id}: {sorted(unknown)}; allowed: {list(study.tasks)}; name those")
+        raise DatasetError(
+            f"no such tasks in {study.id}: {sorted(unknown)}", remedy="name those", allowed=f"{list(study.tasks)}"
+        )
     tables = {task: read_counts(path, tuple(study.materials)) for task, path in counts.items()}
     if len(study.materials) < 2:
         raise DatasetError(
-            f"{study.id}: got one material, {', '.join(study.materials)}; allowed: two or more; give the "
-            "counts of the others too"
+            study.id,
+            f"got one material, {', '.join(study.materials)}",
+            "give the counts of the others too",
+            allowed="two or more",
         )
     numbers = sorted({number for table in tables.values() for number in table})
     labels = {number: f"{number:0{max(2, len(str(numbers[-1])))}d}" for number in numbers}

@@ -88,12 +88,12 @@ def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
     Raises `DatasetError` if the register is inside of the dataset or unwritable, signing fails, and as `check_state`.
     """
     if to.resolve().is_relative_to(root.resolve()):
-        raise DatasetError(f"{to}: the register would stand inside the dataset; allowed: any other place; choose one")
+        raise DatasetError(to, "the register would stand inside the dataset", "choose one", allowed="any other place")
     check_state(root, to, (anchor.study, anchor.purpose))
     kept = Kept(anchor=anchor, signature=_signature(anchor, key) if key else None)
     begun = not to.exists()
     if not begun and storage.size(to) and not read(to)[0]:
-        raise DatasetError(f"{to}: holds no anchor, so it is no register; allowed: a register, or a new file; name one")
+        raise DatasetError(to, "holds no anchor, so it is no register", "name one", allowed="a register, or a new file")
     append(to, kept)
     return f"Anchored in {to}{', signed' if key else ''}." + (" This register is a new file." if begun else "")
 
@@ -117,9 +117,10 @@ def check_state(root: Path, register: Path, of: tuple[str, Purpose]) -> None:
         return
     anchor, prefix = others[-1]
     raise DatasetError(
-        f"{register}: holds another state of this dataset: up to line {prefix.lines}, {prefix.file} is not as it was "
-        f"when it was anchored on {anchor.anchored_utc[:10]}; a backup was restored, or there are two copies; go on "
-        "with the state that was anchored last, or, if that is lost, name a new register"
+        register,
+        f"holds another state of this dataset: up to line {prefix.lines}, {prefix.file} is not as it was when it was "
+        f"anchored on {anchor.anchored_utc[:10]}; a backup was restored, or there are two copies",
+        "go on with the state that was anchored last, or, if that is lost, name a new register",
     )
 
 
@@ -128,7 +129,7 @@ def read(path: Path) -> tuple[tuple[Kept, ...], tuple[int, ...]]:
     try:
         lines, torn = chain.split(storage.read_bytes(path))
     except OSError as error:
-        raise DatasetError(f"{path}: cannot read the register ({error.strerror}); give its path") from error
+        raise DatasetError(path, f"cannot read the register ({error.strerror})", "give its path") from error
     kept: list[Kept] = []
     broken: list[int] = []
     for number, line in enumerate([*lines, torn], start=1):
@@ -146,7 +147,7 @@ def line_hashes(path: Path) -> tuple[str, ...]:
     except FileNotFoundError:
         return ()
     except OSError as error:
-        raise DatasetError(f"{path}: cannot be read ({error.strerror}); restore it") from error
+        raise DatasetError(path, f"cannot be read ({error.strerror})", "restore it") from error
     return tuple(hashlib.sha256(line).hexdigest() for line in chain.split(data)[0])
 
 
@@ -162,10 +163,10 @@ class Signer:
             keys = [line for line in storage.read_text(self.path).splitlines() if line.strip()]
         except (OSError, UnicodeDecodeError) as error:
             raise DatasetError(
-                f"{self.path}: cannot be read ({storage.why(error)}); give a public key (.pub)"
+                self.path, f"cannot be read ({storage.why(error)})", "give a public key (.pub)"
             ) from error
         if not keys or not all(re.match(r"(ssh|ecdsa|sk)-\S+ \S", line) for line in keys):
-            raise DatasetError(f"{self.path}: got no public SSH keys; allowed: one a line; give the key's .pub file")
+            raise DatasetError(self.path, "got no public SSH keys", "give the key's .pub file", allowed="one a line")
         return keys
 
     def signed(self, kept: Kept) -> bool:
@@ -188,11 +189,11 @@ def soundly_signed(kept: Kept) -> bool:
 
 def _signature(anchor: Anchor, key: Path) -> str:
     if not key.is_file():
-        raise DatasetError(f"{key}: is no file; allowed: a private SSH key; give its path")
+        raise DatasetError(key, "is no file", "give its path", allowed="a private SSH key")
     done = _ssh_keygen(("sign", "-f", str(key)), anchor)
     if done.returncode:
         why = " ".join(done.stderr.decode("utf-8", "replace").split())
-        raise DatasetError(f"{key}: the anchor was not signed ({why}); give a private SSH key that you can use")
+        raise DatasetError(key, f"the anchor was not signed ({why})", "give a private SSH key that you can use")
     return done.stdout.decode("ascii")
 
 
@@ -201,7 +202,9 @@ def _ssh_keygen(asked: Sequence[str], anchor: Anchor) -> subprocess.CompletedPro
     try:
         return subprocess.run(command, input=anchor.canonical, capture_output=True, check=False)  # noqa: S603
     except FileNotFoundError as error:
-        raise DatasetError("ssh-keygen is not installed; install the OpenSSH client, then do it again") from error
+        raise DatasetError(
+            "ssh-keygen is not installed", remedy="install the OpenSSH client, then do it again"
+        ) from error
 
 
 def append(path: Path, kept: Kept) -> None:
@@ -218,4 +221,4 @@ def append(path: Path, kept: Kept) -> None:
             storage.sync_folder(path.parent)
     except OSError as error:
         why = error.strerror or error
-        raise DatasetError(f"{path}: the anchor cannot be written ({why}); make the file reachable") from error
+        raise DatasetError(path, f"the anchor cannot be written ({why})", "make the file reachable") from error

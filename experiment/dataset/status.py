@@ -250,7 +250,7 @@ def status(given: Path, today: date) -> Status:
         alone = beliefs.ALONE.get(beliefs.origin_of(root)) if described else None
         held = f"it holds {alone}, of which palpate analyse {quote(str(root))} makes tables and a report"
         mend = held if alone else "enrol somebody first (palpate enrol)"
-        raise DatasetError(f"{root}: holds no study; allowed: the dataset of one; {mend}")
+        raise DatasetError(root, "holds no study", mend, allowed="the dataset of one")
     dataset, doubts = beliefs.doubted(root)
     known, protocol = dataset.roster, dataset.protocol
     believed = {path for path, _ in dataset.sessions}

@@ -85,7 +85,7 @@ def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
         left, equals, right = (part.strip() for part in text.rpartition("="))
         if not (equals and right) or left in found:
             again = " a second time" if left in found else ""
-            raise DatasetError(f"{option}: got {quoted(text)}{again}; allowed: LEFT=RIGHT, each LEFT once; correct it")
+            raise DatasetError(option, f"got {quoted(text)}{again}", "correct it", allowed="LEFT=RIGHT, each LEFT once")
         found[left] = right
     return found
 
@@ -101,8 +101,10 @@ def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] 
     passed_over: list[str] = []
     if layout.presented == layout.answered:
         raise DatasetError(
-            f"--answered: got the column {layout.answered}, as --presented; allowed: another one; name that of the "
-            "answers"
+            "--answered",
+            f"got the column {layout.answered}, as --presented",
+            "name that of the answers",
+            allowed="another one",
         )
     for number, path in enumerate(paths, start=1):
         for row in _rows(path, number, layout, materials):
@@ -112,8 +114,9 @@ def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] 
                 passed_over.append(row)
     if not rows:
         raise DatasetError(
-            f"{', '.join(map(str, paths))}: got no trial: {layout.presented} is empty in every row that is taken; name "
-            "another column with --presented, or take other rows with --where"
+            ", ".join(map(str, paths)),
+            f"got no trial: {layout.presented} is empty in every row that is taken",
+            "name another column with --presented, or take other rows with --where",
         )
     known = tuple(materials) or tuple(sorted({row.presented for row in rows}))
     _check_materials(paths[0], layout, known)
@@ -131,7 +134,7 @@ def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str]) -> 
     """Yield each row below the header as a trial, or its material where it is none; blank lines do not count."""
     text = text_of(path, "trials").removeprefix("\ufeff")
     if not text.strip():
-        raise DatasetError(f"{path}: got an empty file; allowed: a header, and a row for each trial; name another file")
+        raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
     # Cells are parted by the first sign under which the header names most of the columns.
     first, columns = text.partition("\n")[0], set(layout.columns())
     found = {one: columns & {cell.strip().strip('"') for cell in first.split(one)} for one in DELIMITERS}
@@ -147,7 +150,7 @@ def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str]) -> 
                 yield _row(path, number, line, layout, materials, _Cells(places, cells, len(header)))
             line = lines.line_num + 1
     except csv.Error as error:
-        raise DatasetError(f"{path}: line {lines.line_num}: {error}; write plain CSV") from error
+        raise DatasetError(path, str(error), "write plain CSV", line=lines.line_num) from error
 
 
 @dataclass(frozen=True)
@@ -177,8 +180,11 @@ def _row(path: Path, file: int, line: int, layout: Layout, materials: Sequence[s
         return shown
     if not cells.fits:
         raise DatasetError(
-            f"{path}: line {line}: got {len(cells.cells)} cells under {cells.width} columns; allowed: as many; mend "
-            "the line, or export the file again"
+            path,
+            f"got {len(cells.cells)} cells under {cells.width} columns",
+            "mend the line, or export the file again",
+            allowed="as many",
+            line=line,
         )
     presented = layout.materials.get(shown, shown)
     allowed = tuple(materials) or tuple(layout.materials.values())
@@ -217,7 +223,7 @@ def _time_s(path: Path, line: int, layout: Layout, cells: _Cells) -> float | Non
 
 
 def _refused(path: Path, line: int, column: str, cell: str, allowed: str, remedy: str) -> DatasetError:
-    return DatasetError(f"{path}: line {line}, column {column}: got {quoted(cell)}; allowed: {allowed}; {remedy}")
+    return DatasetError(path, f"line {line}, column {column}: got {quoted(cell)}", remedy, allowed=allowed)
 
 
 def _listed(values: Sequence[str] | Mapping[str, None]) -> str:
@@ -232,7 +238,7 @@ def text_of(path: Path, rows: str) -> str:
         return storage.read_text(path)
     except (OSError, ValueError) as error:
         raise DatasetError(
-            f"{path}: cannot be read ({storage.why(error)}); give a CSV file of {rows} in UTF-8"
+            path, f"cannot be read ({storage.why(error)})", f"give a CSV file of {rows} in UTF-8"
         ) from error
 
 
@@ -242,23 +248,29 @@ def _check_header(path: Path, layout: Layout, header: Sequence[str]) -> None:
             got = "no such column" if not times else f"{times} such columns"
             there = _listed(dict.fromkeys(name for name in header if name))
             raise DatasetError(
-                f"{path}: line 1, column {column}: got {got}; allowed: one of {there or 'a header'}; name it as the "
-                "header does"
+                path,
+                f"line 1, column {column}: got {got}",
+                "name it as the header does",
+                allowed=f"one of {there or 'a header'}",
             )
 
 
 def _check_materials(path: Path, layout: Layout, materials: Sequence[str]) -> None:
     if not 2 <= len(materials) <= MOST_MATERIALS:
         raise DatasetError(
-            f"{path}: column {layout.presented}: got {len(materials)} different materials ({_listed(materials)}); "
-            f"allowed: 2 to {MOST_MATERIALS}; name another column with --presented"
+            path,
+            f"column {layout.presented}: got {len(materials)} different materials ({_listed(materials)})",
+            "name another column with --presented",
+            allowed=f"2 to {MOST_MATERIALS}",
         )
     alike: dict[str, str] = {}
     for material in materials:
         if (other := alike.setdefault(skeleton(material), material)) != material:
             raise DatasetError(
-                f"{path}: column {layout.presented}: got {quoted(other)} and {quoted(material)}, which look the same; "
-                f"allowed: one spelling; give --map-presented '{material}={other}'"
+                path,
+                f"column {layout.presented}: got {quoted(other)} and {quoted(material)}, which look the same",
+                f"give --map-presented '{material}={other}'",
+                allowed="one spelling",
             )
 
 
@@ -270,7 +282,9 @@ def _refuse_twice(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) ->
             and (known := first.setdefault((row.participant, row.task, row.trial), row)) is not row
         ):
             raise DatasetError(
-                f"{paths[row.file - 1]}: line {row.line}, column {layout.trial}: got trial {row.trial} of participant "
-                f"{quoted(row.participant)} again, after {paths[known.file - 1]}, line {known.line}; allowed: each "
-                "once in a task; take one row a trial with --where, name the task with --task, or leave --trial away"
+                paths[row.file - 1],
+                f"line {row.line}, column {layout.trial}: got trial {row.trial} of participant "
+                f"{quoted(row.participant)} again, after {paths[known.file - 1]}, line {known.line}",
+                "take one row a trial with --where, name the task with --task, or leave --trial away",
+                allowed="each once in a task",
             )

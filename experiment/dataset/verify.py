@@ -83,9 +83,11 @@ def verify(
     key than the signer's.
     """
     if not root.is_dir():
-        raise DatasetError(f"{root}: is no folder; allowed: that of a dataset, which holds sourcedata; give that one")
+        raise DatasetError(root, "is no folder", "give that one", allowed="that of a dataset, which holds sourcedata")
     if signer is not None and not registers:
-        raise DatasetError("got --signer without --register; allowed: both, or --register alone; name the register too")
+        raise DatasetError(
+            "got --signer without --register", remedy="name the register too", allowed="both, or --register alone"
+        )
     if signer is not None:
         signer.keys()
     for path in registers:
@@ -200,7 +202,7 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():
-                yield DatasetError(f"{path}: is missing; make it again ({beliefs.build_again(root)})")
+                yield DatasetError(path, "is missing", f"make it again ({beliefs.build_again(root)})")
 
 
 def _tables_alone(root: Path) -> Iterator[Finding]:
@@ -243,8 +245,9 @@ def _session(path: Path, headers: list[Header]) -> str:
     more = storage.size(storage.foot_path(path)) - end
     if more and progress(contents.entries).complete:
         raise DatasetError(
-            f"{storage.foot_path(path)}: {count(more, 'byte')} follow the last step that the journal of this complete "
-            "session names; restore the file from a backup"
+            storage.foot_path(path),
+            f"{count(more, 'byte')} follow the last step that the journal of this complete session names",
+            "restore the file from a backup",
         )
     torn = f"; {count(len(contents.torn), 'byte')} at its end: a line that was never finished" if contents.torn else ""
     told = f"{count(len(contents.lines), 'line')} in an unbroken chain up to its head{torn}"
@@ -278,12 +281,12 @@ def _recordings(root: Path, named: set[str | None]) -> str:
         data = storage.read_bytes(manifest)
         takes = [(str(take["file"]), str(take["sha256"])) for take in tomllib.loads(data.decode())["takes"]]
     except (OSError, ValueError, KeyError, TypeError) as error:
-        raise RecordingError(f"{manifest}: cannot be read ({storage.why(error)}); restore it from a backup") from error
+        raise RecordingError(manifest, f"cannot be read ({storage.why(error)})", "restore it from a backup") from error
     if named != {hashlib.sha256(data).hexdigest()}:
-        raise RecordingError(f"{manifest}: is not the one that the journals name; restore it from a backup")
+        raise RecordingError(manifest, "is not the one that the journals name", "restore it from a backup")
     broken = [name for name, sha256 in takes if _sha256(folder / name) != sha256]
     if broken:
-        raise RecordingError(f"{folder}: takes are missing or changed: {', '.join(broken)}; restore them from a backup")
+        raise RecordingError(folder, f"takes are missing or changed: {', '.join(broken)}", "restore them from a backup")
     are = "take is that" if len(takes) == 1 else "takes are those"
     return f"{len(takes)} {are} of the manifest, and the manifest is the one that the journals name"
 
@@ -307,12 +310,14 @@ def _check_place(root: Path, path: Path) -> None:
     """Refuse what is no register, and one inside the dataset."""
     if path.resolve().is_relative_to(root.resolve()):
         raise DatasetError(
-            f"{path}: stands inside the dataset, where whoever can change the one can change the other; allowed: a "
-            "register elsewhere; name one"
+            path,
+            "stands inside the dataset, where whoever can change the one can change the other",
+            "name one",
+            allowed="a register elsewhere",
         )
     kept, _ = register.read(path)
     if not kept and not any(word in storage.read_bytes(path) for word in (b'"anchor"', b'"prefixes"')):
-        raise DatasetError(f"{path}: is no register, for it has no anchor; give the file that palpate anchor wrote to")
+        raise DatasetError(path, "is no register, for it has no anchor", "give the file that palpate anchor wrote to")
 
 
 def _cut_short(findings: Sequence[Finding], mends: Mapping[str, str]) -> Iterator[Finding]:
@@ -366,8 +371,9 @@ def _evidence(
             findings.append(Finding("note", str(path), f"{do} not count: {signer.path} did not sign them"))
         if signer and not counted and any(map(register.soundly_signed, mine)):
             raise DatasetError(
-                f"{signer.path}: is not the key that signed the anchors of this dataset in {path}; give that one; if "
-                "this is the laboratory's only key, somebody else wrote the register"
+                signer.path,
+                f"is not the key that signed the anchors of this dataset in {path}; give that one",
+                "if this is the laboratory's only key, somebody else wrote the register",
             )
         if not counted and not inside:
             findings.append(Finding("refused", str(path), f"has no anchor of this dataset{by}"))
@@ -379,13 +385,16 @@ def _evidence(
         line = re.search(r"\s((?:[0-9a-f]{4}-){3}[0-9a-f]{4})\s*$", number, re.IGNORECASE)
         digits = re.sub(r"[\s-]", "", line[1] if line else number).lower()
         if not re.fullmatch(rf"[0-9a-f]{{{DIGITS}}}", digits):
-            raise DatasetError(f"--number: got {number!r}; allowed: {DIGITS} digits and letters a to f; correct it")
+            raise DatasetError(
+                "--number", f"got {number!r}", "correct it", allowed=f"{DIGITS} digits and letters a to f"
+            )
         found = tuple(anchor for anchor in all_anchors if anchor.number == digits)[:1]
         near = [anchor for anchor in all_anchors if sum(map(ne, digits, anchor.number)) <= MISTYPED]
         if near and not found:
             raise DatasetError(
-                f"--number: got {number!r}, which is almost the number of the anchor {near[0].line}; compare it with "
-                "the lab book again"
+                "--number",
+                f"got {number!r}, which is almost the number of the anchor {near[0].line}",
+                "compare it with the lab book again",
             )
         if not found:
             why = "the number was mistyped or is of another dataset, or that file was changed"

@@ -37,7 +37,9 @@ AWAY_S = 5.0
 def place(dataset: Path, participant: str) -> Path:
     """Return a session's socket in a folder that only its owner may open. Raises `LinkError` where none is possible."""
     if not hasattr(socket, "AF_UNIX"):
-        raise LinkError("this system has no sockets that are files; run the session on lines of text (--lines)")
+        raise LinkError(
+            "this system has no sockets that are files", remedy="run the session on lines of text (--lines)"
+        )
     name = hashlib.sha256(f"{dataset.resolve()}\n{participant}".encode()).hexdigest()[:16]
     return _own_folder(Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir())) / f"{name}.sock"
 
@@ -57,8 +59,10 @@ def _own_folder(parent: Path) -> Path:
             usable = _usable(usual)
     except OSError as error:
         raise LinkError(
-            f"{parent}: no folder for the console's socket can be made ({error.strerror or error}); allowed: a folder "
-            "that you may write to; name one in XDG_RUNTIME_DIR, or run the session on lines of text (--lines)"
+            parent,
+            f"no folder for the console's socket can be made ({error.strerror or error})",
+            "name one in XDG_RUNTIME_DIR, or run the session on lines of text (--lines)",
+            allowed="a folder that you may write to",
         ) from error
     return usable[0]
 
@@ -288,7 +292,7 @@ def _listening(path: Path) -> socket.socket:
     except OSError as error:
         server.close()
         raise LinkError(
-            f"{path}: {error.strerror or error}; allowed: one session of a participant at a time; end the other one"
+            path, error.strerror or str(error), "end the other one", allowed="one session of a participant at a time"
         ) from error
     return server
 
@@ -309,7 +313,7 @@ class Line:
             self._connection.sendall(messages.line(hello))
         except OSError as error:
             self._connection.close()
-            raise LinkError(f"no session listens at {path} ({error.strerror or error}); begin one") from error
+            raise LinkError(f"no session listens at {path} ({error.strerror or error})", remedy="begin one") from error
 
     def send(self, deed: messages.Deed) -> int:
         """Send a command, and return its id. Raises `LinkError` if the session is gone."""

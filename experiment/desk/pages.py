@@ -256,7 +256,7 @@ def _letters(font: Path, size_px: float) -> FreeTypeFont:
         return ImageFont.truetype(str(font), size_px)
     except OSError as error:
         raise DisplayError(
-            f"screen.font: {font}: got {error}; allowed: a font file (.ttf, .otf, .ttc); name another, or none"
+            "screen.font", f"{font}: got {error}", "name another, or none", allowed="a font file (.ttf, .otf, .ttc)"
         ) from error
 
 

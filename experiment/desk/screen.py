@@ -99,8 +99,8 @@ class Window:
             from psychopy.hardware import keyboard
         except ImportError as error:
             raise DisplayError(
-                f"the participant's screen needs PsychoPy ({error}); install palpate[lab] with Python 3.11 or 3.12, "
-                "and the system's OpenGL with GLU"
+                f"the participant's screen needs PsychoPy ({error})",
+                remedy="install palpate[lab] with Python 3.11 or 3.12, and the system's OpenGL with GLU",
             ) from error
         except Exception as error:
             raise _no_display(error) from error
@@ -166,8 +166,9 @@ class Window:
 
 def _no_display(error: Exception) -> DisplayError:
     return DisplayError(
-        f"the participant's screen cannot be opened ({type(error).__name__}: {error}); allowed: a display with "
-        "OpenGL 2; run this where that display is, on Linux with DISPLAY set"
+        f"the participant's screen cannot be opened ({type(error).__name__}: {error})",
+        remedy="run this where that display is, on Linux with DISPLAY set",
+        allowed="a display with OpenGL 2",
     )
 
 
@@ -183,7 +184,7 @@ def _check_display(display: int) -> None:
         with suppress(pyglet.canvas.xlib.NoSuchDisplayException):
             pyglet.canvas.Display(x_screen=display).close()
             return
-    raise DisplayError(f"screen.display: got {display}; allowed: 0 to {found - 1} on this machine; name another")
+    raise DisplayError("screen.display", f"got {display}", "name another", allowed=f"0 to {found - 1} on this machine")
 
 
 def _press_once(window: Any) -> None:
@@ -207,7 +208,7 @@ def alone(path: Path) -> Iterator[None]:
         with FileLock(path.with_suffix(".screen"), timeout=0):
             yield
     except Timeout:
-        raise DisplayError("this session's screen is open already; close it first, or use it") from None
+        raise DisplayError("this session's screen is open already", remedy="close it first, or use it") from None
 
 
 @dataclass(eq=False)

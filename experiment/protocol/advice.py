@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from itertools import pairwise
 from math import factorial
 
-from palpate.experiment.findings import Finding, mismatch
+from palpate.experiment.errors import Finding, mismatch
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.load import written
 

@@ -19,8 +19,7 @@ import rfc8785
 from pydantic import Field
 
 from palpate.experiment import storage
-from palpate.experiment.errors import PalpateError, ProtocolError, other_format
-from palpate.experiment.findings import Finding, mismatch
+from palpate.experiment.errors import Finding, PalpateError, ProtocolError, mismatch, other_format
 from palpate.experiment.protocol import rules
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load

@@ -20,7 +20,7 @@ def shipped(name: str) -> Path:
     for folder in (Path("protocols"), PACKAGE.parent / "protocols", PACKAGE / "shipped"):
         if (folder / name).is_file():
             return folder / name
-    raise PalpateError(f"protocols/{name}: the shipped file was not found; name a file on the command line")
+    raise PalpateError(f"protocols/{name}", "the shipped file was not found", "name a file on the command line")
 
 
 def named(name: str) -> Path:
@@ -33,6 +33,8 @@ def named(name: str) -> Path:
     if name in ids:
         return shipped(f"{name}.toml")
     raise PalpateError(
-        f"{quoted(name)}: got neither a file nor the id of a protocol that comes with palpate; allowed: a protocol "
-        f"file, or {', '.join(ids)}; name one of these"
+        quoted(name),
+        "got neither a file nor the id of a protocol that comes with palpate",
+        "name one of these",
+        allowed=f"a protocol file, or {', '.join(ids)}",
     )

@@ -12,8 +12,7 @@ from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
-from palpate.experiment.errors import ProtocolError
-from palpate.experiment.findings import mismatch
+from palpate.experiment.errors import ProtocolError, mismatch
 from palpate.experiment.protocol import rules
 from palpate.experiment.records.tapping import FIRST, SECOND, TIE
 from palpate.experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text

@@ -91,13 +91,13 @@ def whole(typed: str, path: Place) -> int:
     """Return a whole number for the field of a protocol at `path`. Raises `PalpateError` for what is none."""
     if typed.isascii() and typed.isdecimal() and len(typed) < 10:
         return int(typed)
-    raise PalpateError(f"got {quoted(typed)}; allowed: {load.field(Protocol, path)}")
+    raise PalpateError(f"got {quoted(typed)}", allowed=load.field(Protocol, path))
 
 
 def checked(study: NewStudy) -> NewStudy:
     """Return a study whose protocol would be accepted. Raises `PalpateError` that says once what would be refused."""
     if study.tasks not in TASKS:
-        raise PalpateError(f"got {quoted(study.tasks)}; allowed: one of: {', '.join(TASKS)}")
+        raise PalpateError(f"got {quoted(study.tasks)}", allowed=f"one of: {', '.join(TASKS)}")
     _check(text(study), study.materials)
     return study
 
@@ -174,7 +174,7 @@ def copied(source: Path, study_id: str, title: str | None = None) -> str:
     known = files.load(source)
     if study_id == known.study.id:
         raise PalpateError(
-            f"got the id {quoted(study_id)}; allowed: another than that of {plain(str(source), keep='')}"
+            f"got the id {quoted(study_id)}", allowed=f"another than that of {plain(str(source), keep='')}"
         )
     document = tomlkit.parse(storage.read_text(source).removeprefix("\ufeff"))
     document["study"]["id"] = study_id
@@ -192,9 +192,9 @@ def free(path: Path) -> Path:
     """Return where a new protocol file goes, ending in `.toml`. Raises `PalpateError`, also for a seal's name."""
     path = path if path.suffix else path.with_name(f"{path.name}.toml")
     if path.suffix != ".toml" or path.name.endswith(".seal.toml"):
-        raise PalpateError(f"got the file {quoted(str(path))}; allowed: a name that ends in .toml, and not .seal.toml")
+        raise PalpateError(f"got the file {quoted(str(path))}", allowed="a name that ends in .toml, and not .seal.toml")
     if path.exists() or path.is_symlink():
-        raise PalpateError(f"{plain(str(path), keep='')}: got a file that exists; allowed: a new file; name another")
+        raise PalpateError(plain(str(path), keep=""), "got a file that exists", "name another", allowed="a new file")
     return path
 
 
@@ -210,7 +210,7 @@ def _check(made: str, of: Sequence[NewMaterial] = ()) -> None:
         elif problem.field in OTHER_KEYS:
             got, allowed = f"the key {got}, which stands for '{OTHER_KEYS[problem.field]}'", "a key of its own"
         allowed = re.sub(r"materials\[(\d+)\]\.\S+", lambda one: quoted(of[int(one[1])].name), allowed)
-        raise PalpateError(f"got {got}; allowed: {allowed}") from error
+        raise PalpateError(f"got {got}", allowed=allowed) from error
 
 
 def _in_fives(value: float) -> int:

@@ -124,8 +124,10 @@ def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) 
         got, allowed = getattr(manifest, name), getattr(synthesis, name)
         if got != allowed:
             raise RecordingError(
-                f"{path}: {name}: got {got}; allowed: {allowed}, as in the protocol; record again, or change one of "
-                "the two"
+                path,
+                f"{name}: got {got}",
+                "record again, or change one of the two",
+                allowed=f"{allowed}, as in the protocol",
             )
     return _loaded(directory, manifest, synthesis.speeds_mm_s, synthesis.takes, material_ids)
 
@@ -137,8 +139,10 @@ def load_all(directory: Path) -> Recordings:
     materials = dict.fromkeys(take.material for take in manifest.takes if take.material is not None)
     if not materials:
         raise RecordingError(
-            f"{path}: got {len(manifest.takes)} takes, none of a material; allowed: takes of one material or more and "
-            "of the bare panel; record them with palpate record"
+            path,
+            f"got {len(manifest.takes)} takes, none of a material",
+            "record them with palpate record",
+            allowed="takes of one material or more and of the bare panel",
         )
     speeds_mm_s = sorted({take.speed_mm_s for take in manifest.takes})
     return _loaded(directory, manifest, speeds_mm_s, max(take.number for take in manifest.takes), tuple(materials))
@@ -153,8 +157,10 @@ def _loaded(
         condition = (take.material, take.speed_mm_s, take.number)
         if condition in by_condition:
             raise RecordingError(
-                f"{path}: got {take.file} and {by_condition[condition].file} for {_condition(*condition)}; "
-                "allowed: one file; remove one of them from the manifest"
+                path,
+                f"got {take.file} and {by_condition[condition].file} for {_condition(*condition)}",
+                "remove one of them from the manifest",
+                allowed="one file",
             )
         by_condition[condition] = take
     wanted = [
@@ -164,8 +170,10 @@ def _loaded(
     for condition in (condition for of_material in wanted for condition in of_material):
         if condition not in by_condition:
             raise RecordingError(
-                f"{path}: got no {_condition(*condition)}; allowed: {takes} takes at each of {list(speeds_mm_s)} mm/s; "
-                "record what is missing"
+                path,
+                f"got no {_condition(*condition)}",
+                "record what is missing",
+                allowed=f"{takes} takes at each of {list(speeds_mm_s)} mm/s",
             )
 
     def takes_of(conditions: list[tuple[str | None, float, int]]) -> NDArray[np.float64]:
@@ -189,7 +197,7 @@ def _condition(material: str | None, speed_mm_s: float, number: int) -> str:
 
 def _unreadable(path: Path) -> RecordingError:
     return RecordingError(
-        f"{path}: cannot be read; allowed: a folder of recordings with its {MANIFEST}; name another folder"
+        path, "cannot be read", "name another folder", allowed=f"a folder of recordings with its {MANIFEST}"
     )
 
 
@@ -210,12 +218,12 @@ def _samples(path: Path, *, take: _Take, manifest: Manifest) -> NDArray[np.float
         content = storage.read_bytes(path)
     except OSError as error:
         raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}); allowed: the file that the manifest names; restore it"
+            path, f"cannot be read ({error.strerror})", "restore it", allowed="the file that the manifest names"
         ) from error
     rate_hz, samples = wav_samples(content, file=str(path))
 
     def refuse(got: str, allowed: str, remedy: str) -> RecordingError:
-        return RecordingError(f"{path}: got {got}; allowed: {allowed}; {remedy}")
+        return RecordingError(path, f"got {got}", remedy, allowed=allowed)
 
     if rate_hz != manifest.rate_hz:
         raise refuse(f"{rate_hz} Hz", f"{manifest.rate_hz} Hz, as the manifest says", "record or resample it again")

@@ -85,8 +85,10 @@ def read(path: Path, *, channel: str | None = None) -> Recording:
         content = storage.read_bytes(path, LARGEST)
     except OSError as error:
         raise RecordingError(
-            f"{path}: cannot be read ({error.strerror}); allowed: a WAV, .lvm or text file of at most "
-            f"{LARGEST // 2**20} MiB; cut it, or name another file"
+            path,
+            f"cannot be read ({error.strerror})",
+            "cut it, or name another file",
+            allowed=f"a WAV, .lvm or text file of at most {LARGEST // 2**20} MiB",
         ) from error
     if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
         return _from_wav(path, *wav_samples(content, file=str(path)), channel)
@@ -98,7 +100,7 @@ def read(path: Path, *, channel: str | None = None) -> Recording:
     try:
         return _recording(str(path), channel, *table(text.splitlines()))
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
+        raise RecordingError.at(replace(error.finding, where=path)) from None
 
 
 def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | None) -> Recording:
@@ -107,7 +109,7 @@ def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | Non
     try:
         place = _chosen(names, channel)
     except RecordingError as error:
-        raise RecordingError(f"{path}: {error}") from None
+        raise RecordingError.at(replace(error.finding, where=path)) from None
     samples, unit = table[:, place].astype(np.float64), ""
     if stored.dtype.kind != "f":
         zero = 128.0 if stored.dtype == np.uint8 else 0.0
@@ -116,7 +118,7 @@ def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | Non
         unit = "full scale"
     if not np.all(np.isfinite(samples)):
         at = int(np.flatnonzero(~np.isfinite(samples))[0])
-        raise RecordingError(f"{path}: sample {at}: got {samples[at]}; allowed: finite numbers; record it again")
+        raise RecordingError(path, f"sample {at}: got {samples[at]}", "record it again", allowed="finite numbers")
     return Recording(str(path), names[place], names, samples, unit, float(rate_hz), "WAV header")
 
 
@@ -128,7 +130,9 @@ def _chosen(names: tuple[str, ...], channel: str | None) -> int:
     if channel.isdecimal() and 1 <= int(channel) <= len(names):
         return int(channel) - 1
     raise RecordingError(
-        f"got channel {channel!r}; allowed: {', '.join(names)}, or a number from 1 to {len(names)}; choose one of them"
+        f"got channel {channel!r}",
+        remedy="choose one of them",
+        allowed=f"{', '.join(names)}, or a number from 1 to {len(names)}",
     )
 
 
@@ -166,14 +170,17 @@ def _from_columns(lines: list[str]) -> _Table:
         filled = sum(bool(cell.strip()) for cell in cells)
         if rows and filled != len(rows[0][1]):
             raise RecordingError(
-                f"line {place}: got {filled} numbers; allowed: {len(rows[0][1])}, as in line {rows[0][0]}; "
-                "correct or remove the line"
+                f"got {filled} numbers",
+                remedy="correct or remove the line",
+                allowed=f"{len(rows[0][1])}, as in line {rows[0][0]}",
+                line=place,
             )
         rows.append((place, cells))
     if dialect is None:
         raise RecordingError(
-            "got no line of two or more numbers; allowed: WAV, LabVIEW .lvm, or text columns with a column of times; "
-            "name another file"
+            "got no line of two or more numbers",
+            remedy="name another file",
+            allowed="WAV, LabVIEW .lvm, or text columns with a column of times",
         )
     columns = [
         _Column(name, unit, *_values(rows, place, name or f"{place + 1}", dialect[1]))
@@ -227,8 +234,9 @@ def _from_lvm(lines: list[str]) -> _Table:
     found = [channels for one in segments if (channels := _lvm_channels(one, decimal))[0]]
     if not found:
         raise RecordingError(
-            "got a LabVIEW header without samples; allowed: rows below a line that begins with X_Value; export the "
-            "measurement again"
+            "got a LabVIEW header without samples",
+            remedy="export the measurement again",
+            allowed="rows below a line that begins with X_Value",
         )
     signals, times = found[0]
     split = [_name_and_unit(signal.name) for signal in signals]
@@ -253,13 +261,16 @@ def _lvm_header(lines: list[str]) -> tuple[str, str, int]:
             decimal = tags.get("Decimal_Separator") or "."
             if separator is None or decimal not in (".", ",") or separator == decimal:
                 raise RecordingError(
-                    f"got Separator {named!r} with Decimal_Separator {decimal!r}; allowed: Tab or Comma, with '.' or, "
-                    "after Tab, ','; export the measurement again"
+                    f"got Separator {named!r} with Decimal_Separator {decimal!r}",
+                    remedy="export the measurement again",
+                    allowed="Tab or Comma, with '.' or, after Tab, ','",
                 )
             return separator, decimal, place
         # `Decimal_Separator<Tab>,` holds the other separator as its value; `Separator,Comma` may be followed by commas.
         tags[tag.strip()] = value.strip() if value.strip() == "," else value.strip("\t, ")
-    raise RecordingError("got a LabVIEW header without its end; allowed: a line ***End_of_Header***; export it again")
+    raise RecordingError(
+        "got a LabVIEW header without its end", remedy="export it again", allowed="a line ***End_of_Header***"
+    )
 
 
 def _lvm_segments(lines: list[str], header: int, separator: str, decimal: str) -> list[_Segment]:
@@ -281,14 +292,19 @@ def _lvm_segments(lines: list[str], header: int, separator: str, decimal: str) -
                 current, in_rows, header_at = _Segment(), False, place
             if isfinite(_number(cells[0], decimal)):
                 raise RecordingError(
-                    f"line {place}: got numbers in a header; allowed: numbers below a line that begins with "
-                    f"X_Value{f'; line {header_at} began this header' if header_at else ''}; correct the file"
+                    "got numbers in a header",
+                    remedy="correct the file",
+                    allowed="numbers below a line that begins with "
+                    f"X_Value{f'; line {header_at} began this header' if header_at else ''}",
+                    line=place,
                 )
             current.tags[cells[0]] = cells
     if not in_rows and header_at:
         raise RecordingError(
-            f"line {header_at}: got a segment's header without rows; allowed: a line that begins with X_Value and rows "
-            "below it; remove the lines from there on"
+            "got a segment's header without rows",
+            remedy="remove the lines from there on",
+            allowed="a line that begins with X_Value and rows below it",
+            line=header_at,
         )
     return segments
 
@@ -330,8 +346,10 @@ def _values(rows: _Rows, place: int, name: str, decimal: str) -> tuple[NDArray[n
             wrong = f"{cell[:40]!r} in column {name!r}"
             got = wrong if np.isnan(values[-1]) else f"column {name!r} empty in line {empty_at}"
             raise RecordingError(
-                f"line {line}: got {got}; allowed: a number in every row, and empty cells only at the end of a "
-                "column; correct the line, or export the measurement again"
+                f"got {got}",
+                remedy="correct the line, or export the measurement again",
+                allowed="a number in every row, and empty cells only at the end of a column",
+                line=line,
             )
     return np.array(values), [line for line, _ in rows[: len(values)]]
 
@@ -345,15 +363,17 @@ def _recording(
     chosen, clock = signals[place], times[place]
     if chosen.dimension.lower() != "time":
         raise RecordingError(
-            f"channel {chosen.name!r} stands over {chosen.dimension}; allowed: Time; choose another channel"
+            f"channel {chosen.name!r} stands over {chosen.dimension}", remedy="choose another channel", allowed="Time"
         )
     claimed_hz = 1 / chosen.step if chosen.step > 0 and isfinite(1 / chosen.step) else None
     if clock is not None:
         count = chosen.values.size
         if clock.values.size < count:
             raise RecordingError(
-                f"line {chosen.lines[clock.values.size]}: got a sample without a time; allowed: a time in every row; "
-                "export the measurement again"
+                "got a sample without a time",
+                remedy="export the measurement again",
+                allowed="a time in every row",
+                line=chosen.lines[clock.values.size],
             )
         rate_hz, jitter = _even(replace(clock, values=clock.values[:count]))
         source = f"time column {clock.name!r}" if clock.name else "first column"
@@ -362,8 +382,9 @@ def _recording(
         source = "header (Delta_X), no time column to check it against"
     else:
         raise RecordingError(
-            "got neither an X column nor a Delta_X above zero; allowed: a column of times; export the measurement with "
-            "X_Columns One"
+            "got neither an X column nor a Delta_X above zero",
+            remedy="export the measurement with X_Columns One",
+            allowed="a column of times",
         )
     of_channel = (file, chosen.name, names, chosen.values, chosen.unit)
     return Recording(*of_channel, rate_hz, source, claimed_hz, jitter, segments)
@@ -391,8 +412,10 @@ def _look_like_times(first: _Column) -> None:
         what = "a counter of samples"
     if what:
         raise RecordingError(
-            f"line {first.lines[0]}: got {what} in the first column and no column named time; "
-            "allowed: a column of times; write a heading such as 'time (s), acceleration (g)'"
+            f"got {what} in the first column and no column named time",
+            remedy="write a heading such as 'time (s), acceleration (g)'",
+            allowed="a column of times",
+            line=first.lines[0],
         )
 
 
@@ -401,27 +424,31 @@ def _even(times: _Column) -> tuple[float, float]:
     suffix = _UNIT_SUFFIX.fullmatch(times.name)
     unit = (times.unit or (suffix[1] if suffix else "s")).lower()
     if unit not in _SECONDS:
-        raise RecordingError(f"got times in {unit!r}; allowed: {', '.join(_SECONDS)}; correct the heading")
+        raise RecordingError(f"got times in {unit!r}", remedy="correct the heading", allowed=", ".join(_SECONDS))
     t = times.values * _SECONDS[unit]
     if t.size < 2:
-        raise RecordingError(f"got {t.size} rows; allowed: two or more, for a sampling rate; record longer")
+        raise RecordingError(f"got {t.size} rows", remedy="record longer", allowed="two or more, for a sampling rate")
     with np.errstate(over="ignore", invalid="ignore"):
         steps = np.diff(t)
         median = float(np.median(steps))
         worst = int(np.argmax(np.abs(steps - median)))
         if not (0 < median < np.inf and abs(steps[worst] - median) <= LARGEST_STEP_ERROR * median):
             raise RecordingError(
-                f"line {times.lines[worst + 1]}: got a time step of {steps[worst]:g} s; allowed: within "
-                f"{LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s; record without gaps or resample it evenly"
+                f"got a time step of {steps[worst]:g} s",
+                remedy="record without gaps or resample it evenly",
+                allowed=f"within {LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s",
+                line=times.lines[worst + 1],
             )
         mean = float((t[-1] - t[0]) / steps.size)
         off = np.abs(t - (t[0] + mean * np.arange(t.size))) / mean
     at = int(np.argmax(off))
     if not off[at] <= LARGEST_STEP_ERROR:
         raise RecordingError(
-            f"line {times.lines[at]}: got a sample {off[at]:.1f} steps away from an even grid; allowed: "
-            f"{LARGEST_STEP_ERROR} steps; record at a steady rate or resample it evenly"
+            f"got a sample {off[at]:.1f} steps away from an even grid",
+            remedy="record at a steady rate or resample it evenly",
+            allowed=f"{LARGEST_STEP_ERROR} steps",
+            line=times.lines[at],
         )
     if not np.isfinite(1 / mean):
-        raise RecordingError(f"got time steps of {mean:g} s; allowed: longer ones; correct the unit of time")
+        raise RecordingError(f"got time steps of {mean:g} s", remedy="correct the unit of time", allowed="longer ones")
     return 1 / mean, float(off[at])

@@ -101,7 +101,7 @@ def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
     n = recording.samples.size
     if n < FEWEST_SAMPLES:
         raise RecordingError(
-            f"{recording.file}: got {n} samples; allowed: {FEWEST_SAMPLES} or more for a spectrum; record longer"
+            recording.file, f"got {n} samples", "record longer", allowed=f"{FEWEST_SAMPLES} or more for a spectrum"
         )
     with np.errstate(over="ignore", invalid="ignore"):
         centred = recording.samples - recording.samples.mean()
@@ -109,8 +109,10 @@ def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:
     loudest = np.abs(recording.samples).max()
     if not np.all(np.isfinite(amplitudes)):
         raise RecordingError(
-            f"{recording.file}: got samples up to {loudest:g}; allowed: numbers whose sum does not overflow; check "
-            "the unit"
+            recording.file,
+            f"got samples up to {loudest:g}",
+            "check the unit",
+            allowed="numbers whose sum does not overflow",
         )
     bin_hz = recording.rate_hz / n
     places: Sequence[int] = ()
@@ -142,7 +144,7 @@ def curve(spectrum: AmplitudeSpectrum) -> tuple[NDArray[np.float64], NDArray[np.
 def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
     """Draw the spectrum with its peaks as .png or .svg; return `path`. Raises `RecordingError` for a bad path."""
     if path.suffix.lower() not in (".png", ".svg"):
-        raise RecordingError(f"{path}: got suffix {path.suffix!r}; allowed: .png, .svg; name the plot otherwise")
+        raise RecordingError(path, f"got suffix {path.suffix!r}", "name the plot otherwise", allowed=".png, .svg")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -162,6 +164,6 @@ def plot(spectrum: AmplitudeSpectrum, path: Path) -> Path:
         figure.savefig(path, dpi=150)
     except OSError as error:
         raise RecordingError(
-            f"{path}: cannot be written ({error.strerror}); allowed: a place to write to; name the plot otherwise"
+            path, f"cannot be written ({error.strerror})", "name the plot otherwise", allowed="a place to write to"
         ) from error
     return path

@@ -88,12 +88,14 @@ def plan(
     speeds = tuple(float(v) for v in speeds_mm_s) or synthesis.speeds_mm_s
     if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
         raise RecordingError(
-            f"speeds: got {', '.join(f'{v:g}' for v in speeds)} mm/s; allowed: {SLOWEST_MM_S:g} to {FASTEST_MM_S:g}, "
-            "each above the one before; give such speeds in rising order"
+            "speeds",
+            f"got {', '.join(f'{v:g}' for v in speeds)} mm/s",
+            "give such speeds in rising order",
+            allowed=f"{SLOWEST_MM_S:g} to {FASTEST_MM_S:g}, each above the one before",
         )
     count = synthesis.takes if takes is None else takes
     if not 1 <= count <= 100:
-        raise RecordingError(f"takes: got {count}; allowed: 1 to 100; give another number")
+        raise RecordingError("takes", f"got {count}", "give another number", allowed="1 to 100")
     return Plan(
         source=source,
         protocol_sha256=approval.sha256(protocol),
@@ -127,12 +129,14 @@ def write(directory: Path, *, takes: Iterable[Take], rate_hz: int, simulated: bo
     takes = list(takes)
     lengths = sorted({take.samples_m_s2.size for take in takes})
     if len(lengths) != 1:
-        raise RecordingError(f"{directory}: got takes of {lengths} samples; allowed: one length; cut them alike")
+        raise RecordingError(directory, f"got takes of {lengths} samples", "cut them alike", allowed="one length")
     for take in takes:
         if not np.all(np.isfinite(take.samples_m_s2)):
-            raise RecordingError(f"take {take.number} of {take.material or 'the panel'}: NaN or infinite; record again")
+            raise RecordingError(
+                f"take {take.number} of {take.material or 'the panel'}", "NaN or infinite", "record again"
+            )
     if directory.exists() and any(directory.iterdir()):
-        raise RecordingError(f"{directory}: holds files already; allowed: a new or empty directory; choose another")
+        raise RecordingError(directory, "holds files already", "choose another", allowed="a new or empty directory")
     directory.mkdir(parents=True, exist_ok=True)
     lines = [
         "format = 1",
@@ -171,34 +175,37 @@ def check(out: Path, planned: Plan) -> Path:
     partial = out.resolve().with_name(f".{out.resolve().name}.partial")
     if partial.is_symlink():
         raise RecordingError(
-            f"{partial}: got a link; allowed: a folder that palpate record made; remove it, or choose another --out"
+            partial, "got a link", "remove it, or choose another --out", allowed="a folder that palpate record made"
         )
     if out.exists() and (not out.is_dir() or any(out.iterdir())):
         what = "holds files already" if out.is_dir() else "is a file"
         if (out / MANIFEST).is_file():
             what = "holds recordings already"
             _finish(partial, (out / MANIFEST).read_bytes())
-        raise RecordingError(f"{out}: {what}; allowed: a new or empty folder; choose another with --out")
+        raise RecordingError(out, what, "choose another with --out", allowed="a new or empty folder")
     if not (partial / PLAN).exists():
         takes = len(list(partial.glob("*.npz")))
         if takes:
             raise RecordingError(
-                f"{partial}: got {takes} takes without their {PLAN}, which says what they are of; allowed: both "
-                "together; restore it, choose another --out, or remove the folder to start clean"
+                partial,
+                f"got {takes} takes without their {PLAN}, which says what they are of",
+                "restore it, choose another --out, or remove the folder to start clean",
+                allowed="both together",
             )
         return partial
     try:
         found = storage.json_of(storage.read_bytes(partial / PLAN))
     except ValueError as error:
-        raise RecordingError(f"{partial / PLAN}: got no JSON ({error}); remove {partial} to start clean") from error
+        raise RecordingError(partial / PLAN, f"got no JSON ({error})", f"remove {partial} to start clean") from error
     wanted = json.loads(json.dumps(asdict(planned)))
     if not isinstance(found, dict):
-        raise RecordingError(f"{partial / PLAN}: got no plan; remove {partial} to start clean")
+        raise RecordingError(partial / PLAN, "got no plan", f"remove {partial} to start clean")
     differing = [_difference(key, found.get(key), wanted[key]) for key in wanted if found.get(key) != wanted[key]]
     if differing:
         raise RecordingError(
-            f"{partial}: holds an interrupted recording of another plan ({'; '.join(differing)}); "
-            "go on with that plan, choose another --out, or remove the folder to start clean"
+            partial,
+            f"holds an interrupted recording of another plan ({'; '.join(differing)})",
+            "go on with that plan, choose another --out, or remove the folder to start clean",
         )
     return partial
 
@@ -213,8 +220,10 @@ def begun(planned: Plan, out: Path) -> Iterator[Path]:
         lock.acquire(blocking=False)
     except Timeout as error:
         raise RecordingError(
-            f"{partial}: another palpate record is under way for {out}; allowed: one; end that one, or choose "
-            "another --out"
+            partial,
+            f"another palpate record is under way for {out}",
+            "end that one, or choose another --out",
+            allowed="one",
         ) from error
     try:
         # The process that held it until now may have finished, or begun something else.
@@ -283,5 +292,5 @@ def _saved_take(path: Path, condition: Condition) -> Take:
             zeros = content["zero"].tolist()
             zero = Zero(zeros[0], zeros[1], round(zeros[2])) if zeros else None
     except (OSError, ValueError, KeyError, IndexError, zipfile.BadZipFile) as error:
-        raise RecordingError(f"{path}: got a damaged take ({error}); remove it, then record it again") from error
+        raise RecordingError(path, f"got a damaged take ({error})", "remove it, then record it again") from error
     return Take(condition.material, condition.speed_mm_s, condition.number, samples_m_s2, achieved_mm_s, zero)

@@ -326,15 +326,17 @@ def read_taps(path: Path) -> tuple[Tapped, ...]:
         rows, header = list(reader), reader.fieldnames or ()
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         why = storage.why(error)
-        raise RecordingError(f"{path}: cannot be read ({why}); allowed: a CSV file; name another file") from error
+        raise RecordingError(path, f"cannot be read ({why})", "name another file", allowed="a CSV file") from error
     if set(header) != set(COLUMNS):
         raise RecordingError(
-            f"{path}: got the columns {', '.join(header) or '(none)'}; allowed: {', '.join(COLUMNS)}, with a row for "
-            "each recording; correct the heading"
+            path,
+            f"got the columns {', '.join(header) or '(none)'}",
+            "correct the heading",
+            allowed=f"{', '.join(COLUMNS)}, with a row for each recording",
         )
     if not rows or any(None in row for row in rows):
         got = "a row with more cells than the heading" if rows else "no row below the heading"
-        raise RecordingError(f"{path}: got {got}; allowed: a row for each recording; correct the table")
+        raise RecordingError(path, f"got {got}", "correct the table", allowed="a row for each recording")
     taps = []
     for line, row in enumerate(rows, start=2):
         try:
@@ -343,8 +345,11 @@ def read_taps(path: Path) -> tuple[Tapped, ...]:
             stiffness = speed = float("nan")
         if not (0 < stiffness < float("inf") and 0 < speed < float("inf")):
             raise RecordingError(
-                f"{path}: line {line}: got {row['stiffness_n_m']!r} N/m and {row['speed_m_s']!r} m/s; allowed: finite "
-                "numbers above zero; correct the line"
+                path,
+                f"got {row['stiffness_n_m']!r} N/m and {row['speed_m_s']!r} m/s",
+                "correct the line",
+                allowed="finite numbers above zero",
+                line=line,
             )
         taps.append(Tapped(row["file"], row["surface"], stiffness, speed))
     return tuple(taps)
@@ -357,12 +362,14 @@ def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
     for one in rings:
         tap = by_name.get(Path(one.file).name)
         if tap is None:
-            raise RecordingError(f"{one.file}: the table of taps does not name it; add a line for it")
+            raise RecordingError(one.file, "the table of taps does not name it", "add a line for it")
         group = found.setdefault(tap.surface, [])
         if group and group[0][0].stiffness_n_m != tap.stiffness_n_m:
             raise RecordingError(
-                f"{one.file}: got {tap.stiffness_n_m:g} N/m for {tap.surface}, and {group[0][0].stiffness_n_m:g} N/m "
-                "before; allowed: one stiffness for a surface; correct the table"
+                one.file,
+                f"got {tap.stiffness_n_m:g} N/m for {tap.surface}, and {group[0][0].stiffness_n_m:g} N/m before",
+                "correct the table",
+                allowed="one stiffness for a surface",
             )
         if not one.misfit:
             group.append((tap, one))

@@ -26,10 +26,13 @@ def wav_samples(content: bytes, *, file: str) -> tuple[int, NDArray[Any]]:
         # scipy meets a damaged header with whatever the broken number leads to: ZeroDivisionError, TypeError, ...
         detail = " ".join(str(error).split()).rstrip(".")
         raise RecordingError(
-            f"{file}: got a WAV file that cannot be decoded ({detail}); allowed: whole PCM or float; export it again"
+            file, f"got a WAV file that cannot be decoded ({detail})", "export it again", allowed="whole PCM or float"
         ) from error
     if rate_hz < 1 or samples.size == 0:
         raise RecordingError(
-            f"{file}: got {samples.size} samples at {rate_hz} Hz; allowed: one or more at 1 Hz or more; export it again"
+            file,
+            f"got {samples.size} samples at {rate_hz} Hz",
+            "export it again",
+            allowed="one or more at 1 Hz or more",
         )
     return int(rate_hz), np.asarray(samples)

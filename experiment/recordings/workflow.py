@@ -124,7 +124,7 @@ def record_on_rig(
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if rig.rig.simulated:
         raise RecordingError(
-            f"{rig_file}: is a simulated rig; allowed: a real one; name another, or record --simulated"
+            rig_file, "is a simulated rig", "name another, or record --simulated", allowed="a real one"
         )
     rigs.check(rig, protocol.footsteps.step)
     clock = MonotonicClock()

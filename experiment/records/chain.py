@@ -198,7 +198,7 @@ class Writer:
                 f"{path}: the file is being written by another runner; end it there, or wait until it ends",
             )
             if os.fstat(self._file.fileno()).st_size != end.size + len(end.torn):
-                raise SessionLocked(f"{path}: was written since it was read; do the same again")
+                raise SessionLocked(path, "was written since it was read", "do the same again")
             self._cut()
             self._head = os.open(head_path(path), os.O_RDWR | os.O_CREAT, 0o666)
         except BaseException:

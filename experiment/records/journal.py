@@ -91,7 +91,7 @@ class Contents:
     def header(self) -> Header:
         """The header. Raises `JournalError` if there is none."""
         if not self.lines or not isinstance(self.lines[0].entry, Header):
-            raise JournalError("the journal has no header: its session never started; run the session again")
+            raise JournalError("the journal has no header: its session never started", remedy="run the session again")
         return self.lines[0].entry
 
     def in_order(self) -> list[Line | Unreadable]:
@@ -109,7 +109,7 @@ def read(path: Path, *, strict: bool = True) -> Contents:
     behind the header may be unreadable.
     """
     if not path.is_file():
-        raise JournalError(f"{path}: cannot read the journal: it is no file; give the path of a journal")
+        raise JournalError(path, "cannot read the journal: it is no file", "give the path of a journal")
     return read_if_begun(path, strict=strict)
 
 
@@ -172,7 +172,7 @@ def _why(error: ValueError) -> str:
 
 
 def _refused(where: str, why: str, remedy: str) -> JournalError:
-    return JournalError(f"{where} is no journal entry that this palpate knows ({why}); {remedy}")
+    return JournalError(f"{where} is no journal entry that this palpate knows ({why})", remedy=remedy)
 
 
 class Journal:
@@ -209,7 +209,7 @@ class Journal:
         Raises `JournalError`, before writing if `read` would refuse it, if the disk fails or the journal was moved.
         """
         if not self._writer.whole:
-            raise JournalError(f"{self._path}: an earlier entry was interrupted; run the same command again")
+            raise JournalError(self._path, "an earlier entry was interrupted", "run the same command again")
         t_ns = self._clock.now_ns()
         link = self._readable(t_ns, entry)
         self._is_of(entry)
@@ -229,8 +229,9 @@ class Journal:
             _entry(str(self._path), link, first=not self._begun)
         except ValueError as error:
             raise JournalError(
-                f"{self._path}: an entry of kind {entry.kind} was not written, because it could not be read again "
-                f"({_why(error)}); run the same command again"
+                self._path,
+                f"an entry of kind {entry.kind} was not written, because it could not be read again ({_why(error)})",
+                "run the same command again",
             ) from error
         return link
 
@@ -257,8 +258,9 @@ def settle(path: Path, contents: Contents) -> None:
 def unwritable(path: Path, error: OSError) -> JournalError:
     """Return what to tell of a file of a session that the disk does not take."""
     return JournalError(
-        f"{path}: cannot be written ({error.strerror}); check the disk and its free space, then run the same command "
-        "again; every answer that was confirmed is on disk"
+        path,
+        f"cannot be written ({error.strerror}); check the disk and its free space, then run the same command again",
+        "every answer that was confirmed is on disk",
     )
 
 
@@ -270,8 +272,10 @@ def check_place(file: int, path: Path) -> None:
         stands = False
     if not stands:
         raise JournalError(
-            f"{path}: the file is gone: it, or the folder that it stands in, was deleted, moved or replaced while the "
-            "session wrote it; put it back from where it is now or from a backup, then run the same command again"
+            path,
+            "the file is gone: it, or the folder that it stands in, was deleted, moved or replaced while the session "
+            "wrote it",
+            "put it back from where it is now or from a backup, then run the same command again",
         )
 
 

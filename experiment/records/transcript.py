@@ -42,7 +42,9 @@ def text(contents: Contents, trial: int | None = None) -> str:
     told = [line for n, line in enumerate(everything) if n and (n == last or not _is_exposure(line))]
     if trial is not None:
         if trial not in {planned.trial for planned in header.order}:
-            raise JournalError(f"trial {trial}: this session has none; allowed: 1 to {len(header.order)}; give another")
+            raise JournalError(
+                f"trial {trial}", "this session has none", "give another", allowed=f"1 to {len(header.order)}"
+            )
         told = [line for line in everything if isinstance(line, Unreadable) or getattr(line.entry, "trial", 0) == trial]
     lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_entry_text(line)}" for line in told]
     if trial is not None and not told:

@@ -53,7 +53,7 @@ def started(asked: Asked, opened: ExitStack) -> Held:
     line = process.stdout.readline() if process.stdout is not None else ""
     if not line:
         why = process.communicate()[1].strip().splitlines()
-        raise SessionError(f"task {asked.task}: its process ended: {why[-1] if why else 'it says no reason'}")
+        raise SessionError(f"task {asked.task}", f"its process ended: {why[-1] if why else 'it says no reason'}")
     return Held(**json.loads(line))
 
 

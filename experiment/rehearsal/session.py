@@ -77,7 +77,7 @@ def rehearse_participant(job: Job, tick: Tick, screen: Console | None) -> None:
     for task_id in job.tasks:
         footer = run_task(job, task_id, tick, screen)
         if footer.reason == "paused":
-            raise Interrupted(f"the rehearsal was paused ({footer.detail}); the same command goes on with it")
+            raise Interrupted(f"the rehearsal was paused ({footer.detail})", remedy="the same command goes on with it")
 
 
 def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: Console | None = None) -> Footer:
@@ -325,7 +325,7 @@ def rehearse_at_once(
 
 def _end_at(interrupts: Sequence[int]) -> None:
     if interrupts:
-        raise Interrupted("the rehearsal was interrupted; the same command goes on with it")
+        raise Interrupted("the rehearsal was interrupted", remedy="the same command goes on with it")
 
 
 @contextmanager

@@ -74,23 +74,30 @@ def rehearse(
     count = protocol.study.participants if participants is None else participants
     if not 1 <= count <= protocol.study.participants:
         raise DatasetError(
-            f"--participants: got {count}; allowed: 1 to {protocol.study.participants}, as in the protocol; give number"
+            "--participants",
+            f"got {count}",
+            "give number",
+            allowed=f"1 to {protocol.study.participants}, as in the protocol",
         )
     if control == "silence" and not protocol.renders:
         raise DatasetError(
-            f"--control: got silence for study {protocol.study.id}; allowed: none, because nothing is played there; "
-            "leave it out"
+            "--control",
+            f"got silence for study {protocol.study.id}",
+            "leave it out",
+            allowed="none, because nothing is played there",
         )
     rig = _simulated_rig(rig_file, protocol)
     if rig.audio is not None and not real_time:
         raise DatasetError(
-            f"{rig_file}: its audio device runs in real time, and simulated time is faster; add --real-time, or give a "
-            "rig without [audio]"
+            rig_file,
+            "its audio device runs in real time, and simulated time is faster",
+            "add --real-time, or give a rig without [audio]",
         )
     if protocol.footstep is not None and rig.tracker.zeroing_mm is not None and not real_time:
         raise DatasetError(
-            f"{rig_file}: its tracker is zeroed by a resting foot, and no foot rests in simulated time; add "
-            "--real-time, or give a rig without tracker.zeroing_mm"
+            rig_file,
+            "its tracker is zeroed by a resting foot, and no foot rests in simulated time",
+            "add --real-time, or give a rig without tracker.zeroing_mm",
         )
     out = (out or Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}").resolve()
     plan = Plan(
@@ -168,7 +175,9 @@ def practise(
         tasks = (task_id,) if task_id else tuple(task for task in job.tasks if left[task]) or job.tasks[-1:]
         if tasks[0] not in left:
             raise RosterError(
-                f"participant {participant} does not do task '{task_id}'; allowed: {', '.join(left)}; name one of these"
+                f"participant {participant} does not do task '{task_id}'",
+                remedy="name one of these",
+                allowed=", ".join(left),
             )
         facts = {"label": build.LABELS["PRACTICE"], "participant": participant, "task": tasks[0], "out": out}
         for said in filter(None, (WELCOME.format(**facts), generic(protocol), TO_DO.format(**facts))):
@@ -208,7 +217,7 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     """Return a rig whose files can all be used, before any folder is made. Raises `PalpateError`."""
     rig = rigs.load(rig_file)
     if not rig.rig.simulated:
-        raise DatasetError(f"{rig_file}: is a real rig; allowed: one that says simulated = true; give such a rig file")
+        raise DatasetError(rig_file, "is a real rig", "give such a rig file", allowed="one that says simulated = true")
     if protocol.rendered is not None:
         opening.servo_of(rig)
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
@@ -226,14 +235,14 @@ def is_begun(out: Path, plan: Plan) -> bool:
     another = f"choose another folder with {OPTIONS[plan.label]}"
     for above in out.parents:
         if (above / "dataset_description.json").exists():
-            raise DatasetError(f"{out}: is inside the dataset {above}; allowed: none; {another}")
+            raise DatasetError(out, f"is inside the dataset {above}", another, allowed="none")
     if not out.exists() or (out.is_dir() and not any(out.iterdir())):
         return False
     try:
         found = storage.json_of(storage.read_bytes(storage.plan_path(out)))
     except (OSError, ValueError):
         raise DatasetError(
-            f"{out}: is no dataset of {plan.what}, and {plan.what} never writes into anything else; {another}"
+            out, f"is no dataset of {plan.what}, and {plan.what} never writes into anything else", another
         ) from None
     if not isinstance(found, dict):
         found = {}
@@ -244,7 +253,7 @@ def is_begun(out: Path, plan: Plan) -> bool:
         if found.get(name) != wanted[name]
     ]
     if differing:
-        raise DatasetError(f"{out}: holds {plan.what} of something else ({'; '.join(differing)}); {another}")
+        raise DatasetError(out, f"holds {plan.what} of something else ({'; '.join(differing)})", another)
     return True
 
 
@@ -274,7 +283,9 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
                 folder.rmdir()
         if isinstance(ended, OSError) and ended.errno in (errno.ENOTEMPTY, errno.EEXIST):
             raise DatasetError(
-                f"{out}: another palpate is making it at this moment; allowed: one; give the same command later, or "
-                f"choose another folder with {OPTIONS[plan.label]}"
+                out,
+                "another palpate is making it at this moment",
+                f"give the same command later, or choose another folder with {OPTIONS[plan.label]}",
+                allowed="one",
             ) from None
         raise

@@ -87,7 +87,7 @@ def follow(state: State, event: Event) -> State:
         return TRANSITIONS[state, event]
     except KeyError:
         allowed = ", ".join(e for s, e in TRANSITIONS if s is state) or "nothing: the session has ended"
-        raise SessionError(f"a session that is {state} got {event}; allowed: {allowed}") from None
+        raise SessionError(f"a session that is {state} got {event}", allowed=allowed) from None
 
 
 @dataclass(frozen=True)

@@ -78,7 +78,7 @@ def run(
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
     if rig.rig.simulated:
-        raise RigError(f"{rig_file}: the rig is simulated; name a rig file of real devices, or use palpate rehearse")
+        raise RigError(rig_file, "the rig is simulated", "name a rig file of real devices, or use palpate rehearse")
     if protocol.footstep is not None:
         rigs.check(rig, protocol.footstep.step)
         calibration.check_age(rig, today)
@@ -261,8 +261,8 @@ class _Visit:
         text = f"Is the person in front of you participant {who}{name}? {consent}{so_far}"
         if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
             raise Interrupted(
-                f"the person in front of you is not participant {who}; nothing was begun; look up their label, and "
-                "give it with --participant"
+                f"the person in front of you is not participant {who}; nothing was begun",
+                remedy="look up their label, and give it with --participant",
             )
         self._identity = Visited(step="identity", text=f"participant {who}, as the experimenter confirmed")
 
@@ -314,8 +314,10 @@ def _anchored_in(rig: Rig, rig_file: Path) -> tuple[Path, Path | None] | None:
         to, *keys = (rig_file.parent / Path(one).expanduser() for one in (wanted.file, wanted.key) if one)
     except RuntimeError as error:
         raise RigError(
-            f"{rig_file}: anchors: got a path that begins with ~, and nobody's home folder is known here; "
-            "allowed: a path without ~; write it out"
+            rig_file,
+            "anchors: got a path that begins with ~, and nobody's home folder is known here",
+            "write it out",
+            allowed="a path without ~",
         ) from error
     return to, keys[0] if keys else None
 
@@ -357,11 +359,13 @@ def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
     who, tasks = allocation.participant, allocation.tasks
     if task_id not in tasks:
         raise RosterError(
-            f"participant {who} does not do task '{task_id}'; allowed: {', '.join(tasks)}; name one of these"
+            f"participant {who} does not do task '{task_id}'", remedy="name one of these", allowed=", ".join(tasks)
         )
     for earlier in tasks[: tasks.index(task_id)]:
         if not _is_complete(root, who, earlier):
-            raise RosterError(f"participant {who} does task '{earlier}' before '{task_id}'; run that one first")
+            raise RosterError(
+                f"participant {who} does task '{earlier}' before '{task_id}'", remedy="run that one first"
+            )
 
 
 def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:
@@ -372,13 +376,13 @@ def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path
     folder = given or kept
     if manifest.is_simulated(folder):
         raise RecordingError(
-            f"{folder}: the recordings are simulated; record real ones (palpate record), or use palpate rehearse"
+            folder, "the recordings are simulated", "record real ones (palpate record), or use palpate rehearse"
         )
     if not kept.exists():
         needed = scene.virtual(protocol).materials
         manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=needed)
     elif manifest.sha256(folder) != manifest.sha256(kept):
-        raise RecordingError(f"{folder}: the study was begun with other recordings; leave out --recordings")
+        raise RecordingError(folder, "the study was begun with other recordings", "leave out --recordings")
     return folder
 
 

@@ -78,7 +78,7 @@ def run(
         # Anybody may have withdrawn up to the moment at which this runner held them.
         said, who = any(isinstance(entry, entries.Withdrawal) for entry in contents.entries), header.participant
         if said or who in Roster.load(roster_path(dataset)).withdrawn:
-            raise JournalError(f"{path}: participant {who} withdrew and is not run again; enrol another participant")
+            raise JournalError(path, f"participant {who} withdrew and is not run again", "enrol another participant")
         done = progress(contents.entries or (header,))
         if done.footer is not None and done.footer.reason == "complete":
             journal.settle(path, contents)
@@ -108,8 +108,9 @@ def _check_same_session(path: Path, found: entries.Header, asked: entries.Header
         if was != now:
             shown = "" if name == "order" else f" ({was} then, {now} now)"
             raise JournalError(
-                f"{path}: the session was begun with another {name}{shown}; "
-                "continue with the earlier one, or choose another dataset folder"
+                path,
+                f"the session was begun with another {name}{shown}",
+                "continue with the earlier one, or choose another dataset folder",
             )
 
 

@@ -23,8 +23,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 from pydantic_core import PydanticCustomError
 
 from palpate.experiment import storage
-from palpate.experiment.errors import ProtocolError
-from palpate.experiment.findings import Finding, mismatch
+from palpate.experiment.errors import Finding, ProtocolError, mismatch
 from palpate.experiment.settings import characters
 from palpate.experiment.storage import Place
 

@@ -68,5 +68,5 @@ def find(allocations: Sequence[Allocation], participant: str) -> Allocation:
 def stranger(participant: str, known: Sequence[str]) -> RosterError:
     """Return what to tell of a label that is none of the `known` ones."""
     return RosterError(
-        f"no participant '{participant}': this study has '{known[0]}' to '{known[-1]}'; give one of these"
+        f"no participant '{participant}'", f"this study has '{known[0]}' to '{known[-1]}'", "give one of these"
     )

@@ -77,7 +77,7 @@ def enrol(
     if participant not in labels(protocol) and takes is None:
         raise stranger(participant, labels(protocol))
     if not path.exists() and any((root / "sourcedata").glob("sub-*")):
-        raise DatasetError(f"{root}: has participants and no roster; restore {path} and its head from a backup")
+        raise DatasetError(root, "has participants and no roster", f"restore {path} and its head from a backup")
     known.check_next(participant)
     settle(root, protocol_file, protocol, seed, purpose)
     settled = _settled(root)
@@ -105,14 +105,17 @@ def seed_of(root: Path) -> int:
     settled, known = _settled(root), Roster.load(storage.roster_path(root))
     if settled.salt and known.consent_on and known.seed_sha256 is None:
         raise DatasetError(
-            f"{known.path}: lacks the seed's hash in the line of the first participant: it was cut or changed; restore "
-            "it from a backup"
+            known.path,
+            "lacks the seed's hash in the line of the first participant: it was cut or changed",
+            "restore it from a backup",
         )
     unlike = known.seed_sha256 != settled.sha256 if settled.salt else not storage.journals(root)
     if known.seed_sha256 is not None and unlike:
         raise DatasetError(
-            f"{storage.seed_path(root)}: is not the seed that was drawn before the first participant enrolled: their "
-            "line of the roster has the hash of another; restore the file from a backup"
+            storage.seed_path(root),
+            "is not the seed that was drawn before the first participant enrolled: their line of the roster has the "
+            "hash of another",
+            "restore the file from a backup",
         )
     return settled.seed
 
@@ -148,8 +151,10 @@ def _settled(root: Path) -> Settled:
         return Settled.model_validate_json(storage.read_bytes(file))
     except (OSError, ValidationError) as error:
         raise DatasetError(
-            f"{file}: seed and purpose of the study cannot be read; restore the file from a backup, or write "
-            f'{{"format": {storage.DATASET_FORMAT}, "seed": ..., "purpose": "..."}} with those of a journal\'s header'
+            file,
+            "seed and purpose of the study cannot be read",
+            f'restore the file from a backup, or write {{"format": {storage.DATASET_FORMAT}, "seed": ..., '
+            '"purpose": "..."} with those of a journal\'s header',
         ) from error
 
 
@@ -188,8 +193,10 @@ def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | 
     """
     if not files.load(protocol_file).consent.voice_recordings:
         raise RosterError(
-            f"{protocol_file}: got consent.voice_recordings = false; allowed: true; this study keeps no sound, and "
-            "asks nobody"
+            protocol_file,
+            "got consent.voice_recordings = false",
+            "this study keeps no sound, and asks nobody",
+            allowed="true",
         )
     root = _begun(protocol_file, root)
     path = storage.roster_path(root)
@@ -281,7 +288,7 @@ def _erase(root: Path, roster: Roster, participant: str) -> None:
     """Delete what the dataset has of a participant; the roster says so before the first file is gone."""
     folder = storage.participant_folder(root, participant)
     if folder.is_symlink():
-        raise DatasetError(f"{folder}: is a link; put the folder itself in its place, then do it again")
+        raise DatasetError(folder, "is a link", "put the folder itself in its place, then do it again")
     _mark_apart(root, participant, roster.withdrawn[participant])
     if participant not in roster.erased:
         roster.erase(participant)
@@ -297,7 +304,7 @@ def _begun(protocol_file: Path, root: Path | None) -> Path:
     roster = storage.roster_path(root)
     begun = (storage.protocol_path(root), storage.seed_path(root), roster, chain.head_path(roster))
     if not any(path.exists() for path in begun):
-        raise RosterError(f"no dataset of this study stands at {root}; give --dataset")
+        raise RosterError(f"no dataset of this study stands at {root}", remedy="give --dataset")
     return root
 
 
@@ -305,9 +312,11 @@ def refuse_rehearsal(root: Path) -> None:
     """Raise `DatasetError` if the participants of a dataset are simulated."""
     if storage.plan_path(root).exists():
         raise DatasetError(
-            f"{root}: this is the dataset of practice or of a rehearsal, and its participants are simulated: nobody "
-            "enrols, consents or withdraws; name the folder of a study with --dataset, delete this one if it is not "
-            "needed, or try these commands in a pilot, which is no data of the study (palpate enrol --pilot)"
+            root,
+            "this is the dataset of practice or of a rehearsal, and its participants are simulated: nobody enrols, "
+            "consents or withdraws",
+            "name the folder of a study with --dataset, delete this one if it is not needed, or try these commands in "
+            "a pilot, which is no data of the study (palpate enrol --pilot)",
         )
 
 
@@ -317,7 +326,7 @@ def settle(
     """Save protocol, seed and purpose at the first call, the protocol last; later calls must match."""
     kept, lock = storage.protocol_path(root), root / "sourcedata" / LOCK
     if not kept.exists() and any(_of_something_else(path.relative_to(root)) for path in root.rglob("*")):
-        raise DatasetError(f"{root}: this folder holds something else; choose another folder with --dataset")
+        raise DatasetError(root, "this folder holds something else", "choose another folder with --dataset")
     with storage.locked(lock):
         if not kept.exists():
             storage.people_folder(root)
@@ -328,17 +337,19 @@ def settle(
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
             raise DatasetError(
-                f"{root}: the study was begun with another version of the protocol; run {kept}, or give the new "
-                "version an id of its own, or another folder with --dataset"
+                root,
+                "the study was begun with another version of the protocol",
+                f"run {kept}, or give the new version an id of its own, or another folder with --dataset",
             )
     settled = seed_of(root)
     if purpose not in (None, begun_as := purpose_of(root)):
         raise DatasetError(
-            f"{root}: this dataset was begun as a {begun_as}, not as a {purpose}; name another folder with "
-            "--dataset, and a pilot with --pilot"
+            root,
+            f"this dataset was begun as a {begun_as}, not as a {purpose}",
+            "name another folder with --dataset, and a pilot with --pilot",
         )
     if seed not in (None, settled):
-        raise DatasetError(f"{root}: the study has another seed than {seed}; leave out --seed")
+        raise DatasetError(root, f"the study has another seed than {seed}", "leave out --seed")
     return settled
 
 

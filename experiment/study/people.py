@@ -61,8 +61,9 @@ def folder() -> Path:
         return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "palpate"
     except RuntimeError as error:
         raise RosterError(
-            "the file of names has no place, for nobody's home folder is known here; allowed: HOME or XDG_DATA_HOME "
-            "names a folder; set one of them"
+            "the file of names has no place, for nobody's home folder is known here",
+            remedy="set one of them",
+            allowed="HOME or XDG_DATA_HOME names a folder",
         ) from error
 
 
@@ -92,7 +93,7 @@ def known(protocol: Protocol, dataset: Path) -> dict[str, Person]:
     except (OSError, ValueError) as error:
         told = "it is not as palpate writes it" if isinstance(error, ValidationError) else str(error)
         raise RosterError(
-            f"{path}: the people of this study cannot be read: {told}; put a backup in its place"
+            path, f"the people of this study cannot be read: {told}", "put a backup in its place"
         ) from error
 
 
@@ -119,11 +120,12 @@ def _locked_file(protocol: Protocol, dataset: Path) -> Iterator[Path]:
     """Yield the file, in a folder that only its owner may open, while nobody else changes it. Raises `RosterError`."""
     path = place(protocol, dataset)
     if path is None:
-        raise RosterError(f"{dataset}: nobody is enrolled here; enrol the participant first (palpate enrol)")
+        raise RosterError(dataset, "nobody is enrolled here", "enrol the participant first (palpate enrol)")
     inside = [one for one in path.resolve().parents if storage.roster_path(one).exists()]
     if inside:
         raise RosterError(
-            f"{path} lies in the dataset {inside[0]}; names stand in no dataset; have XDG_DATA_HOME name another folder"
+            f"{path} lies in the dataset {inside[0]}; names stand in no dataset",
+            remedy="have XDG_DATA_HOME name another folder",
         )
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     with storage.locked(path.with_suffix(".lock")):
@@ -147,6 +149,8 @@ def check_reason(reason: str, names: Iterable[str]) -> None:
     told = f"a word that tells of health, {quoted(found[0])}" if found else "the name of a participant"
     if found or words & parts:
         raise RosterError(
-            f"--reason: got {told}; allowed: one line that names no person and no state of health, such as 'asked to "
-            "stop'; it stays on record for ever, so say it in other words"
+            "--reason",
+            f"got {told}",
+            "it stays on record for ever, so say it in other words",
+            allowed="one line that names no person and no state of health, such as 'asked to stop'",
         )

@@ -152,7 +152,7 @@ class Roster:
             if link.sha256 == sha256:
                 return self._of(self.path, Chain(self.lines.links[:number]))
         raise RosterError(
-            f"{self.path}: lacks a line that a session began under: it was cut or changed; restore it from a backup"
+            self.path, "lacks a line that a session began under: it was cut or changed", "restore it from a backup"
         )
 
     @classmethod
@@ -217,15 +217,17 @@ class Roster:
         if participant not in (*labels(protocol), *self.takes):
             raise stranger(participant, labels(protocol))
         if participant not in self.consent_on:
-            raise RosterError(f"participant {participant} is not enrolled in {self.path}; enrol them first")
+            raise RosterError(f"participant {participant} is not enrolled in {self.path}", remedy="enrol them first")
         if participant in self.withdrawn:
             raise RosterError(
-                f"participant {participant} withdrew ({self.withdrawn[participant]}) and is not run again; "
-                "enrol another participant"
+                f"participant {participant} withdrew ({self.withdrawn[participant]}) and is not run again",
+                remedy="enrol another participant",
             )
         consent_on = self.consent_on[participant]
         if protocol.consent.required and consent_on is None:
-            raise RosterError(f"participant {participant} has not consented; record their consent before the session")
+            raise RosterError(
+                f"participant {participant} has not consented", remedy="record their consent before the session"
+            )
         check_consent(participant, consent_on, approved_on=approved_on, today=today)
 
     @classmethod
@@ -242,7 +244,7 @@ class Roster:
             except (ValidationError, RosterError) as error:
                 why = "this is no roster entry" if isinstance(error, ValidationError) else str(error)
                 raise RosterError(
-                    f"{path}: line {number}: {why}; restore the roster from a backup (nothing was changed)"
+                    path, why, "restore the roster from a backup (nothing was changed)", line=number
                 ) from error
         return roster
 
@@ -251,8 +253,9 @@ class Roster:
             entry = kind.model_validate(facts)
         except ValidationError as error:
             raise RosterError(
-                f"got the reason {quoted(str(facts.get('reason')))}; allowed: one line of 1 to 200 characters, "
-                f"{VISIBLE}; mend it"
+                f"got the reason {quoted(str(facts.get('reason')))}",
+                remedy="mend it",
+                allowed=f"one line of 1 to 200 characters, {VISIBLE}",
             ) from error
         with self._writing():
             latest = Roster.load(self.path)
@@ -263,8 +266,9 @@ class Roster:
                     _ENTRY.validate_json(link.json)
                 except ValueError as error:
                     raise RosterError(
-                        f"{self.path}: {quoted(repr(entry))} was not written, because it could not be read again; "
-                        "correct what you gave"
+                        self.path,
+                        f"{quoted(repr(entry))} was not written, because it could not be read again",
+                        "correct what you gave",
                     ) from error
                 opened.append(link)
             vars(self).update(vars(Roster.load(self.path)) | {"now_ns": self.now_ns})
@@ -285,11 +289,13 @@ class Roster:
             self.check_next(participant)
             if isinstance(entry, First):
                 if self.consent_on:
-                    raise RosterError(f"participant {participant} is not the first; enrol them again")
+                    raise RosterError(f"participant {participant} is not the first", remedy="enrol them again")
                 self.seed_sha256 = entry.seed_sha256
             if isinstance(entry, Replacing):
                 if entry.takes not in self.withdrawn or entry.takes in self.takes.values():
-                    raise RosterError(f"the place of participant {entry.takes} is not free; enrol {participant} again")
+                    raise RosterError(
+                        f"the place of participant {entry.takes} is not free", remedy=f"enrol {participant} again"
+                    )
                 self.takes[participant] = entry.takes
             self.consent_on[participant] = entry.consent_on
             return
@@ -299,15 +305,17 @@ class Roster:
         self.check_enrolled(participant)
         if isinstance(entry, Erased):
             if participant not in self.withdrawn:
-                raise RosterError(f"participant {participant} has not withdrawn; withdraw them first")
+                raise RosterError(f"participant {participant} has not withdrawn", remedy="withdraw them first")
             if participant in self.erased:
-                raise RosterError(f"the data of participant {participant} are erased already; nothing is left to do")
+                raise RosterError(
+                    f"the data of participant {participant} are erased already", remedy="nothing is left to do"
+                )
             self.erased.add(participant)
             return
         if participant in self.withdrawn:
             on_record = f"the reason on record is '{self.withdrawn[participant]}'; give that one"
             mend = on_record if isinstance(entry, Withdrawn) else "enrol another participant"
-            raise RosterError(f"participant {participant} has withdrawn already; {mend}")
+            raise RosterError(f"participant {participant} has withdrawn already", remedy=mend)
         known = self.consent_on[participant]
         if isinstance(entry, Withdrawn):
             self.withdrawn[participant] = entry.reason
@@ -317,11 +325,13 @@ class Roster:
             return
         if isinstance(entry, Consented) and known is not None:
             raise RosterError(
-                f"participant {participant} consented on {known} already; if that day is wrong, give --correct and "
-                "--reason"
+                f"participant {participant} consented on {known} already",
+                remedy="if that day is wrong, give --correct and --reason",
             )
         if isinstance(entry, Corrected) and known is None:
-            raise RosterError(f"participant {participant} has no consent to correct; record it without --correct")
+            raise RosterError(
+                f"participant {participant} has no consent to correct", remedy="record it without --correct"
+            )
         self.consent_on[participant] = entry.consent_on
 
     def check_enrolled(self, participant: str) -> None:
@@ -330,14 +340,16 @@ class Roster:
             enrolled = list(self.consent_on) or ["nobody yet"]
             known = " to ".join(dict.fromkeys((enrolled[0], enrolled[-1])))
             told = f"allowed: {known}; {self.next_label()} is the next to be enrolled"
-            raise RosterError(f"participant '{participant}' is not enrolled; {told}")
+            raise RosterError(f"participant '{participant}' is not enrolled", remedy=told)
 
     def check_next(self, participant: str) -> None:
         """Return when `participant` is the next label. Raises `RosterError` otherwise."""
         if participant in self.consent_on:
-            raise RosterError(f"participant {participant} is enrolled already; the next label is {self.next_label()}")
+            raise RosterError(
+                f"participant {participant} is enrolled already", remedy=f"the next label is {self.next_label()}"
+            )
         if not re.fullmatch(r"[0-9]{2,}", participant) or participant != self.next_label(len(participant)):
-            raise RosterError(f"got the label '{participant}'; allowed: {self.next_label()}, the next one in order")
+            raise RosterError(f"got the label '{participant}'", allowed=f"{self.next_label()}, the next one in order")
 
     def next_label(self, width: int = 2) -> str:
         """Return the next label; as wide as those enrolled, or as `width` while nobody is."""
@@ -349,9 +361,11 @@ def check_consent(participant: str, consent_on: date | None, *, approved_on: dat
     """Raise `RosterError` for a day of consent in the future or before the approval; None is no approval yet."""
     mend = "give the right day; one on record is corrected with palpate consent --correct"
     if consent_on is not None and consent_on > today:
-        raise RosterError(f"participant {participant}: got consent on {consent_on}; allowed: up to {today}; {mend}")
+        raise RosterError(f"participant {participant}", f"got consent on {consent_on}", mend, allowed=f"up to {today}")
     if consent_on is not None and approved_on is not None and consent_on < approved_on:
         raise RosterError(
-            f"participant {participant}: got consent on {consent_on}; allowed: from {approved_on}, when the study was "
-            f"approved; {mend}"
+            f"participant {participant}",
+            f"got consent on {consent_on}",
+            mend,
+            allowed=f"from {approved_on}, when the study was approved",
         )

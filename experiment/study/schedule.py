@@ -60,7 +60,9 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
     """Return a participant's trials in one task, drawn from seed, label and task alone. Raises `ScheduleError`."""
     known = {task.id: task for task in protocol.tasks}
     if task_id not in known:
-        raise ScheduleError(f"no task '{task_id}' in study {protocol.study.id}; its tasks: {', '.join(known)}")
+        raise ScheduleError(
+            f"no task '{task_id}' in study {protocol.study.id}", remedy=f"its tasks: {', '.join(known)}"
+        )
     task = known[task_id]
     presented = protocol.presentations(task)
     draws = Draws("order of trials", seed, participant, task_id)
@@ -103,8 +105,9 @@ def constrained(counts: Mapping[str, int], *, max_run: int, draws: Draws) -> lis
         name, most = max(counts.items(), key=lambda item: item[1])
         others = sum(counts.values()) - most
         raise ScheduleError(
-            f"{name} {most} times among {others} other{'s' if others != 1 else ''} with runs of at most {max_run}: "
-            f"at most {max_run * (others + 1)} fit; present it less often, or allow longer runs"
+            f"{name} {most} times among {others} other{'s' if others != 1 else ''} with runs of at most {max_run}: at "
+            f"most {max_run * (others + 1)} fit",
+            remedy="present it less often, or allow longer runs",
         )
     names = list(counts)
     rank = draws.below(total)
@@ -126,7 +129,7 @@ def nth_order(counts: Sequence[int], *, max_run: int, rank: int) -> tuple[int, .
     orders = _Orders(max_run)
     left = list(counts)
     if not 0 <= rank < orders.count(tuple(left)):
-        raise ScheduleError(f"got rank {rank}; allowed: at least 0 and below {orders.count(tuple(left))}")
+        raise ScheduleError(f"got rank {rank}", allowed=f"at least 0 and below {orders.count(tuple(left))}")
     order: list[int] = []
     while any(left):
         last = order[-1] if order else None
@@ -152,9 +155,9 @@ def _first_run(orders: _Orders, left: Sequence[int], last: int | None, rank: int
 
 def _check(counts: Sequence[int], max_run: int) -> None:
     if max_run < 1:
-        raise ScheduleError(f"got runs of at most {max_run} trials; allowed: at least 1; correct max_run")
+        raise ScheduleError(f"got runs of at most {max_run} trials", remedy="correct max_run", allowed="at least 1")
     if any(count < 0 for count in counts):
-        raise ScheduleError(f"got the numbers of trials {list(counts)}; allowed: none below 0")
+        raise ScheduleError(f"got the numbers of trials {list(counts)}", allowed="none below 0")
 
 
 class _Orders:

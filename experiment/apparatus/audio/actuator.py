@@ -168,7 +168,9 @@ class AudioActuator:
             return self._said(requested_ns or contact_ns, TAKEN_BACK)
         if cue is None or requested_ns is None:
             raise ActuatorError(
-                "actuator: got a question about a stimulus that nothing set off; aim it, or report the landing first"
+                "actuator",
+                "got a question about a stimulus that nothing set off",
+                "aim it, or report the landing first",
             )
         self._stream.wait(max(cue.frame, 0))
         while not cue.done:

@@ -83,15 +83,18 @@ def measure(stream: AudioStream, *, output: int, entry: int, peak: float, probes
         found = actuator.align(heard, wave, gain=1.0)
         if cue.started is None or found is None:
             raise AudioError(
-                f"audio calibration: probe {number} of {probes} on output {output} was not heard on input {entry}; "
-                "lay the loopback's cable, turn its level up, and see that nothing else loads the machine"
+                "audio calibration",
+                f"probe {number} of {probes} on output {output} was not heard on input {entry}",
+                "lay the loopback's cable, turn its level up, and see that nothing else loads the machine",
             )
         lags.append(found.onset)
         gains.append(found.gain)
         residuals.append(found.residual_db - 20 * np.log10(abs(found.gain)))
     gain = float(np.median(gains))
     if gain <= 0:
-        raise AudioError(f"audio calibration: got a gain of {gain:.3g}; allowed: above 0; turn the cable's polarity")
+        raise AudioError(
+            "audio calibration", f"got a gain of {gain:.3g}", "turn the cable's polarity", allowed="above 0"
+        )
     round_trip = float(np.median(lags))
     round_trip_ms = 1e3 * round_trip / stream.rate_hz
     entry_s, output_s = stream.reported_latency_s
@@ -124,8 +127,9 @@ def steadily(measured: Callable[[], Loopback], audio: AudioRig, *, exact: bool) 
         if not trouble:
             return found
     raise AudioError(
-        f"audio calibration: got {trouble}, {MOST_TIMES} times; close other programs, see to cable and levels, or make "
-        "audio.block larger, then start again"
+        "audio calibration",
+        f"got {trouble}, {MOST_TIMES} times",
+        "close other programs, see to cable and levels, or make audio.block larger, then start again",
     )
 
 
@@ -166,7 +170,7 @@ def rewritten(rig_text: str, values: dict[str, str]) -> str:
     missing = sorted(set(values) - set(table))
     if missing:
         raise RigError(
-            f"audio.latency: got no {', '.join(missing)}; allowed: the whole table; paste what was printed instead"
+            "audio.latency", f"got no {', '.join(missing)}", "paste what was printed instead", allowed="the whole table"
         )
     for key, value in values.items():
         table[key] = tomlkit.value(value)

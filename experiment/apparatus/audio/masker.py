@@ -115,8 +115,10 @@ def masker_noise(
     loudest_db_a = min(limit_db_a, unclipped_db_a)
     if loudest_db_a < SOFTEST_DB_A:
         raise AudioError(
-            f"masker: got a loudest level of {loudest_db_a:.1f} dB(A); allowed: {SOFTEST_DB_A:g} or more; correct "
-            "exposure.masker_level_db_a in the protocol, or use louder headphones"
+            "masker",
+            f"got a loudest level of {loudest_db_a:.1f} dB(A)",
+            "correct exposure.masker_level_db_a in the protocol, or use louder headphones",
+            allowed=f"{SOFTEST_DB_A:g} or more",
         )
     return MaskerNoise(samples.astype(np.float32), full_scale_db_a, loudest_db_a)
 
@@ -167,7 +169,9 @@ class AudioMasker:
         Raises `AudioError` for no level or a silent masker, `DoseUsedUp` where it falls silent.
         """
         if self._level_db_a is None:
-            raise AudioError("masker: got a level while it is silent; allowed: only while it plays; start it first")
+            raise AudioError(
+                "masker", "got a level while it is silent", "start it first", allowed="only while it plays"
+            )
         return self._go(level_db_a)
 
     def stop(self) -> None:
@@ -191,15 +195,17 @@ class AudioMasker:
 
     def _go(self, level_db_a: float) -> float:
         if not np.isfinite(level_db_a):
-            raise AudioError(f"masker: got a level of {level_db_a} dB(A); allowed: a number; set it again")
+            raise AudioError("masker", f"got a level of {level_db_a} dB(A)", "set it again", allowed="a number")
         self._account()
         bounded = min(max(level_db_a, SOFTEST_DB_A), self.limit_db_a)
         lasts_ns = int((left_s(dose=self._dose, level_db_a=bounded) - RESERVE_S) * 1e9)
         if lasts_ns <= 0 or self._used_up:
             self.stop()
             raise DoseUsedUp(
-                f"masker: got a dose of {self._dose:.2f} in 24 hours; allowed: 1, which is {ACTION_DB_A:g} "
-                "dB(A) for eight hours; continue a day later"
+                "masker",
+                f"got a dose of {self._dose:.2f} in 24 hours",
+                "continue a day later",
+                allowed=f"1, which is {ACTION_DB_A:g} dB(A) for eight hours",
             )
         # Between these lines the earlier of both ends holds.
         ends_ns = self._since_ns + lasts_ns

@@ -33,7 +33,9 @@ class AudioMicrophone:
     def __init__(self, stream: AudioStream, audio: AudioRig) -> None:
         """Take the input that the rig names of its running stream. Raises `AudioError` if the rig names none."""
         if audio.channels.microphone is None:
-            raise AudioError("microphone: got no audio.channels.microphone; allowed: an input; name it in the rig file")
+            raise AudioError(
+                "microphone", "got no audio.channels.microphone", "name it in the rig file", allowed="an input"
+            )
         self._stream = stream
         self._entry = audio.channels.microphone - 1
         self._input_ns = round(audio.latency.input_ms * 1e6)

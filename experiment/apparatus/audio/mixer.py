@@ -118,7 +118,9 @@ class Mixer:
         """Allocate; `AudioError` for a ceiling outside 0 to 1."""
         if len(layout.ceilings) != layout.outputs or not all(0 <= c <= 1 for c in layout.ceilings):
             raise AudioError(
-                f"limiter: got ceilings {layout.ceilings}; allowed: from 0 to 1 for each of {layout.outputs} channels"
+                "limiter",
+                f"got ceilings {layout.ceilings}",
+                allowed=f"from 0 to 1 for each of {layout.outputs} channels",
             )
         self.layout = layout
         self.frame = 0
@@ -154,18 +156,20 @@ class Mixer:
         """
         if np.ndim(waveform) != 1 or not 1 <= np.size(waveform) <= self.layout.stimulus_frames:
             raise AudioError(
-                f"audio: got a stimulus of shape {np.shape(waveform)}; allowed: one channel of 1 to "
-                f"{self.layout.stimulus_frames} samples; shorten it"
+                "audio",
+                f"got a stimulus of shape {np.shape(waveform)}",
+                "shorten it",
+                allowed=f"one channel of 1 to {self.layout.stimulus_frames} samples",
             )
         if not 0 <= channel < self.layout.outputs:
-            raise AudioError(f"audio: got output channel {channel + 1}; allowed: 1 to {self.layout.outputs}")
+            raise AudioError("audio", f"got output channel {channel + 1}", allowed=f"1 to {self.layout.outputs}")
         for number, slot in enumerate(self._slots):
             if slot.cue is None or slot.cue.done:
                 slot.buffer[: len(waveform)] = waveform
                 cue = slot.cue = Cue(number, channel, len(waveform), frame)
                 slot.waiting.append(cue)
                 return cue
-        raise AudioError(f"audio: got one stimulus more than the {SLOTS} that may wait at a time; withdraw one")
+        raise AudioError("audio", f"got one stimulus more than the {SLOTS} that may wait at a time", "withdraw one")
 
     def move(self, cue: Cue, frame: int) -> bool:
         """Have a waiting stimulus start at another frame; return False, and change nothing, if it has started."""
@@ -217,20 +221,22 @@ class Mixer:
         """Return what left on the output that is kept, from a frame on, shape (frames,); `AudioError` as `kept`."""
         if self.layout.sent is None:
             raise AudioError(
-                "audio: got a request for what was sent; allowed: where an output is kept; open it with one"
+                "audio", "got a request for what was sent", "open it with one", allowed="where an output is kept"
             )
         return self._taken(self._sent, frame, frames)
 
     def _taken(self, ring: Block, frame: int, frames: int) -> Block:
         if frame < 0 or frames < 0 or frame + frames > self.frame:
             raise AudioError(
-                f"audio: got a request for sound up to frame {frame + frames}; allowed: up to {self.frame}"
+                "audio", f"got a request for sound up to frame {frame + frames}", allowed=f"up to {self.frame}"
             )
         taken = ring[np.arange(frame, frame + frames) % len(ring)]
         # The block under way may be overwriting what lies a whole ring behind it.
         oldest = self.frame + self.layout.block - len(ring)
         if frame < oldest:
-            raise AudioError(f"audio: got a request for sound from frame {frame}; allowed: from {oldest}; ask sooner")
+            raise AudioError(
+                "audio", f"got a request for sound from frame {frame}", "ask sooner", allowed=f"from {oldest}"
+            )
         return taken
 
     def _fill(self, outputs: Block, inputs: Block, first: int) -> None:

@@ -144,14 +144,15 @@ def library() -> Any:
             import sounddevice
     except (ImportError, OSError) as error:
         raise AudioError(
-            f"audio: sounddevice cannot be used ({error}); install palpate[lab], and PortAudio "
-            "(the system's package libportaudio2)"
+            "audio",
+            f"sounddevice cannot be used ({error})",
+            "install palpate[lab], and PortAudio (the system's package libportaudio2)",
         ) from error
     except Exception as error:
         # It begins as it is imported, and where it cannot its own error is out of reach.
         if type(error).__name__ != "PortAudioError":
             raise
-        raise AudioError(f"audio: {error}; see to the sound server, then run the command again") from error
+        raise AudioError("audio", str(error), "see to the sound server, then run the command again") from error
     return sounddevice
 
 
@@ -222,17 +223,21 @@ def find(*, host_api: str, name: str, inputs: int, outputs: int) -> int:
         names = {f"{each.host_api}: {each.name}" for each in present}
         there = "; ".join(sorted(names)) or "one that this machine has; it has none now"
         raise AudioError(
-            f"audio device '{name}' of {host_api}: got no device of this name; allowed: {there}; plug it in, start its "
-            "server, or close the program that holds it, or correct [audio] in the rig file"
+            f"audio device '{name}' of {host_api}",
+            "got no device of this name",
+            "plug it in, start its server, or close the program that holds it, or correct [audio] in the rig file",
+            allowed=there,
         )
     for i, each in named:
         if each.inputs >= inputs and each.outputs >= outputs:
             return i
     widest = max(named, key=lambda pair: (pair[1].outputs, pair[1].inputs))[1]
     raise AudioError(
-        f"audio device '{name}' of {host_api}: got {widest.outputs} outputs and {widest.inputs} inputs; allowed: at "
-        f"least {outputs} and {inputs}, as audio.channels in the rig file has it; close the program that holds it, for "
-        "a device that is held shows fewer, or correct audio.channels, or choose another device"
+        f"audio device '{name}' of {host_api}",
+        f"got {widest.outputs} outputs and {widest.inputs} inputs",
+        "close the program that holds it, for a device that is held shows fewer, or correct audio.channels, or choose "
+        "another device",
+        allowed=f"at least {outputs} and {inputs}, as audio.channels in the rig file has it",
     )
 
 
@@ -245,7 +250,7 @@ def explained(name: str, *, rate_hz: int) -> Iterator[None]:
     except (sounddevice.PortAudioError, ValueError) as error:
         said = str(error)
         remedy = next((text for sign, text in _REMEDIES if sign in said.lower()), "see to the device and its server")
-        raise AudioError(f"audio device '{name}': {said}: {remedy.format(rate_hz=rate_hz)}") from error
+        raise AudioError(f"audio device '{name}'", f"{said}: {remedy.format(rate_hz=rate_hz)}") from error
 
 
 STIMULUS_S = 4.0
@@ -449,16 +454,18 @@ class AudioStream:
     def check(self) -> None:
         """Raise `AudioError` if the stream has stopped, or its device has asked for no sample within `SILENT_S`."""
         if self._broken is not None:
-            raise AudioError(f"audio: the stream broke ({self._broken}); start again") from self._broken
+            raise AudioError("audio", f"the stream broke ({self._broken})", "start again") from self._broken
         if not self._stream.active:
             raise AudioError(
-                f"audio device '{self._settings.device}': it stopped; see that it is plugged in and its server runs, "
-                "then start again"
+                f"audio device '{self._settings.device}'",
+                "it stopped",
+                "see that it is plugged in and its server runs, then start again",
             )
         if self._clock.now_ns() - self._called_ns > SILENT_S * 1e9:
             raise AudioError(
-                f"audio device '{self._settings.device}': asked for no sample within {SILENT_S:g} s; "
-                "see that the device is plugged in and its server runs, then start again"
+                f"audio device '{self._settings.device}'",
+                f"asked for no sample within {SILENT_S:g} s",
+                "see that the device is plugged in and its server runs, then start again",
             )
 
     def wait(self, frame: int) -> None:

@@ -58,7 +58,9 @@ def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Hear
         reads.append(tracker.read())
     mapped = tracker.clock_map
     if mapped is None:
-        raise TrackerError("tracker: got samples without a clock map; allowed: one from the first on; mend its driver")
+        raise TrackerError(
+            "tracker", "got samples without a clock map", "mend its driver", allowed="one from the first on"
+        )
     along_mm = [read.along_mm for read in reads if read.along_mm is not None]
     delay_ms = [(read.arrived_ns - mapped.session_ns(int(read.device_us[-1]))) / 1e6 for read in reads]
     return Heard(

@@ -140,7 +140,7 @@ class Conditioner:
         wanted, scale, method = self._made(stimulus)
         if np.ndim(wanted) != 1 or np.size(wanted) == 0:
             raise ActuatorError(
-                f"actuator: got a stimulus of shape {np.shape(wanted)}; allowed: one channel, one sample or more"
+                "actuator", f"got a stimulus of shape {np.shape(wanted)}", allowed="one channel, one sample or more"
             )
         bounded, limited = limit(wanted, self._limit)
         samples = np.empty(bounded.shape, "<f4")
@@ -152,7 +152,7 @@ class Conditioner:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""
         if isinstance(stimulus, Ring):
             if self._drive is not None:
-                raise ActuatorError("actuator: got a tap for a device that takes volts; allowed: full_scale_m_s2")
+                raise ActuatorError("actuator", "got a tap for a device that takes volts", allowed="full_scale_m_s2")
             return stimulus.waveform_m_s2, 1.0, "equation (2)"
         if self._drive is None:
             return stimulus.waveform_m_s2, 1.0, "basis waveforms" if stimulus.held else "inverse DCT"
@@ -167,7 +167,7 @@ def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
     Raises `ActuatorError` if `peak` is negative or not finite.
     """
     if not (math.isfinite(peak) and peak >= 0):
-        raise ActuatorError(f"limiter: got a limit of {peak} m/s^2; allowed: a finite number, not negative")
+        raise ActuatorError("limiter", f"got a limit of {peak} m/s^2", allowed="a finite number, not negative")
     wanted = np.asarray(waveform, dtype=np.float64)
     lowest, highest = wanted.min(initial=0.0), wanted.max(initial=0.0)
     if -peak <= lowest and highest <= peak:

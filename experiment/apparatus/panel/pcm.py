@@ -84,7 +84,7 @@ class PcmActuator:
         """
         host, _, port = address.rpartition(":")
         if not host or not port.isdecimal() or not 1 <= int(port) <= 65535:
-            raise ActuatorError(f"actuator address '{address}': allowed is host:port, such as 127.0.0.1:4711")
+            raise ActuatorError(f"actuator address '{address}'", "allowed is host:port, such as 127.0.0.1:4711")
         self._address, self._name = address, f"actuator at {address}"
         self.rate_hz = rate_hz
         self._condition = condition
@@ -100,7 +100,7 @@ class PcmActuator:
     def prepare(self, stimulus: Stimulus | Ring) -> Played:
         """Limit, shape and keep a stimulus; `ActuatorError` if there is none, or an earlier one may still play."""
         if not self.is_silent():
-            raise ActuatorError(f"{self._name}: an earlier stimulus may still play; {RESTART}")
+            raise ActuatorError(self._name, "an earlier stimulus may still play", RESTART)
         played = self._condition(stimulus)
         self._cut.clear()
         self._prepared, self._fault = played.samples, None
@@ -157,7 +157,7 @@ class PcmActuator:
                 connection.recv(1)
             except OSError as error:
                 problem = f"the server did not close within {CONNECT_S:g} s"
-                raise ActuatorError(f"{self._name}: {problem}; {RESTART}") from error
+                raise ActuatorError(self._name, problem, RESTART) from error
 
     def _play(self, data: bytes) -> None:
         connection = _connected("actuator", self._address, ActuatorError, AHEAD_S)
@@ -169,11 +169,11 @@ class PcmActuator:
                 self._reset(connection)
         except TimeoutError as error:
             self._reset(connection)
-            raise ActuatorError(f"{self._name}: {error}; palpate doctor measures what a server does") from error
+            raise ActuatorError(self._name, str(error), "palpate doctor measures what a server does") from error
         except OSError as error:
             # Its far end has closed, so nothing plays there any more.
             problem = f"the connection broke ({error.strerror or error})"
-            raise ActuatorError(f"{self._name}: {problem}; see that its server runs") from error
+            raise ActuatorError(self._name, problem, "see that its server runs") from error
         finally:
             connection.close()
             self._playing = False
@@ -275,7 +275,7 @@ class PcmAccelerometer:
         Raises `RecordingError`: not armed, the stream broke or ended too soon, or has samples that are not numbers.
         """
         if self._listening is None:
-            raise RecordingError("accelerometer: got a step before it was armed; arm it first, then step")
+            raise RecordingError("accelerometer", "got a step before it was armed", "arm it first, then step")
         listening, self._listening = self._listening, None
         try:
             level = self._settings.trigger_m_s2 / self._settings.full_scale_m_s2
@@ -297,8 +297,9 @@ class PcmAccelerometer:
 
     def _failed(self, problem: str) -> RecordingError:
         return RecordingError(
-            f"accelerometer at {self._settings.address}: {problem}; see that its server runs and sends float32 "
-            "without end, then do the take again"
+            f"accelerometer at {self._settings.address}",
+            problem,
+            "see that its server runs and sends float32 without end, then do the take again",
         )
 
 

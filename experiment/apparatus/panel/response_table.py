@@ -43,20 +43,22 @@ def parse(path: Path, content: bytes) -> Response:
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise RecordingError(f"{path}: got no UTF-8 text ({error}); allowed: a CSV table; save it as UTF-8") from error
+        raise RecordingError(path, f"got no UTF-8 text ({error})", "save it as UTF-8", allowed="a CSV table") from error
     rows = _rows(path, text)
     at = [list(same) for _, same in groupby(rows, key=lambda row: row.frequency_hz)]
     if len(at) < 2:
         raise RecordingError(
-            f"{path}: got {len(at)} frequencies; allowed: two or more, to interpolate between; measure the response"
+            path, f"got {len(at)} frequencies", "measure the response", allowed="two or more, to interpolate between"
         )
     levels = [row.drive_vrms for row in at[0]]
     for same in at[1:]:
         if [row.drive_vrms for row in same] != levels:
             raise RecordingError(
-                f"{path}: line {same[0].line}: got drive levels {[row.drive_vrms for row in same]} at "
-                f"{same[0].frequency_hz:g} Hz; allowed: {levels}, as at {at[0][0].frequency_hz:g} Hz; "
-                "measure what is missing"
+                path,
+                f"got drive levels {[row.drive_vrms for row in same]} at {same[0].frequency_hz:g} Hz",
+                "measure what is missing",
+                allowed=f"{levels}, as at {at[0][0].frequency_hz:g} Hz",
+                line=same[0].line,
             )
     accelerations = np.array([[row.acceleration_pp_m_s2 for row in same] for same in at]) / 2
     place = not_rising(accelerations)
@@ -64,9 +66,12 @@ def parse(path: Path, content: bytes) -> Response:
         i, j = place
         row, before = at[i][j], at[i][j - 1].acceleration_pp_m_s2 if j else 0.0
         raise RecordingError(
-            f"{path}: line {row.line}: acceleration_pp_m_s2: got {row.acceleration_pp_m_s2:g} at {row.drive_vrms:g} "
-            f"Vrms after {before:g} at the level below; allowed: more, for a response that does not rise with the "
-            "drive has no inverse; measure that frequency again"
+            path,
+            f"acceleration_pp_m_s2: got {row.acceleration_pp_m_s2:g} at {row.drive_vrms:g} Vrms after {before:g} at "
+            "the level below",
+            "measure that frequency again",
+            allowed="more, for a response that does not rise with the drive has no inverse",
+            line=row.line,
         )
     return Response(
         frequencies_hz=np.array([same[0].frequency_hz for same in at]),
@@ -115,7 +120,7 @@ def _rows(path: Path, text: str) -> list[_Row]:
         lines[pair] = line
         rows.append(row)
     if not rows:
-        raise RecordingError(f"{path}: got no rows; allowed: {', '.join(COLUMNS)} in each; measure the response")
+        raise RecordingError(path, "got no rows", "measure the response", allowed=f"{', '.join(COLUMNS)} in each")
     return rows
 
 
@@ -142,4 +147,4 @@ def _number(cell: str) -> float | None:
 
 
 def _wrong(path: Path, line: int, got: str, allowed: str, remedy: str) -> RecordingError:
-    return RecordingError(f"{path}: line {line}: got {got}; allowed: {allowed}; {remedy}")
+    return RecordingError(path, f"got {got}", remedy, allowed=allowed, line=line)

@@ -137,4 +137,4 @@ class ForceDevice:
         return self._trouble(f"the connection broke ({error.strerror or error}); see that it runs, then go on")
 
     def _trouble(self, what: str) -> ServoError:
-        return ServoError(f"force device at {self._address}: {what}")
+        return ServoError(f"force device at {self._address}", what)

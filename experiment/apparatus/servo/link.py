@@ -67,7 +67,7 @@ class ServoProcess:
         else:
             self.close()
             got = f"servo: no frame of the tracker at {self._orders.port} for {STARTS_S:g} s"
-            raise ServoError(f"{got}; see that it is powered, connected and sampling, {self._decoder.kind}")
+            raise ServoError(got, remedy=f"see that it is powered, connected and sampling, {self._decoder.kind}")
         self._ask()
 
     def is_live(self) -> bool:
@@ -99,7 +99,7 @@ class ServoProcess:
         try:
             heard = self._line.hear(SLICE_S)
         except EOFError:
-            raise ServoError("servo: its process has ended; nothing is pushed; resume the session") from None
+            raise ServoError("servo", "its process has ended; nothing is pushed", "resume the session") from None
         ended = ""
         touches: list[Touch] = []
         places: list[tuple[int, Pair]] = []

@@ -242,7 +242,7 @@ class Servo:
         if waited_ns > self._orders.answer_ms * 1e6:
             got = f"force device at {self._orders.address}: no answer for {waited_ns / 1e6:.1f} ms"
             allowed = f"{self._orders.answer_ms:g} ms (servo.answer_ms in the rig file)"
-            raise ServoError(f"{got}; allowed: {allowed}; see to the device and its line")
+            raise ServoError(got, remedy="see to the device and its line", allowed=allowed)
 
     def _share(self, now_ns: int) -> float:
         """Return which part of the force the session allows now; none before its first heartbeat."""
@@ -260,7 +260,7 @@ class Servo:
         try:
             data = self._port.take()
         except VANISHED as error:
-            raise ServoError(f"{where}: the port has gone ({reason(error)}); plug the device in again") from error
+            raise ServoError(where, f"the port has gone ({reason(error)})", "plug the device in again") from error
         if data:
             self._decoder, frames = self._decoder.feed(data)
             # After the read: a stamp from before a stall would put samples before they were taken, for good.
@@ -277,7 +277,7 @@ class Servo:
         silent_ns = now_ns - self._arrived_ns
         if self._arrived_ns and silent_ns > self._orders.stall_ms * 1e6:
             late = f"no frame for {silent_ns / 1e6:.0f} ms"
-            raise ServoError(f"{where}: {late}; see that the device is powered, connected and sampling")
+            raise ServoError(where, late, "see that the device is powered, connected and sampling")
         if silent_ns > SILENT_NS + 1e9 / self._orders.tracker_hz:
             self._fall_silent("without the hand")
 

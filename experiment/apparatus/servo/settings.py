@@ -64,6 +64,8 @@ def refuse_beyond(virtual: Virtual, device: ServoRig, *, rig: str) -> None:
     fits, why = judged(virtual, device)
     if not fits:
         raise RigError(
-            f"rig '{rig}': got a block that may give energy to the hand; allowed: a passive one. {why} Take a softer "
-            "block, less damping, a faster servo, or a device with more damping of its own"
+            f"rig '{rig}'",
+            "got a block that may give energy to the hand",
+            allowed=f"a passive one. {why} Take a softer block, less damping, a faster servo, or a device with more "
+            "damping of its own",
         )

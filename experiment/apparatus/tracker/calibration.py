@@ -102,7 +102,9 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     by_height = sorted(levels, key=lambda one: one.mm)
     if len(by_height) < 2 or any(lower.mm == upper.mm for lower, upper in pairwise(by_height)):
         got = ", ".join(f"{one.mm:g}" for one in by_height)
-        raise TrackerError(f"calibration: got the heights {got} mm; allowed: two or more, all different; add heights")
+        raise TrackerError(
+            "calibration", f"got the heights {got} mm", "add heights", allowed="two or more, all different"
+        )
     counts = np.array([float(np.median(one.counts)) for one in by_height])
     spreads = np.array([float(np.std(one.counts)) for one in by_height])
     rises = bool(counts[-1] > counts[0])
@@ -110,10 +112,11 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     for i, (step, spread) in enumerate(zip(np.diff(counts), np.maximum(spreads[1:], spreads[:-1]), strict=True)):
         if abs(step) < max(APART * spread, 1.0) or (step > 0) != rises:
             raise TrackerError(
-                f"calibration: got {counts[i]:g} counts at {by_height[i].mm:g} mm and {counts[i + 1]:g} at "
-                f"{by_height[i + 1].mm:g} mm, with a spread of {spread:.1f}; allowed: readings that all "
-                f"{way} with height, {APART:g} spreads apart; see that nothing moves, or leave "
-                "out heights that the sensor cannot tell apart"
+                "calibration",
+                f"got {counts[i]:g} counts at {by_height[i].mm:g} mm and {counts[i + 1]:g} at {by_height[i + 1].mm:g} "
+                f"mm, with a spread of {spread:.1f}",
+                "see that nothing moves, or leave out heights that the sensor cannot tell apart",
+                allowed=f"readings that all {way} with height, {APART:g} spreads apart",
             )
     mm = np.array([one.mm for one in by_height])
     order = np.argsort(counts)
@@ -123,9 +126,11 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
         residuals[i] = off_mm = float(mm[i] - np.interp(counts[i], counts[[i - 1, i + 1]], mm[[i - 1, i + 1]]))
         if abs(off_mm) > BROKEN_PART * abs(mm[i + 1] - mm[i - 1]):
             raise TrackerError(
-                f"calibration: got {counts[i]:g} counts at {mm[i]:g} mm, which the line through its neighbours puts at "
-                f"{mm[i] - off_mm:.1f} mm; allowed: off by at most {BROKEN_PART:g} of the distance between them; see "
-                "that nothing moved and the sensor sits as it should, or add heights between"
+                "calibration",
+                f"got {counts[i]:g} counts at {mm[i]:g} mm, which the line through its neighbours puts at "
+                f"{mm[i] - off_mm:.1f} mm",
+                "see that nothing moved and the sensor sits as it should, or add heights between",
+                allowed=f"off by at most {BROKEN_PART:g} of the distance between them",
             )
     noises = spreads * np.abs(np.gradient(mm, counts))
     rows = zip(np.rint(counts).astype(int).tolist(), mm.tolist(), residuals, noises.tolist(), strict=True)
@@ -141,13 +146,13 @@ def check_age(rig: Rig, today: date) -> None:
     if made is None or days is None:
         got = "got a calibration without calibrated_on and calibration_days"
         allowed = "its day, and for how many days it holds"
-        raise RigError(f"{where}: {got}; allowed: {allowed}; {again}, which writes both")
+        raise RigError(where, got, f"{again}, which writes both", allowed=allowed)
     if made > today:
         got, allowed = f"got {made}, which lies in the future", f"a day up to today, {today}"
-        raise RigError(f"{where}.calibrated_on: {got}; allowed: {allowed}; see whether the clock is right, or {again}")
+        raise RigError(f"{where}.calibrated_on", got, f"see whether the clock is right, or {again}", allowed=allowed)
     if today > made + timedelta(days=days):
         allowed = f"at most {days} days before today, {today}"
-        raise RigError(f"{where}.calibrated_on: got {made}; allowed: {allowed}; {again}")
+        raise RigError(f"{where}.calibrated_on", f"got {made}", again, allowed=allowed)
 
 
 def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
@@ -157,9 +162,10 @@ def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
     for end_mm, held in ((min(calibrated), read_mm <= min(calibrated)), (max(calibrated), read_mm >= max(calibrated))):
         if held.mean() > HELD_PART:
             raise TrackerError(
-                f"tracker: got readings at or beyond {end_mm:g} mm, where its calibration ends; allowed: "
-                f"{min(calibrated):g} to {max(calibrated):g} mm; see that the sensor is in its place and sees the "
-                "foot, or run palpate calibrate tracker"
+                "tracker",
+                f"got readings at or beyond {end_mm:g} mm, where its calibration ends",
+                "see that the sensor is in its place and sees the foot, or run palpate calibrate tracker",
+                allowed=f"{min(calibrated):g} to {max(calibrated):g} mm",
             )
 
 
@@ -170,7 +176,7 @@ def heights_asked(text: str) -> tuple[float, ...]:
     except ValueError:
         found = ()
     if len(set(found)) < 2 or len(set(found)) < len(found) or not all(map(math.isfinite, found)):
-        raise RigError(f"--points: got '{text}'; allowed: two or more different heights in mm, such as 0,10,20,50")
+        raise RigError("--points", f"got '{text}'", allowed="two or more different heights in mm, such as 0,10,20,50")
     return found
 
 
@@ -276,19 +282,22 @@ def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: flo
     Raises `TrackerError` for too few samples, a foot that moved, or an offset above `farthest_mm`.
     """
     if heights_mm.size < 2:
-        raise TrackerError(f"zeroing: got {heights_mm.size} samples; allowed: 2 or more; see to the tracker")
+        raise TrackerError("zeroing", f"got {heights_mm.size} samples", "see to the tracker", allowed="2 or more")
     spread_mm = float(np.std(heights_mm, ddof=1))
     if spread_mm > STILL_MM:
         raise TrackerError(
-            f"zeroing: got heights that spread by {spread_mm:.2f} mm; allowed: at most {STILL_MM:g} mm; "
-            "rest the foot on the panel without moving"
+            "zeroing",
+            f"got heights that spread by {spread_mm:.2f} mm",
+            "rest the foot on the panel without moving",
+            allowed=f"at most {STILL_MM:g} mm",
         )
     offset_mm = float(np.median(heights_mm)) - contact_mm
     if abs(offset_mm) > farthest_mm:
         raise TrackerError(
-            f"zeroing: got an offset of {offset_mm:.2f} mm; allowed: at most {farthest_mm:g} mm either way "
-            "(tracker.zeroing_mm); rest the foot on the bare panel; if it does, see to the sensor's place, then run "
-            "palpate calibrate tracker"
+            "zeroing",
+            f"got an offset of {offset_mm:.2f} mm",
+            "if it does, see to the sensor's place, then run palpate calibrate tracker",
+            allowed=f"at most {farthest_mm:g} mm either way (tracker.zeroing_mm); rest the foot on the bare panel",
         )
     return Zero(offset_mm, spread_mm, heights_mm.size)
 

@@ -126,8 +126,9 @@ def _blamed(named: str, part: str) -> Iterator[None]:
         raise
     except (Exception, SystemExit) as error:  # SystemExit would end the session without a word
         raise TrackerError(
-            f"tracker: its driver '{named}' failed at `{part}` ({_said(error)}); see to the device, or have the driver "
-            "mended"
+            "tracker",
+            f"its driver '{named}' failed at `{part}` ({_said(error)})",
+            "see to the device, or have the driver mended",
         ) from error
 
 

@@ -231,6 +231,6 @@ def _opened(port: str, baud: int) -> serial.Serial:
             errno.EBUSY: busy,
             errno.EAGAIN: busy,
         }.get(error.errno or 0, f"{reason(error)}; see that it is a serial port and in order; {present()}")
-        raise TrackerError(f"tracker at {port}: {remedy}") from error
+        raise TrackerError(f"tracker at {port}", remedy) from error
     except ValueError as error:
-        raise TrackerError(f"tracker at {port}: {error}; correct [tracker] in the rig file") from error
+        raise TrackerError(f"tracker at {port}", str(error), "correct [tracker] in the rig file") from error

@@ -166,7 +166,7 @@ class SerialTracker:
                 self.close()
         self.close()
         raise TrackerStopped(
-            f"tracker at {self._name}: not back within {timeout_s:g} s ({why}); plug the device in again"
+            f"tracker at {self._name}", f"not back within {timeout_s:g} s ({why})", "plug the device in again"
         )
 
     def close(self) -> None:
@@ -176,7 +176,7 @@ class SerialTracker:
         self._port.wake()
         self._thread.join()
         if self._failure is None:
-            self._fail(TrackerStopped(f"tracker at {self._name}: it was closed; open it again"))
+            self._fail(TrackerStopped(f"tracker at {self._name}", "it was closed", "open it again"))
         self._port.close()
 
     def _open(self, port: str) -> None:
@@ -262,8 +262,10 @@ class SerialTracker:
         if frames.restarted:
             self._fail(
                 TrackerError(
-                    f"tracker at {self._name}: the device's clock no longer runs on from {self._decoder.device_us} us; "
-                    "it restarted, or its firmware does not count microseconds; see to it, then resume the session"
+                    f"tracker at {self._name}",
+                    f"the device's clock no longer runs on from {self._decoder.device_us} us; it restarted, or its "
+                    "firmware does not count microseconds",
+                    "see to it, then resume the session",
                 )
             )
         elif frames.device_us.size:
@@ -291,15 +293,19 @@ class SerialTracker:
         self._falls = newest_us < self._falls_until_us
 
     def _gone(self, error: Exception) -> TrackerStopped:
-        return TrackerStopped(f"tracker at {self._name}: the port has gone ({reason(error)}); plug the device in again")
+        return TrackerStopped(
+            f"tracker at {self._name}", f"the port has gone ({reason(error)})", "plug the device in again"
+        )
 
     def _silent(self) -> TrackerStopped:
         if len(self._raw) > FRAME_BYTES[self._settings.readings]:
             return TrackerStopped(
-                f"tracker at {self._name}: {len(self._raw)} bytes, but no good frame for {self._stall_ms} ms; "
-                f"see that the device sends palpate's frames at {self._settings.baud} baud, {self._decoder.kind}"
+                f"tracker at {self._name}",
+                f"{len(self._raw)} bytes, but no good frame for {self._stall_ms} ms",
+                f"see that the device sends palpate's frames at {self._settings.baud} baud, {self._decoder.kind}",
             )
         return TrackerStopped(
-            f"tracker at {self._name}: no frame for {self._stall_ms} ms; "
-            "see that the device is powered, connected and sampling"
+            f"tracker at {self._name}",
+            f"no frame for {self._stall_ms} ms",
+            "see that the device is powered, connected and sampling",
         )

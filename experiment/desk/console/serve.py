@@ -119,7 +119,8 @@ def served(command: Sequence[str], *, host: str = LOOPBACK, port: int = 8000) ->
         address = None
     if address is None or address.is_unspecified or address.is_multicast or address.version != 4:
         raise LinkError(
-            f"got {host!r} as the address of the console's page; allowed: one IPv4 address of this machine, such as "
-            f"{LOOPBACK}; name one"
+            f"got {host!r} as the address of the console's page",
+            remedy="name one",
+            allowed=f"one IPv4 address of this machine, such as {LOOPBACK}",
         )
     return Served(command, host=host, port=port, secret=secrets.token_urlsafe(32))

@@ -29,8 +29,10 @@ def leak(
     """
     if microphone.shape != played.shape or microphone.ndim != 1 or microphone.size < SHORTEST:
         raise VoiceError(
-            f"microphone: got shape {microphone.shape} beside {played.shape} of the masker; allowed: two rows of "
-            f"{SHORTEST} samples or more, {SHORTEST / 16_000:g} s; listen for longer before the answer"
+            "microphone",
+            f"got shape {microphone.shape} beside {played.shape} of the masker",
+            "listen for longer before the answer",
+            allowed=f"two rows of {SHORTEST} samples or more, {SHORTEST / 16000:g} s",
         )
     weights = np.ones(microphone.size - TAPS + 1) if counted is None else counted[TAPS - 1 :].astype(np.float64)
     y, whole = weights * microphone[TAPS - 1 :], fft.next_fast_len(microphone.size, real=True)

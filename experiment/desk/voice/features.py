@@ -72,11 +72,15 @@ def banded(samples: NDArray[np.floating[Any]], *, rate_hz: int) -> NDArray[np.fl
     """
     x = np.asarray(samples, np.float64)
     if x.ndim != 1 or not np.all(np.isfinite(x)):
-        raise VoiceError(f"microphone: got shape {x.shape}; allowed: one row of finite samples; look at the driver")
+        raise VoiceError(
+            "microphone", f"got shape {x.shape}", "look at the driver", allowed="one row of finite samples"
+        )
     if rate_hz < RATE_HZ:
         raise VoiceError(
-            f"rate_hz: got {rate_hz}; allowed: {RATE_HZ} Hz or more, for a voice reaches up to 8 kHz; correct the rig "
-            "file"
+            "rate_hz",
+            f"got {rate_hz}",
+            "correct the rig file",
+            allowed=f"{RATE_HZ} Hz or more, for a voice reaches up to 8 kHz",
         )
     if not x.size:
         return x

@@ -96,8 +96,10 @@ def take(
     samples, utterances, _, _ = _utterances(microphone, played, rate_hz, answerable_s, background)
     if len(utterances) != 1:
         raise VoiceError(
-            f"enrolment: got {len(utterances)} utterances; allowed: one, the answer; have it said again, alone and "
-            "close to the microphone"
+            "enrolment",
+            f"got {len(utterances)} utterances",
+            "have it said again, alone and close to the microphone",
+            allowed="one, the answer",
         )
     return cepstra(samples[utterances[0].begins[0] : utterances[0].end])
 
@@ -172,8 +174,10 @@ def _utterances(
     first = answerable - round(BEFORE_S * rate_hz)
     if not 0 <= first <= microphone.size:
         raise VoiceError(
-            f"answerable_s: got {answerable_s:g} s in a recording of {microphone.size / rate_hz:g} s; allowed: from "
-            f"{BEFORE_S:g} s after its beginning to its end; keep more of the stream"
+            "answerable_s",
+            f"got {answerable_s:g} s in a recording of {microphone.size / rate_hz:g} s",
+            "keep more of the stream",
+            allowed=f"from {BEFORE_S:g} s after its beginning to its end",
         )
     if background is None:
         background = listen(microphone[:answerable], played[:answerable], rate_hz=rate_hz)
@@ -188,6 +192,8 @@ def _utterances(
 def _alike(microphone: Samples, played: Samples) -> None:
     if microphone.shape != played.shape:
         raise VoiceError(
-            f"microphone: got shape {microphone.shape} beside {played.shape} of the masker; allowed: the same moments "
-            "of both channels; look at the driver"
+            "microphone",
+            f"got shape {microphone.shape} beside {played.shape} of the masker",
+            "look at the driver",
+            allowed="the same moments of both channels",
         )

@@ -71,8 +71,10 @@ def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
     few = [answer for answer, said in takes.items() if len(said) < _TAKES]
     if few or len(takes) < 2:
         raise VoiceError(
-            f"enrolment: got {len(takes)} answers, and too few takes of {few}; allowed: two answers or more, each said "
-            "twice or more; have them said again"
+            "enrolment",
+            f"got {len(takes)} answers, and too few takes of {few}",
+            "have them said again",
+            allowed="two answers or more, each said twice or more",
         )
     answers, every, apart = _apart(takes)
     same = np.array(answers)[:, None] == np.array(answers)
@@ -115,8 +117,10 @@ def match(utterance: Take, enrolment: Enrolment, begins: Sequence[int] = (0,)) -
     coefficients = enrolment.takes[0].shape[1]
     if utterance.ndim != 2 or utterance.shape[1] != coefficients or not all(0 <= b < len(utterance) for b in begins):
         raise VoiceError(
-            f"utterance: got shape {utterance.shape}, from frames {tuple(begins)} on; allowed: one frame or more of "
-            f"{coefficients} coefficients, from one of its frames on; take its cepstra"
+            "utterance",
+            f"got shape {utterance.shape}, from frames {tuple(begins)} on",
+            "take its cepstra",
+            allowed=f"one frame or more of {coefficients} coefficients, from one of its frames on",
         )
     rests = _rests(utterance, enrolment.takes)
     nearest = np.min(rests, axis=1)

@@ -121,7 +121,7 @@ def _recorded_utterances(path: Path, folder: Path) -> Iterator[Utterance]:
         file = folder / said.sound
         if hashlib.sha256(storage.read_bytes(file)).hexdigest() != said.sound_sha256:
             raise DatasetError(
-                f"{file}: is not the sound that the journal names; restore it from a backup, or delete it"
+                file, "is not the sound that the journal names", "restore it from a backup, or delete it"
             )
         yield Utterance(file, said.sound_sha256, answered, flag(said, answered))
 
@@ -133,7 +133,7 @@ def rated(root: Path, by: str) -> dict[str, Second]:
         try:
             lines = [Second.model_validate_json(line) for line in storage.read_bytes(log).splitlines() if line]
         except (OSError, ValidationError) as error:
-            raise DatasetError(f"{log}: cannot be read as second answers; restore it from a backup") from error
+            raise DatasetError(log, "cannot be read as second answers", "restore it from a backup") from error
         found |= {line.sound_sha256: line for line in lines if line.by == by}
     return found
 
@@ -146,7 +146,7 @@ def put_on_record(one: Utterance, *, by: str, answered: str | None, clear: bool)
         with os.fdopen(os.open(log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o600), "ab", buffering=0) as file:
             chain.write_through(file, second.model_dump_json().encode() + b"\n")
     except OSError as error:
-        raise DatasetError(f"{log}: cannot be written ({error.strerror}); make room, then do it again") from error
+        raise DatasetError(log, f"cannot be written ({error.strerror})", "make room, then do it again") from error
     return second
 
 
@@ -176,9 +176,9 @@ def play(file: Path, player: str | None) -> None:
         try:
             done = subprocess.run([*player.split(), str(file)], capture_output=True, check=False)  # noqa: S603
         except OSError as error:
-            raise AudioError(f"player '{player}': {error.strerror}; {remedy}") from error
+            raise AudioError(f"player '{player}'", storage.why(error), remedy) from error
         if done.returncode:
-            raise AudioError(f"player '{player}': ended with {done.returncode}; {remedy}")
+            raise AudioError(f"player '{player}'", f"ended with {done.returncode}", remedy)
         return
     from palpate.experiment.apparatus.audio.stream import library
 
@@ -189,4 +189,4 @@ def play(file: Path, player: str | None) -> None:
         # A voice before a microphone is soft; whoever listens hears every one as loud.
         sounddevice.play(samples / max(2.0 * float(np.max(np.abs(samples), initial=0)), 1.0), rate_hz, blocking=True)
     except (sounddevice.PortAudioError, ValueError) as error:
-        raise AudioError(f"this machine's default output: {error}; {remedy}") from error
+        raise AudioError("this machine's default output", str(error), remedy) from error

@@ -159,7 +159,9 @@ class CardPanel:
             if not timeout_s or (late_s > 0 and not begun):
                 return None
             if late_s > LONGEST_S:
-                raise AudioError(f"simulated sound card: a stimulus did not end within {LONGEST_S:g} s; start again")
+                raise AudioError(
+                    "simulated sound card", f"a stimulus did not end within {LONGEST_S:g} s", "start again"
+                )
             time.sleep(_LOOK_S)
 
     def close(self) -> None:

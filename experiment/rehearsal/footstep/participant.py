@@ -69,7 +69,10 @@ def third_octaves(*, bin_hz: float, low_hz: float = 10.0, high_hz: float = 500.0
     felt = np.unique(band[frequencies_hz >= low_hz])
     if not felt.size:
         raise SynthesisError(
-            f"bins: got {bin_hz:g} Hz wide; allowed: one between {low_hz:g} and {high_hz:g} Hz; make the takes longer"
+            "bins",
+            f"got {bin_hz:g} Hz wide",
+            "make the takes longer",
+            allowed=f"one between {low_hz:g} and {high_hz:g} Hz",
         )
     rows = np.array([band == b for b in felt], dtype=np.float64)
     bins = rows.sum(axis=1)
@@ -150,7 +153,9 @@ class Observer:
     def _at_speed(self, speed_mm_s: float) -> NDArray[np.float64]:
         """Return what is remembered of panel and materials, linear between familiar speeds, (1 + M, B)."""
         if self._remembered is None:
-            raise SessionError("the simulated participant does not know the materials; let it familiarise itself first")
+            raise SessionError(
+                "the simulated participant does not know the materials", remedy="let it familiarise itself first"
+            )
         speeds = FAMILIAR_SPEEDS_MM_S
         lower = int(np.clip(np.searchsorted(speeds, speed_mm_s) - 1, 0, len(speeds) - 2))
         part = (speed_mm_s - speeds[lower]) / (speeds[lower + 1] - speeds[lower])
@@ -237,8 +242,8 @@ class SimulatedParticipant(SimulatedPerson):
         self._rested = self._rested + 1 if why else 1
         if self._rested > MOST_RESTS:
             raise TrackerError(
-                f"{why}; the simulated foot rested {MOST_RESTS} times and cannot rest otherwise; give a rig and a "
-                "protocol that agree"
+                f"{why}; the simulated foot rested {MOST_RESTS} times and cannot rest otherwise",
+                remedy="give a rig and a protocol that agree",
             )
         self.show(f"{why or 'Zeroing'}: the foot rests on the panel")
         self.foot.put_down()

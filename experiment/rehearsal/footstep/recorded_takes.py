@@ -165,7 +165,7 @@ class SimulatedMaterials:
         """
         if not 0 < speed_mm_s <= FASTEST_MM_S:
             raise SynthesisError(
-                f"speed_mm_s: got {speed_mm_s}; allowed: above 0, up to {FASTEST_MM_S:g}; check the foot"
+                "speed_mm_s", f"got {speed_mm_s}", "check the foot", allowed=f"above 0, up to {FASTEST_MM_S:g}"
             )
         if material is None:
             return ring(self._landing(speed_mm_s=speed_mm_s, at_s=0.0, rng=rng), self._panel_response)
@@ -308,8 +308,8 @@ def session(planned: Plan, *, seed: int) -> RecordingSession:
         if strays_from_table_3(drawn) <= TABLE_3_TOLERANCE:
             return drawn
     raise RecordingError(
-        f"none of {MOST_SESSIONS} simulated sessions came within {TABLE_3_TOLERANCE} of Table 3; give another seed, or "
-        "fit the parameters of the simulated materials again"
+        f"none of {MOST_SESSIONS} simulated sessions came within {TABLE_3_TOLERANCE} of Table 3",
+        remedy="give another seed, or fit the parameters of the simulated materials again",
     )
 
 

@@ -183,9 +183,10 @@ class SimulatedExperimenter:
     def arm(self, condition: Condition, *, attempt: int) -> None:
         if attempt > MOST_ATTEMPTS:
             raise RecordingError(
-                f"{condition.material or 'bare panel'} at {condition.speed_mm_s:g} mm/s: got {MOST_ATTEMPTS} attempts, "
-                f"none of them good (the last: {'; '.join(self.problems)}); allowed: what the rig can record; give "
-                "other speeds, or another rig"
+                f"{condition.material or 'bare panel'} at {condition.speed_mm_s:g} mm/s",
+                f"got {MOST_ATTEMPTS} attempts, none of them good (the last: {'; '.join(self.problems)})",
+                "give other speeds, or another rig",
+                allowed="what the rig can record",
             )
         drawn = self.session.attempt(condition, attempt)
         rng = self.session.rng(condition, attempt, 1)
@@ -215,12 +216,14 @@ def record_simulated(
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
     if not rig.rig.simulated:
         raise RecordingError(
-            f"{rig_file}: is a real rig; allowed: one that says simulated = true; leave out --simulated"
+            rig_file, "is a real rig", "leave out --simulated", allowed="one that says simulated = true"
         )
     if rig.tracker.zeroing_mm is not None:
         raise RecordingError(
-            f"{rig_file}: tracker.zeroing_mm: got {rig.tracker.zeroing_mm:g}; allowed: none, because no foot rests on "
-            "the panel in simulated time; leave it out of this rig file"
+            rig_file,
+            f"tracker.zeroing_mm: got {rig.tracker.zeroing_mm:g}",
+            "leave it out of this rig file",
+            allowed="none, because no foot rests on the panel in simulated time",
         )
     rigs.check(rig, protocol.footsteps.step)
     planned = plan(
@@ -262,8 +265,10 @@ def fresh_takes(recorded: Recordings, *, seed: int) -> Recordings:
     """Return new SIMULATED takes, with a `seed` of their own. Raises `RecordingError` if the old ones are real."""
     if not recorded.simulated:
         raise RecordingError(
-            "fresh takes: got none; allowed: takes of the real materials, because the recordings are real; record them "
-            "with palpate record --speeds 150,250,400 --takes 10, then name their folder with --fresh"
+            "fresh takes",
+            "got none",
+            "record them with palpate record --speeds 150,250,400 --takes 10, then name their folder with --fresh",
+            allowed="takes of the real materials, because the recordings are real",
         )
     planned = Plan(
         source=f"SIMULATED fresh takes, seed {seed}",

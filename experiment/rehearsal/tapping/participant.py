@@ -108,7 +108,7 @@ class SimulatedTapper(SimulatedPerson):
     def _tap(self, fingers: Fingers, rng: np.random.Generator) -> tuple[float, float]:
         """Tap the surface that lies there, and return how hard that felt, and its error in discriminations."""
         if fingers.panel is None:
-            raise ActuatorError("the simulated fingers have no actuator; give a rig with one")
+            raise ActuatorError("the simulated fingers have no actuator", remedy="give a rig with one")
         while fingers.panel.felt(0) is not None:
             self.show("The participant felt a vibration of a tap that did not count")
         path = hand.tap(rng)

@@ -56,10 +56,12 @@ class SoundCard:
         every client, so that no sample is lost. Raises `AudioError` without JACK or a start.
         """
         if sys.platform == "win32":
-            raise AudioError("simulated sound card: got Windows; allowed: Linux or macOS; name a rig without one")
+            raise AudioError("simulated sound card", "got Windows", "name a rig without one", allowed="Linux or macOS")
         program = shutil.which("jackd")
         if program is None:
-            raise AudioError("simulated sound card: got no jackd; allowed: JACK 2; install the system's package jackd2")
+            raise AudioError(
+                "simulated sound card", "got no jackd", "install the system's package jackd2", allowed="JACK 2"
+            )
         self._jack = _jack()
         self._before = {name: os.environ.get(name) for name in (*_VARIABLES, _SERVER)}
         self.folder = tempfile.TemporaryDirectory(prefix="palpate-jack-")
@@ -138,7 +140,7 @@ class SoundCard:
                 return client
             said = " ".join(log.read_text("utf-8", "replace").strip().splitlines()[-1:])
         raise AudioError(
-            f"simulated sound card: JACK did not start ({said}); check that jackd runs here, then start again"
+            "simulated sound card", f"JACK did not start ({said})", "check that jackd runs here, then start again"
         )
 
     def _client(self) -> Any:
@@ -164,8 +166,10 @@ class SoundCard:
         ports = self._ports(kind)
         if not 1 <= channel <= len(ports):
             raise AudioError(
-                f"simulated sound card: got channel {channel} ({kind}); allowed: 1 to {len(ports)}; open the stream "
-                "first, and with as many channels as are wired"
+                "simulated sound card",
+                f"got channel {channel} ({kind})",
+                "open the stream first, and with as many channels as are wired",
+                allowed=f"1 to {len(ports)}",
             )
         return ports[channel - 1]
 
@@ -173,7 +177,7 @@ class SoundCard:
         try:
             return call(*ports)
         except self._jack.JackError as error:
-            raise AudioError(f"simulated sound card: {error}; start again") from error
+            raise AudioError("simulated sound card", error, "start again") from error
 
     def _stop(self) -> None:
         self.server.terminate()
@@ -199,8 +203,9 @@ def _jack() -> ModuleType:
         import jack
     except (ImportError, OSError) as error:
         raise AudioError(
-            f"simulated sound card: JACK-Client cannot be used ({error}); install palpate[lab], and JACK 2 "
-            "(the system's package jackd2)"
+            "simulated sound card",
+            f"JACK-Client cannot be used ({error})",
+            "install palpate[lab], and JACK 2 (the system's package jackd2)",
         ) from error
     # The library's messages would stand between the experimenter's lines.
     with suppress(AttributeError):
@@ -243,7 +248,7 @@ class WiredCard:
         """Return the mouth before the rig's microphone, in a room that is heard from now on. Raises `AudioError`."""
         headphones, microphone = self._channels.headphones[0], self._channels.microphone
         if microphone is None:
-            raise AudioError("simulated sound card: got no audio.channels.microphone; allowed: an input; name it")
+            raise AudioError("simulated sound card", "got no audio.channels.microphone", "name it", allowed="an input")
         mouth = self.card.mouth(headphones, microphone, leak(rate_hz=self._rate_hz))
         self._opened.callback(mouth.close)
         return mouth

@@ -155,7 +155,7 @@ def judged(
 def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
     """Raise `RigError` if a real rig would make and limit voltages by the response of a panel that nobody measured."""
     if told := _unmeasured(rig_file.parent, rig):
-        raise RigError(f"{rig_file}: {told}")
+        raise RigError(rig_file, told)
 
 
 def _unmeasured(rig_folder: Path, rig: Rig) -> str:

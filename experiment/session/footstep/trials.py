@@ -92,7 +92,7 @@ def open_footsteps(
     stimuli = Stimuli({}, None)
     if planned.synthesis:
         if recordings is None:
-            raise RecordingError(f"task '{task_id}': got no recordings; allowed: a folder of recordings; name it")
+            raise RecordingError(f"task '{task_id}'", "got no recordings", "name it", allowed="a folder of recordings")
         stimuli = ends.stimuli(partial(_prepared, planned, protocol, rig, rig_folder, recordings, ends))
     actuator: Actuator | None = None
     if planned.actuator:
@@ -198,7 +198,7 @@ class Footsteps(Kind):
         if self._limits.over():
             return
         if not silent:
-            raise ActuatorError(f"actuator: {STILL_PLAYS}")
+            raise ActuatorError("actuator", STILL_PLAYS)
         if broken is not None and broken[0] == planned.trial and not broken[1].felt:
             if console.rearm(trial=planned.trial, attempt=attempt, reason=broken[1].reason):
                 self._watch.feed.drain()
@@ -351,8 +351,10 @@ class Footsteps(Kind):
         if abs(ahead_us) <= CLOCKS_PART_US + CLOCKS_DRIFT * abs(passed_us):
             return None, None
         error = TrackerError(
-            f"tracker at {port}: its clock and the session's part by {ahead_us / 1e6:.1f} s; "
-            "the device restarted, or does not count microseconds; see to it, then resume the session"
+            f"tracker at {port}",
+            f"its clock and the session's part by {ahead_us / 1000000.0:.1f} s; the device restarted, or does not "
+            "count microseconds",
+            "see to it, then resume the session",
         )
         # The step was now, whatever its device says.
         return ClockMap(at_us, now_ns), error

@@ -108,7 +108,7 @@ class Taken:
     def clock(self) -> ClockMap:
         """Return `clock_map`. Raises `TrackerStopped` if there is none."""
         if self.clock_map is None:
-            raise TrackerStopped("tracker: got no sample since it was opened; see that the device is sampling")
+            raise TrackerStopped("tracker", "got no sample since it was opened", "see that the device is sampling")
         return self.clock_map
 
     def session_ns(self, device_us: float) -> int:

@@ -201,7 +201,7 @@ class Taps:
         late_ns = self.lent.clock.now_ns() - contact_ns
         if late_ns > LATE_NS and not self.lent.clock.simulated:
             got = f"got a touch {late_ns / 1e6:.0f} ms after it; allowed: {LATE_NS / 1e6:g} ms"
-            raise ServoError(f"{got}; nothing sounded; see what held the machine or its disk up")
+            raise ServoError(f"{got}; nothing sounded", remedy="see what held the machine or its disk up")
         speed_mm_s = touch.speed_mm_s if state is None else _speed_mm_s(state, touch.device_us)
         speed_mm_s = max(speed_mm_s, 0.0)
         self.touched.add(lying.place)
