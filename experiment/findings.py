@@ -88,14 +88,17 @@ def counted(findings: Sequence[Finding]) -> str:
     return f"{len(findings)} error{'' if len(findings) == 1 else 's'}"
 
 
-def shown(command: Iterable[str], windows: bool = os.name == "nt") -> str:
-    """Return a command as this system's shell reads it.
+def shown(command: Sequence[str]) -> str:
+    """Return a command as this system's shell reads it."""
+    return windows_command(command) if os.name == "nt" else shlex.join(command)
 
-    On Windows a double-quoted argument reads alike in PowerShell and cmd (`subprocess.list2cmdline`); one with a double
-    quote, `$`, a backtick or `%` reads alike in neither, so it is quoted for PowerShell.
+
+def windows_command(command: Iterable[str]) -> str:
+    """Return a command as PowerShell and cmd read it.
+
+    Both read double quotes alike (`subprocess.list2cmdline`), but for an argument with a double quote, `$`, a backtick
+    or `%`, which is quoted for PowerShell.
     """
-    if not windows:
-        return shlex.join(command)
     return " ".join(map(_quoted_for_windows, command))
 
 

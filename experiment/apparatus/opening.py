@@ -325,9 +325,10 @@ def open_accelerometer(
     if settings.rate_hz != rate_hz:
         raise RigError(
             f"rig '{rig.rig.name}'",
-            f"accelerometer.rate_hz: got {settings.rate_hz}",
+            f"got {settings.rate_hz}",
             "set the device and the rig file to it",
             allowed=f"{rate_hz}, the protocol's synthesis.rate_hz",
+            field="accelerometer.rate_hz",
         )
     if address is None and settings.address == REHEARSAL:
         raise RigError(simulated_only(rig, "accelerometer.address"))

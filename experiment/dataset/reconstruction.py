@@ -111,13 +111,15 @@ def _row(row: list[str], where: str, materials: Sequence[str]) -> tuple[int, tup
     participant, presented, answered, count = row
     answers = (*materials, NO_ANSWER)
     if not re.fullmatch(r"(sub-)?0{0,5}[1-9][0-9]{0,5}", participant):
-        raise DatasetError(where, f"participant: got {participant!r}", allowed="a whole number from 1 to 999999")
+        raise DatasetError(
+            where, f"got {participant!r}", field="participant", allowed="a whole number from 1 to 999999"
+        )
     if presented not in materials:
-        raise DatasetError(where, f"presented: got {presented!r}", allowed=", ".join(materials))
+        raise DatasetError(where, f"got {presented!r}", field="presented", allowed=", ".join(materials))
     if answered not in answers:
-        raise DatasetError(where, f"answered: got {answered!r}", allowed=", ".join(answers))
+        raise DatasetError(where, f"got {answered!r}", field="answered", allowed=", ".join(answers))
     if not re.fullmatch(r"[0-9]{1,5}", count) or int(count) > MAX_COUNT:
-        raise DatasetError(where, f"count: got {count!r}", allowed=f"a whole number from 0 to {MAX_COUNT}")
+        raise DatasetError(where, f"got {count!r}", field="count", allowed=f"a whole number from 0 to {MAX_COUNT}")
     return int(participant.removeprefix("sub-")), (presented, answered), int(count)
 
 

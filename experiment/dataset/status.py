@@ -286,7 +286,7 @@ def status(given: Path, today: date) -> Status:
         erased=frozenset(known.erased if known else ()),
         revealed=dict(known.revealed if known else {}),
         to_enrol=left[0] if left else None,
-        doubts=tuple(str(doubt).replace(f"{root}/", "") for doubt in doubts),
+        doubts=tuple(doubt.finding.sentence(root) for doubt in doubts),
         reminders=(*wanted, *_reminders(root, dataset, people), *_due(keep_until, today)),
         keep_until=keep_until,
     )
