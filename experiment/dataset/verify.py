@@ -18,7 +18,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import beliefs, bids, build, register
 from palpate.experiment.dataset.beliefs import Believed
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Signer
-from palpate.experiment.errors import DatasetError, OtherFormat, PalpateError, RecordingError, RosterError
+from palpate.experiment.errors import DatasetError, OtherFormat, PalpateError, RecordingError, Remedy, RosterError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.page import count
 from palpate.experiment.records import journal
@@ -202,7 +202,7 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():
-                yield DatasetError(path, "is missing", f"make it again ({beliefs.build_again(root)})")
+                yield DatasetError(path, "is missing", Remedy("make it again", ("palpate", "build", str(root))))
 
 
 def _tables_alone(root: Path) -> Iterator[Finding]:
