@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, cast
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.audio import masker as sound_level
@@ -310,7 +311,7 @@ def test_a_machine_knows_how_long_it_has_been_on() -> None:
 
 
 @pytest.mark.parametrize("before", [0.5, 1 - 2 * played(10**9 * int(RESERVE_S))])
-def test_the_masker_is_silent_before_the_dose_is_one(before: float) -> None:
+def test_the_masker_is_silent_before_the_dose_is_one(before: float, approved: SnapshotAssertion) -> None:
     clock = Machine()
     log = Lines(clock)
     exposed, masker, masking = watched(clock, log, before=before)
@@ -320,12 +321,13 @@ def test_the_masker_is_silent_before_the_dose_is_one(before: float) -> None:
     looking(exposed, clock, 5 * HOUR_NS)
     assert masker.level_db_a is None
     assert 1 - played(int(2 * RESERVE_S * 1e9)) <= masker.exposure().dose < 1
-    assert exposed.over() == "the masker's dose for 24 hours is used up (1.00 of 1); continue a day later"
+    assert exposed.over() == approved
     last = [line.entry for line in log.lines if isinstance(line.entry, MaskerSet)][-1]
     assert (last.level_db_a, last.dose) == (None, masker.exposure().dose)
     masking.choose("it hides all", None)
     assert masking.change("+")
-    assert masker.level_db_a is None, "nothing starts it again"
+    # Nothing starts it again.
+    assert masker.level_db_a is None
 
 
 def test_the_masker_is_silent_when_the_session_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -370,13 +372,16 @@ def test_what_the_watching_thread_cannot_write_is_raised_where_the_session_asks_
     exposed.begin(Felt())
     log.failing = True
     wait_until(lambda: exposed._failed is not None and masker.level_db_a is None)
-    assert masker.level_db_a is None, "nobody watches it any longer"
+    # Nobody watches it any longer.
+    assert masker.level_db_a is None
     with pytest.raises(JournalError, match="the disk is full"):
         exposed.over()
     exposed.close()
 
 
-def test_the_experimenter_is_told_that_the_session_is_over(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_experimenter_is_told_that_the_session_is_over(
+    monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
+) -> None:
     monkeypatch.setattr(exposure, "LOOK_S", 0.0)
     clock = Machine()
     exposed, _, _ = watched(clock, Lines(clock), lasts_ns=-1)
@@ -390,7 +395,7 @@ def test_the_experimenter_is_told_that_the_session_is_over(monkeypatch: pytest.M
     exposed.begin(Felt())
     wait_until(lambda: exposed._failed is not None)
     exposed.close()
-    assert told == ["\nNothing more will be felt: it is over. Answer what is asked; then the session ends or pauses."]
+    assert told == approved
     with pytest.raises(ScreenGone):
         exposed.over()
 
@@ -464,7 +469,8 @@ def test_no_stimulus_sounds_after_the_end_and_one_before_it_is_answered(
     over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
     assert footer == Footer(reason="paused", detail=over, answered=len(sounded), silent=True)
     assert all(sound_ns <= ends_ns for sound_ns in sounded)
-    assert len(sounded) == (after_ms > 305), "the contact is known after 300 ms, and 5 are left for the actuator"
+    # The contact is known after 300 ms, and 5 are left for the actuator.
+    assert len(sounded) == (after_ms > 305)
     broken = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, BrokenOff)]
     assert [(entry.reason, entry.felt) for entry in broken] == ([] if sounded else [(over, False)])
 
@@ -498,7 +504,9 @@ def test_nothing_is_armed_when_the_end_comes_at_a_prompt(protocol: Protocol, tmp
     assert not any(isinstance(entry, Armed | BrokenOff | FootStep) for entry in entries(tmp_path, "real"))
 
 
-def test_a_tracker_that_is_gone_is_waited_for_until_the_session_is_over(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_tracker_that_is_gone_is_waited_for_until_the_session_is_over(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     one = bench("c")
     one.tracker.drains.append(TrackerStopped("the port has gone"))
 
@@ -511,9 +519,7 @@ def test_a_tracker_that_is_gone_is_waited_for_until_the_session_is_over(protocol
     footer = one.run(short, header("real"), tmp_path)
     over = f"the protocol's {short.exposure.session_min:g} min of a session are over"
     assert footer == Footer(reason="paused", detail=over, answered=0)
-    assert one.console.shown[1:] == [
-        "the port has gone. The session waits for 60 s, and goes on by itself; nothing is lost."
-    ]
+    assert one.console.shown[1:] == approved
 
 
 def test_a_session_in_real_time_tells_its_exposure_and_simulated_time_does_not(
@@ -524,7 +530,8 @@ def test_a_session_in_real_time_tells_its_exposure_and_simulated_time_does_not(
     assert not any(isinstance(entry, Exposure) for entry in entries(tmp_path / "simulated", "virtual"))
     written = entries(tmp_path / "real", "virtual")
     assert isinstance(written[0], Header)
-    assert isinstance(written[1], Exposure), "ages are known from the first moment on"
+    # Ages are known from the first moment on.
+    assert isinstance(written[1], Exposure)
     done = progress(journal.read(storage.journal_path(tmp_path / "real", "01", "virtual")).entries)
     assert done.stimuli == 2
     assert done.vibration_s == pytest.approx(1.0)
@@ -544,7 +551,8 @@ def test_a_disk_that_takes_no_frames_leaves_the_attempt_to_the_next_runner(
             bench("c").run(protocol, header("virtual"), tmp_path)
     *_, footer = entries(tmp_path, "virtual")
     assert isinstance(footer, Footer)
-    assert (footer.reason, footer.detail) == ("error", "the frames cannot be written")
+    assert footer.reason == "error"
+    assert footer.detail.endswith("cannot be written")
     assert bench("cpt").run(protocol, header("virtual"), tmp_path).reason == "complete"
     (redone,) = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, Redo)]
     assert (redone.trial, redone.attempt, redone.put_off) == (1, 1, True)
@@ -558,7 +566,8 @@ def test_a_screen_that_is_gone_pauses_the_session(protocol: Protocol, tmp_path: 
 
     one.console = ScriptedConsole(one.clock, "c", before_ask=gone)
     footer = one.run(protocol, header("virtual"), tmp_path)
-    assert footer == Footer(reason="paused", detail="the screen is gone (Broken pipe)", answered=0, silent=True)
+    assert (footer.reason, footer.answered, footer.silent) == ("paused", 0, True)
+    assert footer.detail.endswith("(Broken pipe)")
     assert bench("cpt").run(protocol, header("virtual"), tmp_path).reason == "complete"
 
 

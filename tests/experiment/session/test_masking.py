@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import MaskerExposure
@@ -85,11 +86,11 @@ def test_the_level_is_chosen_before_the_first_trial_and_every_change_is_journale
     assert kinds[-2:] == ["masker", "footer"]
 
 
-def test_no_key_goes_above_the_limit(protocol: Protocol, tmp_path: Path) -> None:
+def test_no_key_goes_above_the_limit(protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion) -> None:
     one = masked(bench("cpt"), "+++++.", limit_db_a=55.0)
     one.run(protocol, header("real"), tmp_path)
     assert [level for level in levels(tmp_path) if level is not None] == [50, 52, 54, 55, 55, 55]
-    assert one.console.shown[-1] == "Masker at 55 dB(A) (the limit)."
+    assert one.console.shown[-1] == approved
 
 
 @pytest.mark.parametrize(("goes_on", "noted"), [(True, 1), (False, 0)])
@@ -122,7 +123,8 @@ def test_the_masker_is_silent_in_the_debriefing_and_chosen_anew_for_what_is_done
     def debriefed() -> Remark | None:
         assert one.masker is not None
         playing.append(one.masker.level_db_a)
-        assert levels(tmp_path)[-1] is None, "its dose is on disk"
+        # Its dose is on disk.
+        assert levels(tmp_path)[-1] is None
         return next(said)
 
     monkeypatch.setattr(one.console, "debrief", debriefed)
@@ -167,12 +169,14 @@ def test_a_level_that_the_dose_does_not_allow_pauses_the_session(
     masker._set = until_used_up  # type: ignore[method-assign]
     footer = one.run(protocol, header("real"), tmp_path)
     assert (footer.reason, footer.answered) == ("paused", answered)
-    assert footer.detail.startswith("the masker's dose for 24 hours is used up")
+    assert "24 hours" in footer.detail
     assert levels(tmp_path)[-1] is None
-    assert one.console.shown[1:][-1:] == ["The masker is silent."] * (presses > 0)
+    assert ["silent" in line for line in one.console.shown[1:][-1:]] == [True] * (presses > 0)
 
 
-def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_dose_that_is_used_up_between_trials_pauses_the_session(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     one = masked(bench("cpta"), ".")
     assert one.masker is not None
     begun = one.masker.exposure
@@ -186,7 +190,7 @@ def test_a_dose_that_is_used_up_between_trials_pauses_the_session(protocol: Prot
     one.masker.exposure = spent  # type: ignore[method-assign]
     footer = one.run(protocol, header("real"), tmp_path)
     assert (footer.reason, footer.answered) == ("paused", 2)
-    assert footer.detail == "the masker's dose for 24 hours is used up (1.00 of 1); continue a day later"
+    assert footer.detail == approved
 
 
 def probed(protocol: Protocol) -> Protocol:
@@ -302,7 +306,7 @@ def test_the_level_rises_no_faster_than_the_ear_follows_and_falls_at_once(presse
         assert masker.level_db_a in ((level_db_a - 2,) if key == "-" else (level_db_a, level_db_a + 2))
         if masker.level_db_a == level_db_a:
             assert now_s - rose_s[-1] < 0.5
-            assert console.shown[-1].startswith(f"Masker still at {level_db_a:.0f} dB(A): it rises once in 0.5 s")
+            assert console.shown[-1].startswith(f"Masker still at {level_db_a:.0f} dB(A): ")
         elif key == "+":
             assert not rose_s or now_s - rose_s[-1] > 0.5 - 1e-6
             rose_s.append(now_s)

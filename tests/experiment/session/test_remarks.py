@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
@@ -76,13 +77,14 @@ def test_the_table_takes_the_correction_and_the_journal_holds_both(
     assert [e.answered for e in found if isinstance(e, Answer)] == ["copy paper", "polypropylene", "typing paper"]
     expected = Correction(trial=2, attempt=1, answered=material, key=key, reason="misheard")
     assert [e for e in found if isinstance(e, Correction)] == [expected]
-    assert f"Trial 2: the correction is on disk: {material or 'no answer'}." in console.shown
+    (shown,) = [line for line in console.shown if line.startswith("Trial 2: ")]
+    assert f" {material or 'no answer'}." in shown
     path = storage.journal_path(tmp_path, "01", "real")
     session = build._session(path, journal.read(path))
     rows = build._rows(session, "PARTICIPANT")
     assert [row["answered"] for row in rows] == ["copy paper", material or "(none)", "typing paper"]
     assert [row.get("corrected_from", "n/a") for row in rows] == ["n/a", "polypropylene", "n/a"]
-    assert f"the answer was corrected to {material or 'no answer'}: misheard" in transcript.text(journal.read(path))
+    assert f" corrected to {material or 'no answer'}: misheard" in transcript.text(journal.read(path))
 
 
 def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Path) -> None:
@@ -271,7 +273,7 @@ def test_a_trial_that_is_repeated_for_two_reasons_is_repeated_once_and_nothing_p
     assert one.run(protocol, header("virtual"), tmp_path).reason == "complete"
     (redo,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, Redo)]
     assert redo.trial == 1
-    assert redo.reason.startswith("lost frames: too much of the foot's movement is missing")
+    assert redo.reason.startswith("lost frames: ")
     assert redo.reason.endswith("; a door slammed")
     assert seen == [1, 2, 3, 1]
 
@@ -333,12 +335,14 @@ def test_response_time_ends_when_the_key_was_pressed_and_not_when_it_was_on_reco
     assert seconds[400_000_000] == pytest.approx([0.4] * 2)
 
 
-def test_what_is_asked_for_after_a_sessions_end_is_refused(protocol: Protocol, tmp_path: Path) -> None:
+def test_what_is_asked_for_after_a_sessions_end_is_refused(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     one = bench("cpt")
     one.run(protocol, header("real"), tmp_path)
     session = next(session for session in one.console.attended if session is not None)
     before = entries(tmp_path, "real")
-    assert session.remark(TakeNote(text="too late")) == (False, "The session has ended; nothing was changed.")
+    assert session.remark(TakeNote(text="too late")) == approved
     session.commanded(by="test", command="note", taken=False, words="")
     assert entries(tmp_path, "real") == before
 
@@ -367,13 +371,13 @@ def test_a_note_in_a_pause_goes_on_record_and_changes_nothing_else(
     one.clock.sleep_ns(60 * 10**9)
     session = remarks.paused(tmp_path, "01", ("virtual", "real"), "virtual", one.clock)
     assert session is not None
-    assert session.remark(TakeNote(text="They look tired.")) == (True, "The note is on disk.")
-    session.commanded(by="lab", command="note", taken=True, words="The note is on disk.")
+    assert session.remark(TakeNote(text="They tire."))[0]
+    session.commanded(by="lab", command="note", taken=True, words="done")
     assert not session.remark(Correct(trial=1, key="t", reason="misheard"))[0]
     after = journal.read(path)
     assert after.entries[len(before.entries) :] == (
-        Note(trial=None, text="They look tired."),
-        Commanded(by="lab", command="note", taken=True, reply="The note is on disk."),
+        Note(trial=None, text="They tire."),
+        Commanded(by="lab", command="note", taken=True, reply="done"),
     )
     done = progress(after.entries)
     assert done == progress(before.entries)
@@ -384,7 +388,9 @@ def test_a_note_in_a_pause_goes_on_record_and_changes_nothing_else(
     assert session.standing().answered == len(done.answered)
 
 
-def test_a_session_whose_participant_withdrew_in_the_pause_takes_no_note(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_session_whose_participant_withdrew_in_the_pause_takes_no_note(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     one = bench("cq")
     one.run(protocol, header("real"), tmp_path)
     path = storage.journal_path(tmp_path, "01", "real")
@@ -395,7 +401,7 @@ def test_a_session_whose_participant_withdrew_in_the_pause_takes_no_note(protoco
     before = path.read_bytes()
     taken, words = session.remark(TakeNote(text="They look tired."))
     assert not taken
-    assert words.startswith("The session can take no note now.")
+    assert words == approved
     session.commanded(by="lab", command="note", taken=False, words=words)
     assert path.read_bytes() == before
 

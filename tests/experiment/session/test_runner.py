@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydantic import ValidationError
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.tracker.frames import Samples
@@ -81,11 +82,11 @@ def test_every_stimulus_on_record_says_how_it_was_computed(protocol: Protocol, t
 
 def test_the_priority_of_a_session_is_journaled_each_time_it_runs(protocol: Protocol, tmp_path: Path) -> None:
     one, two = bench("cq"), bench("pn")
-    one.priority, two.priority = "real time", "ordinary: the system allows no more"
+    one.priority, two.priority = "real time", "ordinary"
     one.run(protocol, header("virtual"), tmp_path)
     two.run(protocol, header("virtual"), tmp_path)
     said = [e.detail for e in entries(tmp_path, "virtual") if isinstance(e, Phase) and e.state == "ready"]
-    assert said == ["priority: real time", "priority: ordinary: the system allows no more"]
+    assert said == ["priority: real time", "priority: ordinary"]
 
 
 def test_a_real_session_names_the_object_to_lay_out_and_plays_nothing(protocol: Protocol, tmp_path: Path) -> None:
@@ -100,7 +101,8 @@ def test_familiarisation_lasts_as_long_as_the_protocol_asks(protocol: Protocol, 
     one = bench("cpt")
     one.run(protocol, header("real"), tmp_path)
     assert one.console.familiarised == 2, "100 s a time, 180 s wanted"
-    assert one.console.instructed == [protocol.task("real").instruction], "once, before the first trial"
+    # Once, before the first trial.
+    assert one.console.instructed == [protocol.task("real").instruction]
     early = "It is too early to go on: the protocol asks for 180 s of familiarisation, and 100 s have passed."
     assert one.console.shown.count(early) == 1
 
@@ -198,7 +200,7 @@ def test_the_dead_time_after_an_answer_is_journaled_without_the_laying_out(
     # None came before the first, and what came before the third was no answer.
     assert [step.dead_time_ms for step in steps] == [None, 5.0, None, 5.0]
     said = transcript.text(journal.read(storage.journal_path(tmp_path, "01", task)))
-    assert " ".join(said.split()).count("; armed 5.0 ms after the answer before it") == 2
+    assert " ".join(said.split()).count("; armed 5.0 ms after") == 2
 
 
 def test_simulated_time_knows_no_dead_time(protocol: Protocol, tmp_path: Path) -> None:
@@ -208,12 +210,14 @@ def test_simulated_time_knows_no_dead_time(protocol: Protocol, tmp_path: Path) -
     assert [e.dead_time_ms for e in entries(tmp_path, "real") if isinstance(e, FootStep)] == [None, None, None]
 
 
-def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path) -> None:
+def test_redo_is_a_new_entry_and_a_new_attempt(protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion) -> None:
     one = bench("crpt")
     one.run(protocol, header("real"), tmp_path)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (2, 2)]
     redone = [e for e in entries(tmp_path, "real") if isinstance(e, Redo)]
-    assert redone == [Redo(trial=2, attempt=1, reason="asked for by the experimenter", put_off=True)]
+    ((trial, attempt, put_off),) = [(e.trial, e.attempt, e.put_off) for e in redone]
+    assert (trial, attempt, put_off) == (2, 1, True)
+    assert redone[0].reason == approved
 
 
 def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, tmp_path: Path) -> None:
@@ -226,25 +230,24 @@ def test_the_protocols_rule_repeats_a_step_that_lost_frames(protocol: Protocol, 
     assert redone == [Redo(trial=1, attempt=1, reason=reason, put_off=True)]
 
 
-def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(protocol: Protocol, tmp_path: Path) -> None:
+def test_pause_ends_the_runner_and_the_next_one_goes_on_with_the_same_trial(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     first = bench("cq")
     assert first.run(protocol, header("real"), tmp_path).reason == "paused"
-    assert first.console.shown[1:] == ["Trial 2 was felt, and comes again at the end of its block."]
+    assert first.console.shown[1:] == approved
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path).reason == "complete"
     # What was felt comes again at the end of its block, whatever kept it from its answer.
     assert second.console.armed == [(3, 1), (2, 2)]
     assert second.console.familiarised == 0
     (told,) = second.console.shown
-    assert told == (
-        f"This session goes on from {day(START_NS)}: 1 of 3 trials are answered; trial 2 comes again at the end of its "
-        "block."
-    )
+    assert told.replace(str(day(START_NS)), "DAY") == approved
     assert [e.remaining for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == [(3, 2)]
 
 
 def test_a_pause_that_is_asked_for_at_the_question_says_that_the_trial_comes_again(
-    protocol: Protocol, tmp_path: Path
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     def paused() -> None:
         raise PauseAsked("by the experimenter")
@@ -252,10 +255,12 @@ def test_a_pause_that_is_asked_for_at_the_question_says_that_the_trial_comes_aga
     one = bench("c")
     one.console = ScriptedConsole(one.clock, "", before_ask=paused)
     assert one.run(protocol, header("real"), tmp_path).detail == "by the experimenter"
-    assert one.console.shown[1:] == ["Trial 1 was felt, and comes again at the end of its block."]
+    assert one.console.shown[1:] == approved
 
 
-def test_noise_that_the_rig_cannot_play_is_confirmed_before_the_first_trial(protocol: Protocol, tmp_path: Path) -> None:
+def test_noise_that_the_rig_cannot_play_is_confirmed_before_the_first_trial(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     class Asked(ScriptedConsole):
         def agree(self, *, text: str, yes: str, no: str) -> bool:
             asked.append((text, len(self.armed)))
@@ -267,9 +272,10 @@ def test_noise_that_the_rig_cannot_play_is_confirmed_before_the_first_trial(prot
         one.noise = "Pink noise is played by other means."
         one.console = Asked(one.clock, "cpt")
         assert one.run(protocol, header("real"), tmp_path).reason == reason
-    assert asked == [("Pink noise is played by other means. Does it play?", 0)] * 2
+    assert [armed for _, armed in asked] == [0, 0]
+    assert [text for text, _ in asked] == approved
     notes = [e.text for e in entries(tmp_path, "real") if isinstance(e, Note)]
-    assert notes == ["The experimenter confirmed: Pink noise is played by other means."]
+    assert notes == approved
 
 
 def test_who_is_familiar_with_the_materials_is_not_made_so_again(
@@ -289,18 +295,16 @@ def test_who_is_familiar_with_the_materials_is_not_made_so_again(
     assert second.console.familiarised == 0
 
 
-def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path) -> None:
+def test_an_interrupt_at_the_keyboard_pauses(protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion) -> None:
     one = bench("c")
 
     def interrupt() -> None:
         raise KeyboardInterrupt
 
     one.console = ScriptedConsole(one.clock, "c", before_ask=interrupt)
-    assert one.run(protocol, header("real"), tmp_path).detail == "interrupted at the keyboard"
+    assert one.run(protocol, header("real"), tmp_path).detail.endswith("at the keyboard")
     assert bench("cpt").run(protocol, header("real"), tmp_path).reason == "complete"
-    assert [e.reason for e in entries(tmp_path, "real") if isinstance(e, Redo)] == [
-        "the session was interrupted before the answer"
-    ]
+    assert [e.reason for e in entries(tmp_path, "real") if isinstance(e, Redo)] == approved
 
 
 def test_an_interrupt_before_the_header_leaves_nothing_behind(
@@ -315,7 +319,9 @@ def test_an_interrupt_before_the_header_leaves_nothing_behind(
     assert bench("cpt").run(protocol, header("real"), tmp_path).reason == "complete"
 
 
-def test_the_protocols_longest_session_counts_over_pauses(protocol: Protocol, tmp_path: Path) -> None:
+def test_the_protocols_longest_session_counts_over_pauses(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     limit = protocol.exposure.model_copy(update={"session_min": 3.375})
     short = protocol.model_copy(update={"exposure": limit})
     # 202.5 s in all: 200 s of familiarisation and 1 s an answer; the pause between the two runners does not count.
@@ -323,13 +329,16 @@ def test_the_protocols_longest_session_counts_over_pauses(protocol: Protocol, tm
     second = bench("pt")
     second.clock.sleep_ns(3600 * 10**9)
     footer = second.run(short, header("real"), tmp_path)
-    assert footer == Footer(reason="paused", detail="the protocol's 3.375 min of a session are over", answered=2)
+    assert (footer.reason, footer.answered) == ("paused", 2)
+    assert footer.detail == approved
 
 
-def test_a_trial_that_no_step_satisfies_does_not_go_on_for_ever(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_trial_that_no_step_satisfies_does_not_go_on_for_ever(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     one = bench("", [step_samples(300_000 * n, 700.0) for n in range(1, 40)])
     footer = one.run(protocol, header("real"), tmp_path)
-    assert footer.detail == "trial 1 was begun 10 times; see to the rig, then go on"
+    assert footer.detail == approved
     assert len(one.console.armed) == 30
 
 
@@ -377,13 +386,15 @@ def test_a_session_with_an_entry_that_cannot_be_read_does_not_go_on(protocol: Pr
     assert path.read_bytes() == before
 
 
-def test_a_torn_line_is_reported_on_screen_and_in_the_journal(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_torn_line_is_reported_on_screen_and_in_the_journal(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     bench("cq").run(protocol, header("real"), tmp_path)
     path = storage.journal_path(tmp_path, "01", "real")
     path.write_bytes(path.read_bytes() + b'{"n":9,"t_')
     second = bench("pt")
     second.run(protocol, header("real"), tmp_path)
-    assert second.console.shown[:-1] == ['The last line of the journal was torn and has been dropped: \'{"n":9,"t_\'']
+    assert second.console.shown[:-1] == approved
     assert [e.torn for e in entries(tmp_path, "real") if isinstance(e, Resumed)] == ['{"n":9,"t_']
 
 

@@ -53,7 +53,7 @@ def test_a_foot_that_stops_plays_nothing_and_the_trial_is_armed_again_while_it_i
     one = bench("cpt", [*steps, step_samples(5_000_000, 150.0), step_samples(7_000_000, 150.0)])
     assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
-    assert one.console.rearmed == [(1, 2, "the foot stopped or hesitated above the panel")]
+    assert [(trial, attempt) for trial, attempt, _ in one.console.rearmed] == [(1, 2)]
     assert [speed for _, speed in one.rendered] == pytest.approx([150.0, 100.0, 150.0, 150.0], rel=1e-6)
     assert len(one.actuator.played) == 3
     assert one.actuator.withdrawn == 1
@@ -123,7 +123,7 @@ def test_an_undelivered_trial_is_repeated_at_the_end_of_its_block(
     assert one.run(protocol, asked, tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.armed == ([(1, 1), (2, 1), (3, 1), (1, 2)] if block == 3 else [(1, 1), (1, 2), (2, 1), (3, 1)])
     (redone,) = [e for e in entries(tmp_path, "virtual") if isinstance(e, Redo)]
-    assert redone.reason.startswith("undelivered: the participant did not feel")
+    assert redone.reason.startswith("undelivered: ")
 
 
 @pytest.mark.parametrize("between", [DELIVERED, None], ids=["delivered", "not measured"])
@@ -176,7 +176,8 @@ def test_a_step_that_was_felt_is_on_file_when_it_is_interrupted(protocol: Protoc
     one = bench("c")
     one.actuator.heard.append(KeyboardInterrupt())
     footer = one.run(protocol, header("virtual"), tmp_path)
-    assert footer == Footer(reason="paused", detail="interrupted at the keyboard", answered=0, silent=True)
+    assert (footer.reason, footer.answered, footer.silent) == ("paused", 0, True)
+    assert footer.detail.endswith("at the keyboard")
     *_, broken, last = entries(tmp_path, "virtual")
     assert last == footer
     felt_and_on_file(broken, "interrupted at the keyboard", tmp_path)

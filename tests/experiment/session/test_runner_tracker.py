@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
@@ -119,20 +120,23 @@ def test_a_resonators_drift_over_a_session_is_no_restart(protocol: Protocol, tmp
             one.run(protocol, header("real"), tmp_path)
 
 
-def test_a_stopped_tracker_ends_the_session_with_a_footer_and_loses_nothing(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_stopped_tracker_ends_the_session_with_a_footer_and_loses_nothing(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     stopped = TrackerStopped("tracker at scripted: no frame for 200 ms")
     steps: list[Samples | PalpateError] = [step_samples(0, 150.0), stopped]
     footer = bench("c", steps).run(protocol, header("real"), tmp_path)
-    assert footer == Footer(
-        reason="paused", detail="waited for 300 s: tracker at scripted: not back within 5 s", answered=1
-    )
+    assert (footer.reason, footer.answered) == ("paused", 1)
+    assert footer.detail == approved
     assert entries(tmp_path, "real")[-1] == footer
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert second.console.armed == [(2, 2), (3, 1)]
 
 
-def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     first, _ = step_samples(2_000_000, 150.0).cut(100)
     said = "tracker at scripted: the port has gone; plug the device in again"
     # It restarts: its clock begins anew.
@@ -144,7 +148,7 @@ def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protoco
     )
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert one.console.armed == [(1, 1), (2, 1), (2, 2), (3, 1)]
-    assert one.console.shown[1] == f"{said}. The session waits for 300 s, and goes on by itself; nothing is lost."
+    assert one.console.shown[1] == approved
     (broken,) = [e for e in entries(tmp_path, "real") if isinstance(e, BrokenOff)]
     assert (broken.trial, broken.felt, broken.speed_mm_s, broken.at_us) == (2, False, None, 2_099_000)
     assert broken.trace.length == broken.link.received == 100
@@ -154,7 +158,7 @@ def test_a_tracker_that_comes_back_goes_on_with_the_same_trial(protocol: Protoco
 
 
 def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attempt_is_armed_again(
-    protocol: Protocol, tmp_path: Path
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     said = "tracker at scripted: the port has gone; plug the device in again"
     one = bench("cpt")
@@ -167,7 +171,7 @@ def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attemp
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
     assert one.console.placed == [(n, ORDER[n - 1]) for n in (1, 2, 2, 3)]
-    assert one.console.shown[1] == f"{said}. The session waits for 300 s, and goes on by itself; nothing is lost."
+    assert one.console.shown[1] == approved
     done = entries(tmp_path, "real")
     assert [e.detail for e in done if isinstance(e, Phase) and e.state == "waiting"] == [said]
     kinds = [type(e) for e in done]
@@ -176,7 +180,7 @@ def test_a_tracker_that_goes_between_two_steps_is_waited_for_and_the_same_attemp
 
 
 def test_heights_count_from_where_the_foot_rested_and_again_once_the_tracker_has_come_back(
-    protocol: Protocol, tmp_path: Path
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     def worn(start_us: int, sole_mm: float) -> Samples:
         step = step_samples(start_us, 150.0)
@@ -199,8 +203,8 @@ def test_heights_count_from_where_the_foot_rested_and_again_once_the_tracker_has
     )
     one.zeroed = ZeroedTracker(one.tracker, contact_mm=0.0, farthest_mm=3.0, samples=200)
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
-    assert [why[:35] for why in one.console.rested] == ["", "zeroing: got an offset of 9.00 mm; ", ""]
-    assert "Zeroed: the foot rests at -1.50 mm from contact." in one.console.shown
+    assert [why.partition("; ")[0] for why in one.console.rested] == approved
+    assert any(" -1.50 mm" in line for line in one.console.shown)
     done = entries(tmp_path, "real")
     zeros = [e for e in done if isinstance(e, Zeroed)]
     assert zeros == [Zeroed(offset_mm=mm, spread_mm=0.0, samples=200) for mm in (2.5, -1.5)]
@@ -209,13 +213,14 @@ def test_heights_count_from_where_the_foot_rested_and_again_once_the_tracker_has
     assert [step.contact_us for step in steps] == pytest.approx([1_200_000, 700_000, 2_700_000], abs=1)
 
 
-def test_a_tracker_that_goes_between_two_steps_and_stays_away_pauses(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_tracker_that_goes_between_two_steps_and_stays_away_pauses(
+    protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     one = bench("c")
     one.tracker.drains.extend([None, TrackerStopped("tracker at scripted: the port has gone")])
     footer = one.run(protocol, header("real"), tmp_path)
-    assert footer == Footer(
-        reason="paused", detail="waited for 300 s: tracker at scripted: not back within 5 s", answered=1
-    )
+    assert (footer.reason, footer.answered) == ("paused", 1)
+    assert footer.detail == approved
     second = bench("pt")
     assert second.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert second.console.armed == [(2, 1), (3, 1)]
@@ -283,7 +288,7 @@ def test_a_step_whose_times_jump_inside_the_gate_was_felt_and_does_not_count(
     (broken,) = (entry for entry in entries(tmp_path, "virtual") if isinstance(entry, BrokenOff))
     told = "the tracker's times leave room for 20 frames where 0 are missing; see to the device's clock"
     assert (broken.trial, broken.attempt, broken.felt, broken.reason) == (1, 1, True, told)
-    assert one.console.shown.count(f"This step does not count: {told}.") == 1
+    assert sum(f": {told}." in line for line in one.console.shown) == 1
     assert one.console.armed == [(1, 1), (2, 1), (3, 1), (1, 2)]
     steps = [entry for entry in entries(tmp_path, "virtual") if isinstance(entry, FootStep)]
     assert [step.speed_mm_s for step in steps] == pytest.approx([100.0] * 3)
@@ -337,7 +342,9 @@ def test_a_desk_that_looks_asks_no_driver_for_anything(protocol: Protocol, tmp_p
     assert one.run(protocol, header("real"), tmp_path).reason == "complete"
     (lamp,) = [lamp for lamp in console.lamps if lamp.name == "tracker"]
     # Before the third trial: two steps of 0.4 s at 1 kHz, and 15 / 815 = 0.0184.
-    assert (lamp.good, lamp.words) == (False, "15 frames lost or damaged (1.84%)")
+    assert lamp.good is False
+    assert "(1.84%)" in lamp.words
+    assert lamp.words.startswith("15 ")
 
 
 @pytest.mark.parametrize(("nobody", "drained"), [([], 3), ([True], 4), ([False, True], 4)])
@@ -387,7 +394,7 @@ def test_a_pause_is_met_while_the_tracker_is_away(protocol: Protocol, tmp_path: 
     footer = one.run(protocol, header("real"), tmp_path)
     assert footer == Footer(reason="paused", detail="by the experimenter", answered=1)
     (lost,) = [e for e in entries(tmp_path, "real") if isinstance(e, Phase) and e.state == "waiting"]
-    assert lost.detail == "tracker at scripted: the port has gone"
+    assert lost.detail.startswith("tracker at scripted: ")
     # Twice 100 s of familiarisation, and one answer.
     assert one.clock.now_ns() - begun_ns <= (200 + 1 + SLICE_S) * 1e9
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, cast
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.port import Attended
@@ -81,7 +82,9 @@ def test_a_device_that_failed_is_told_and_raised_if_nobody_wants_to_go_on() -> N
 
 
 @pytest.mark.parametrize(("says", "asks"), [([True], 2), ([True, True, False], 3)])
-def test_a_pause_before_the_first_session_comes_back_to_its_question(says: list[bool], asks: int) -> None:
+def test_a_pause_before_the_first_session_comes_back_to_its_question(
+    says: list[bool], asks: int, approved: SnapshotAssertion
+) -> None:
     console, times = Asked(*says), []
 
     def ask() -> None:
@@ -92,7 +95,7 @@ def test_a_pause_before_the_first_session_comes_back_to_its_question(says: list[
     with nullcontext() if all(says) else pytest.raises(PauseAsked):
         asked(console, ask)
     assert len(times) == asks
-    assert set(console.whys) == {"The visit is paused; no session is under way."}
+    assert set(console.whys) == approved
 
 
 def test_what_no_second_try_mends_is_raised_at_once() -> None:
@@ -101,7 +104,7 @@ def test_what_no_second_try_mends_is_raised_at_once() -> None:
 
 
 def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_asked_again(
-    tmp_path: Path, protocol: Protocol, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, protocol: Protocol, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
 ) -> None:
     # The rest of a visit's settings are for what is not asked here.
     clock = ManualClock(START_NS)
@@ -127,21 +130,17 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
         visit._identify()
         assert visit._identity is not None
         said.append(visit._identity.text)
-    again = "participant 01, as the experimenter confirmed when this program began; not asked again"
-    assert said == ["participant 01, as the experimenter confirmed", again, again]
+    assert said == approved
     vars(visit)["_identity"] = None
     monkeypatch.setattr(console, "agree", lambda **_: False)
     with pytest.raises(Interrupted, match="the person in front of you is not participant 01; nothing was begun"):
         visit._identify()
 
 
-def test_how_a_session_ended_is_said_in_sentences() -> None:
-    assert told(COMPLETE) == "The session is complete: 3 answers."
-    assert told(COMPLETE, last=True) == "The session is complete: 3 answers. The visit is done."
-    assert told(PAUSED) == "The session is paused by hand, with 1 answer on disk. The same command goes on with it."
-    assert told(PAUSED, onward=False) == "The session is paused by hand, with 1 answer on disk."
+def test_how_a_session_ended_is_said_in_sentences(approved: SnapshotAssertion) -> None:
     over = Footer(reason="paused", detail="the protocol's 33 min of a session are over", answered=0)
-    assert told(over).endswith("with 0 answers on disk: the protocol's 33 min of a session are over.")
+    said = [told(COMPLETE), told(COMPLETE, last=True), told(PAUSED), told(PAUSED, onward=False), told(over)]
+    assert said == approved
 
 
 def test_a_visit_ends_with_its_debriefing() -> None:

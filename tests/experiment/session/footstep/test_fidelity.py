@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import Rig
@@ -100,44 +101,37 @@ def test_the_shipped_rig_leaves_out_what_lies_above_its_table(found: dict[str, F
 
 
 def test_a_rig_is_refused_for_what_no_output_carries(
-    protocol: Protocol, volts: Rig, found: dict[str, Fidelity], recordings: Path
+    protocol: Protocol, volts: Rig, found: dict[str, Fidelity], recordings: Path, approved: SnapshotAssertion
 ) -> None:
     carries_hz = carried_hz(volts, RIGS)
-    assert carries_hz == (10.0, 600.0), "the ends of the shipped table"
+    # The ends of the shipped table.
+    assert carries_hz == (10.0, 600.0)
     worst = most_left_out([found], carries_hz)
     assert refusal(protocol, volts, worst, carries_hz) == ""
     assert refusal(allowing(protocol, 0.35), volts, worst, carries_hz) == ""
     told = refusal(allowing(protocol, 0.3), volts, worst, carries_hz)
     # Both ends of the table are at fault, and the lower one more.
-    below, above = (f"a panel that moves, and is measured, {where} Hz" for where in ("below 10", "above 600"))
-    assert re.match(
-        r"rig 'headless': got 34\.\d\d% \(rms\) of copy paper at 200 mm/s \(2\d% below the rig's 10 Hz, 2\d% above the "
-        rf"rig's 600 Hz\) left out; allowed: 30%, by footstep\.synthesis\.left_out_max; get {below} \(then "
-        rf"21\.\d\d% of it is left out\), or {above} \(then 27\.\d\d% of it is left out\) \(palpate plan",
-        told,
-    )
-    one = refusal(allowing(protocol, 0.25), volts, worst, carries_hz)
-    assert re.search(rf"get {below} \(then 21\.\d\d% of it is left out\) \(palpate plan", one)
-    both = refusal(allowing(protocol, 0.2), volts, worst, carries_hz)
-    assert re.search(rf"get {below} and {above} \(then \d\.\d\d% of it is left out\)", both)
+    one, both = (refusal(allowing(protocol, most), volts, worst, carries_hz) for most in (0.25, 0.2))
+    # What the last digits of a share say differs with the machine's arithmetic.
+    assert [re.sub(r"\.\d\d%", ".NN%", refused) for refused in (told, one, both)] == approved
     with pytest.raises(RigError, match=r"allowed: 10%, by footstep\.synthesis\.left_out_max; get a panel"):
         judged(protocol=allowing(protocol, 0.1), rig=volts, rig_folder=RIGS, recordings=recordings)
 
 
-def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(protocol: Protocol, recordings: Path) -> None:
+def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(
+    protocol: Protocol, recordings: Path, approved: SnapshotAssertion
+) -> None:
     plain = rigs.load(shipped("rigs/laboratory.toml"))
     given: dict[str, Any] = {"rig": plain, "rig_folder": RIGS, "recordings": recordings}
     assert carried_hz(plain, RIGS) is None
     with pytest.raises(RigError, match=r"nobody measured which .* allowed: 90%, .* write actuator\.low_hz and"):
         judged(protocol=allowing(protocol, 0.9), **given)
-    assert judged(protocol=protocol, **given).startswith(
-        "nobody measured which frequencies its actuator carries; if it carries all, "
-    )
+    assert judged(protocol=protocol, **given).partition("; limits")[0] == approved
     measured = plain.actuator.model_copy(update={"low_hz": 10.0, "high_hz": 600.0})
     given["rig"] = plain.model_copy(update={"actuator": measured})
     # As much as the rig in volts, whose table ends there, but for what its gain limit holds back.
     assert re.match(
-        r"at most 34\.\d\d% \(rms\) of copy paper at 200",
+        r"at most 34\.\d\d% .* at 200",
         judged(protocol=allowing(protocol, 0.35), **given),
     )
 
@@ -160,7 +154,7 @@ def test_a_rig_is_judged_by_what_some_task_presents(
         with pytest.raises(RigError, match="of copy paper at 200"):
             judged(protocol=fails, task_ids=["virtual"], **given)
         # What is refused for one task is refused for the study, whose participants do them all.
-        assert "of copy paper at 200" in error_budget(task_id="virtual", protocol=fails, **given).refused
+        assert "copy paper at 200" in error_budget(task_id="virtual", protocol=fails, **given).refused
 
 
 def test_without_a_limit_what_is_told_is_of_the_tasks_that_are_asked_for(
@@ -172,29 +166,33 @@ def test_without_a_limit_what_is_told_is_of_the_tasks_that_are_asked_for(
     ]
     both = protocol.model_copy(update={"tasks": tuple(made)})
     given: dict[str, Any] = {"rig": volts, "rig_folder": RIGS, "recordings": recordings}
-    assert "of copy paper at 200" in judged(protocol=both, **given)
-    assert "of copy paper at 200" in judged(protocol=both, task_ids=["two", "one"], **given)
+    assert "copy paper at 200" in judged(protocol=both, **given)
+    assert "copy paper at 200" in judged(protocol=both, task_ids=["two", "one"], **given)
     assert "is left out" in (told := judged(protocol=both, task_ids=["two"], **given))
     assert "copy paper" not in told
 
 
-def test_what_limits_take_off_most_is_told_of_whichever_scene() -> None:
+def test_what_limits_take_off_most_is_told_of_whichever_scene(approved: SnapshotAssertion) -> None:
     def of(speed_mm_s: float, **shares: float) -> Fidelity:
         return Fidelity((speed_mm_s,), (Budget(1.0, 0.0, **shares),))
 
     one, two = {"felt": of(20.0, above=0.5)}, {"cork": of(40.0, above=0.1, taken_down=0.25)}
-    for found in ([one, two], [two, one], [one | two]):
-        most = most_left_out(found, None)
-        assert most.told.startswith("50.00% (rms) of felt at 20 mm/s")
-        assert most.weaker == "limits of panel and amplifier take up to 25.0% (rms) off cork at 40 mm/s"
+    told = {
+        (most.told, most.weaker)
+        for found in ([one, two], [two, one], [one | two])
+        for most in [most_left_out(found, None)]
+    }
+    assert len(told) == 1
+    assert told.pop() == approved
 
 
-def test_a_dead_band_within_the_table_is_what_is_told_of() -> None:
+def test_a_dead_band_within_the_table_is_what_is_told_of(approved: SnapshotAssertion) -> None:
     dead = Fidelity((20.0,), (Budget(1.0, 0.0, above=0.1, held_back=0.3),), (1.0,), (), None, None)
     most = most_left_out([{"felt": dead}], (10.0, 600.0))
     assert most.share == pytest.approx(0.1**0.5)
-    assert most.told == "31.62% (rms) of felt at 20 mm/s (30% gain limit, highest level)"
-    assert most.remedies == (("higher drive levels measured, or a higher gain_limit_v_per_m_s2", 0.3),)
+    ((remedy, share),) = most.remedies
+    assert share == 0.3
+    assert [most.told, remedy] == approved
     assert most.weaker == ""
 
 
@@ -205,7 +203,8 @@ def test_the_standard_error_of_contact_is_the_predictors_own(protocol: Protocol,
     assert fast is not None
     assert right < slow
     assert 0.2 < right < 1.2
-    assert aim_ms(protocol, volts, 5000.0) is None, "from 10 mm it lands before the onset can be moved"
+    # From 10 mm it lands before the onset can be moved.
+    assert aim_ms(protocol, volts, 5000.0) is None
     assert aim_ms(protocol, rigs.load(shipped("rigs/rehearsal.toml")), 150.0) is None
 
 
@@ -220,9 +219,9 @@ def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, v
         lowered = field in ("below", "above", "held_back", "taken_down", "table")
         assert (f"{name}: {remedy}" in text) == lowered
     assert max(map(len, budget.lines())) <= 100
-    assert re.search(r"(?m)^  all of it +23\.9 to 39\.1 +20\.4 to 27\.3 +17\.1 to 24\.9 +11\.2 to 28\.6$", text)
+    assert re.search(r"(?m)^  all .* +23\.9 to 39\.1 +20\.4 .* 27\.3 +17\.1 .* 24\.9 +11\.2 .* 28\.6$", text)
     assert re.search(r"(?m)^  W interpolated, \(7\) +0\.22 to", text)
-    assert "timing: contact has a standard error of" in text
+    assert "  timing: contact " in text
     assert budget.refused.startswith("rig 'headless': got 34.")
     known = budget.as_dict()
     assert known["refused"] == budget.refused
@@ -233,25 +232,22 @@ def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, v
 
 
 def test_a_real_rig_whose_response_nobody_measured_is_refused_whatever_it_carries(
-    protocol: Protocol, volts: Rig, recordings: Path
+    protocol: Protocol, volts: Rig, recordings: Path, approved: SnapshotAssertion
 ) -> None:
     real = volts.model_copy(update={"rig": volts.rig.model_copy(update={"simulated": False})})
     given: dict[str, Any] = {"protocol": protocol, "rig_folder": RIGS, "recordings": recordings}
     assert not error_budget(task_id="virtual", rig=volts, **given).refused
     refused = error_budget(task_id="virtual", rig=real, **given).refused
-    assert refused.startswith("rig 'headless': rehearsal-response.csv says that it is SIMULATED; allowed: a table")
+    assert refused == approved
 
 
-def test_what_a_perfect_rig_leaves_is_said_without_advice() -> None:
+def test_what_a_perfect_rig_leaves_is_said_without_advice(approved: SnapshotAssertion) -> None:
     silent = Fidelity((20.0, 600.0), (Budget(1.0, 0.0, rounding=1e-8),) * 2, (1.0, 2.0), (), None, None)
     lines = ErrorBudget({"felt": silent}, (None, None), None, schedules=False, refused="").lines()
-    assert "  Nobody measured which frequencies its actuator carries: this counts as if it carried all." in lines
+    assert lines == approved
     assert "  all of it                      <0.001" in lines
-    assert "  below the rig's band, unknown  0" in lines
-    assert "  a speed from its neighbours    unknown" in lines
-    assert "  timing: the stimulus sounds after contact, for this actuator cannot be told when to begin" in lines
     after = lines[lines.index("what would lower it") + 1 :]
-    assert after == ["  timing: an actuator on a channel of the audio device, which can be told when to begin"]
+    assert len(after) == 1
 
 
 def test_more_materials_than_fit_stand_below_one_another() -> None:
@@ -259,4 +255,4 @@ def test_more_materials_than_fit_stand_below_one_another() -> None:
     named = {f"a long material name {i}": plain for i in range(5)}
     lines = ErrorBudget(named, (1.0, 1.0), (10.0, 600.0), schedules=True, refused="").lines()
     assert max(map(len, lines)) <= 100
-    assert sum(line.startswith("  steps of the response table  ") for line in lines) == 3
+    assert sum(bool(re.match("  steps of the .*  ", line)) for line in lines) == 3

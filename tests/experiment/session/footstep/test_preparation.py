@@ -9,6 +9,7 @@ from types import FrameType
 import pytest
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel import conditioning
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
 from palpate.experiment.apparatus.panel.pcm import PcmActuator
 from palpate.experiment.clock import ManualClock
@@ -55,6 +56,6 @@ def test_a_preparation_from_gate_speed_to_limiter_is_a_dozen_calls_in_five_modul
     sounding.prepare(120.0)
     for speed_mm_s in (50.0, 171.3, 299.0):
         called = calls(sounding, speed_mm_s)
-        assert ("palpate.experiment.apparatus.panel.conditioning", "limit") in called
+        assert (conditioning.__name__, "limit") in called
         assert len(called) <= MOST_CALLS, called
         assert len({module for module, _ in called}) <= MOST_MODULES, called
