@@ -69,7 +69,7 @@ def pushed_by(limit_n: float, wanted: tuple[float, float], record: Path) -> list
                     found = sum(rests(push, *wanted) for push in pushed(record)) >= 50
         servo.close()
         foot.close()
-    assert found, "the hand was never pushed in peace"
+    assert found, "never in peace"
     return [push for push in pushed(record) if push.why == PUSHED]
 
 
@@ -80,7 +80,7 @@ def test_the_block_pushes_back_along_its_face(tmp_path: Path) -> None:
     most_n = -ALONG_N + C_N_S_M[1] * SLIDES_MM * 1e-3 / SLIDES_S
     assert max(-push.along_n for push in pushes) <= most_n + 0.1
     sliding = [push for push in pushes if abs(-push.along_n - most_n) < 0.02]
-    assert sliding, "no damper acted along the face"
+    assert sliding, "no damper along"
     assert not any(push.along_n for push in pushes if not push.out_n)
 
 

@@ -214,4 +214,5 @@ def test_a_repeated_trial_does_not_leave_its_stimulus_to_the_next(
     rows = counted(root, "virtual")
     assert {row["attempt"] for row in rows} <= {"2", "3", "4"}
     correct = np.mean([row["presented"] == row["answered"] for row in rows])
-    assert correct > 0.4, "judged on the stimulus before, it would be near 0.25"
+    # Judged on the stimulus before, it would be near 0.25.
+    assert correct > 0.4

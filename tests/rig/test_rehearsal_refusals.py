@@ -189,18 +189,22 @@ def test_one_that_was_interrupted_before_its_tables_were_made_is_accused_of_noth
     shutil.copytree(one, root)
     assert found() == (set(), "holds")
     (root / "participants.tsv").unlink()
-    assert found() == ({"participants.tsv"}, "holds"), "complete, and every session has its table"
+    # Complete, and every session has its table.
+    assert found() == ({"participants.tsv"}, "holds")
     shutil.rmtree(root / "sub-01")
-    assert found() == (set(), "note"), "as of one that was interrupted while tables were made"
+    # As of one that was interrupted while tables were made.
+    assert found() == (set(), "note")
     with pytest.raises(DatasetError, match="the same palpate rehearse goes on with it"):
         build.check_tables(root)
     (root / "derivatives").mkdir()
-    assert "participants.tsv" in found()[0], "they were made, for they were analysed"
+    # They were made, for they were analysed.
+    assert "participants.tsv" in found()[0]
     (root / "derivatives").rmdir()
     cut_off(root)
     assert found() == (set(), "note")
     build.build(root)
-    assert found() == (set(), "holds"), "made of what there was"
+    # Made of what there was.
+    assert found() == (set(), "holds")
 
 
 def test_one_that_was_interrupted_at_any_file_of_its_tables_is_accused_of_nothing(
@@ -225,7 +229,8 @@ def test_one_that_was_interrupted_at_any_file_of_its_tables_is_accused_of_nothin
         if not any("were not compared: a rehearsal" in finding.text for finding in report.findings):
             break
         shutil.rmtree(root)
-    assert made == 4 + 2 * 4, "study's files, then of each session trace and table, each with its sidecar"
+    # Study's files, then of each session trace and table, each with its sidecar.
+    assert made == 4 + 2 * 4
 
 
 def test_tables_that_are_older_than_an_unfinished_rehearsal_are_no_doubt(tmp_path: Path, one: Path) -> None:

@@ -107,7 +107,8 @@ def test_a_session_from_the_experimenters_chair(
     assert "The session is complete: 4 answers." in out
     assert prompts.count("Lay out") == (4 if task == "real" else 0)
     left_out = r"Rig 'rehearsal': at most 34\.\d\d% \(rms\) of copy paper at 200 mm/s \(.*\) is left out; limits of "
-    assert len(re.findall(left_out, "\n".join(told))) == (task == "virtual"), "before anything was asked"
+    # Before anything was asked.
+    assert len(re.findall(left_out, "\n".join(told))) == (task == "virtual")
     folder = tmp_path / "dataset" / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
     answers = [e for e in entries if e.kind == "answer"]

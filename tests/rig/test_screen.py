@@ -321,7 +321,8 @@ def test_the_hand_is_seen_on_the_block_and_moves(display: Display, end: End, win
 
             Image.fromarray(display.picture()).save(Path(folder) / f"hand-{hand_mm:g}.png")
     assert rows == sorted(rows)
-    assert len(end.deeds) == told, "a hand that moves is no other page"
+    # A hand that moves is no other page.
+    assert len(end.deeds) == told
 
 
 def test_a_break_counts_down_on_the_screen(display: Display, end: End, window: subprocess.Popen[str]) -> None:
@@ -529,7 +530,7 @@ def test_a_screen_that_is_killed_at_every_step_comes_back_there(
                 gone = True
                 screens.append(opened.enter_context(screen(display, rig, at)))
             elif step and connected and gone:
-                assert asked < 0 or (question is not None and question.number == asked), "the session went on"
+                assert asked < 0 or (question is not None and question.number == asked), "session went on"
                 # The foot may have stepped meanwhile: who is armed is not held up.
                 _wait_for(data, left[step] if asked >= 0 else "answer")
                 left.pop(step)

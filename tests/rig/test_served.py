@@ -109,4 +109,5 @@ async def seen(process: subprocess.Popen[str], address: str, folder: Path) -> No
             while consoles(folder):
                 assert time.monotonic() - begun_s < PATIENCE_S
                 await asyncio.sleep(0.1)
-            assert begun(folder, by="--session-at"), "the session goes on"
+            # The session goes on.
+            assert begun(folder, by="--session-at")

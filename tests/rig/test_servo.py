@@ -76,7 +76,7 @@ def pressed_until(fails: Fails, record: Path, path: Trajectory) -> tuple[int, li
             assert session.stdout is not None
             servo = int(session.stdout.readline())
             foot.step(path, 0)
-            assert session.stdout.readline() == "pressing\n", "the servo gave up before the hand pressed"
+            assert session.stdout.readline() == "pressing\n", "servo gave up"
             at_ns = time.monotonic_ns()
             fails(session.pid, servo, line, foot)
             device.close()
@@ -88,7 +88,7 @@ def pressed_until(fails: Fails, record: Path, path: Trajectory) -> tuple[int, li
 def last_push(pushes: list[Push]) -> int:
     """Return the number of the last push with a force."""
     last = max(i for i, push in enumerate(pushes) if push.out_n > 0)
-    assert last < len(pushes) - 1, "the hand was still pushed at the end"
+    assert last < len(pushes) - 1, "still pushed"
     return last
 
 

@@ -84,7 +84,7 @@ def silent_after_ms(fails: Fails, stream: AudioStream, clock: MonotonicClock) ->
         foot.close()
     if not left.any():
         return -inf
-    assert cue.cut, "the vibration was not cut"
+    assert cue.cut, "not cut"
     return (stream.ns_of(first + int(np.flatnonzero(left)[-1]) + 1) - failed_ns) / 1e6
 
 

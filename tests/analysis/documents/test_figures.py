@@ -82,9 +82,11 @@ def test_letters_stand_clear_of_one_another(
     named = {
         label.get_text().replace("\n", " ") for all_axes in below for one in all_axes for label in one.get_xticklabels()
     }
-    assert named <= {*told_apart(materials, 26), "(none)"}, "no word is broken"
+    # No word is broken.
+    assert named <= {*told_apart(materials, 26), "(none)"}
     turned = {label.get_rotation() for one in below[0] for label in one.get_xticklabels()}
-    assert turned == ({40.0} if "polypropylene" in materials else {0.0}), "between words where that is enough"
+    # Between words where that is enough.
+    assert turned == ({40.0} if "polypropylene" in materials else {0.0})
 
 
 def test_a_dollar_sign_in_a_name_is_no_formula(tmp_path: Path) -> None:

@@ -148,7 +148,8 @@ def test_tasks_without_a_material_in_common_are_not_compared_and_nothing_fails(t
     assert "equivalence of virtual and real is not defined: they present no material both" in (
         found.equivalences.statements
     )
-    assert {one.task for one in found.pairs} == {"real"}, "one material cannot be taken for another of its task"
+    # One material cannot be taken for another of its task.
+    assert {one.task for one in found.pairs} == {"real"}
 
 
 def reported(root: Path) -> tuple[Analysis, str]:

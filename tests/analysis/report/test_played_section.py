@@ -58,16 +58,16 @@ def test_what_limits_took_off_is_told_beside_what_was_left_out(tmp_path: Path) -
         "up to {} %."
     )
     assert changed.format("94.76", "98.00") in told("both", (0.98, 0.25), (0.25, 0.25))[0]
-    assert changed.format("25.00", "34.64") in told("another", (0.3464, 0.3464), (0.32015, 0.2))[0], (
-        "of a stimulus of its own"
-    )
+    # Of a stimulus of its own.
+    assert changed.format("25.00", "34.64") in told("another", (0.3464, 0.3464), (0.32015, 0.2))[0]
     (limits,) = told("limits", (0.98, 0.0))
     assert limits.startswith(changed.format("98.00", "98.00"))
     assert "changed" not in told("band", (0.2501, 0.25))[0]
     assert told("table", (0.002, 0.0)) == ()
     rows = {"1": {"virtual": [played(1, "sand", 0.3, 0.0, 1.0)]}}
     (practised,) = left_out(read(write_dataset(tmp_path / "practice", rows, origin="PRACTICE")))
-    assert "left_out_max" not in practised, "which is not about limits"
+    # Which is not about limits.
+    assert "left_out_max" not in practised
 
 
 def test_practice_is_said_not_to_be_refused_for_what_its_rig_leaves_out(tmp_path: Path) -> None:

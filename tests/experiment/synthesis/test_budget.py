@@ -55,10 +55,12 @@ def test_a_rate_that_cannot_carry_bins_leaves_out_their_share() -> None:
     for rate_hz, share, missing in ((2000, 12 / 13, 0.0), (700, sqrt(160) / 13, 4.0), (5000, 0.0, 0.0)):
         stimulus = prepare(spectra, material="any", output_rate_hz=rate_hz).at(100.0)
         found = of_accelerations(stimulus, handed_m_s2=stimulus.waveform_m_s2, limited=0)
-        assert found.asked_m_s2 == pytest.approx(13 / sqrt(2)), "bin 0 sounds in no stimulus"
+        # Bin 0 sounds in no stimulus.
+        assert found.asked_m_s2 == pytest.approx(13 / sqrt(2))
         assert found.rate == pytest.approx(share)
         assert found.total == found.rate
-        assert found.dissimilarity_m_s2 == pytest.approx(missing), "equation (6) sums to 500 Hz"
+        # Equation (6) sums to 500 Hz.
+        assert found.dissimilarity_m_s2 == pytest.approx(missing)
 
 
 @pytest.mark.parametrize("speed_mm_s", [100.0, 130.0, 160.0, 200.0])
@@ -124,7 +126,8 @@ def test_a_device_in_accelerations_leaves_out_what_it_is_said_not_to_carry() -> 
     whole = sqrt(1 + 4 + 9)
     assert [found.below, found.above] == pytest.approx([1 / whole, 3 / whole])
     assert found.left_out == pytest.approx(sqrt(10) / whole)
-    assert found.dissimilarity_m_s2 == pytest.approx(1), "equation (6) sums to 500 Hz"
+    # Equation (6) sums to 500 Hz.
+    assert found.dissimilarity_m_s2 == pytest.approx(1)
     assert of_accelerations(stimulus, handed_m_s2=handed, limited=0).left_out == 0.0
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from syrupy.assertion import SnapshotAssertion
+
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
@@ -71,12 +73,12 @@ def test_it_says_neither_only_where_that_is_allowed() -> None:
     assert {*said(tapper(protocol()), "cork", "cork")} == {"1", "2"}
 
 
-def test_who_practises_is_told_what_the_participant_says() -> None:
+def test_who_practises_is_told_what_the_participant_says(approved: SnapshotAssertion) -> None:
     desk = ScriptedConsole(ManualClock(0), "1")
     one = Practised(desk=desk, participant=tapper())
     one.place(trial=1, presented=("plastic", "silicone"))
     assert one.ask(trial=1, answers={"1": "first"}, others={}) == "1"
     assert desk.placed == [(1, "plastic | silicone")]
-    assert desk.proposed == ["The participant says: the first."]
+    assert desk.proposed == approved
     one.heard(words="heard: first (0.92)")
-    assert desk.proposed[1:] == ["The participant says: the first. heard: first (0.92)"]
+    assert desk.proposed[1:] == approved

