@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.__main__ import marked
 from tests.conftest import LONGEST
 from tests.figures import figures
 
@@ -129,6 +130,12 @@ def test_the_longest_modules_start_first(repository_root: Path, request: pytest.
     collected = list(dict.fromkeys(item.path for item in request.session.items))
     listed = [repository_root / module for module in LONGEST if repository_root / module in collected]
     assert collected[: len(listed)] == listed
+
+
+@pytest.mark.parametrize("mark", ["clocked", "alone"])
+def test_a_marked_module_runs_in_its_part(request: pytest.FixtureRequest, mark: str) -> None:
+    bearing = {str(item.path) for item in request.session.items if item.get_closest_marker(mark)}
+    assert bearing <= set(marked(mark))
 
 
 def test_the_readme_is_short(repository_root: Path) -> None:

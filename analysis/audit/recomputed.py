@@ -5,10 +5,10 @@ Functions are monotone in each argument, or bounded by such, so that intervals c
 
 import functools
 import math
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import pairwise
 
 from palpate.analysis.audit.granularity import Moments
 from palpate.analysis.published.printed import Interval, hull, image, outward, point, sum_of
@@ -21,6 +21,10 @@ class Margin:
 
     n: int | Fraction
     mean: Interval
+
+
+_Span = tuple[int | Fraction, Fraction, Fraction]
+"""The weight of a mean, and the ends of its interval."""
 
 
 def effect(moments: Moments, null: Fraction) -> Interval | None:
@@ -69,10 +73,10 @@ def unweighted(cells: Sequence[Moments]) -> Margin:
 def between(margins: Sequence[Margin]) -> Interval:
     """Return Σ n (mean - grand mean)², exact below, and around the intervals' middles above."""
     weight = sum(margin.n for margin in margins)
-    ends = [(Fraction(margin.mean.low), Fraction(margin.mean.high), margin.n) for margin in margins]
-    centre = sum((n * (low + high) / 2 for low, high, n in ends), Fraction(0)) / weight
-    most = sum((n * max(abs(low - centre), abs(high - centre)) ** 2 for low, high, n in ends), Fraction(0))
-    return Interval(_least(margins), most)
+    spans = [(margin.n, Fraction(margin.mean.low), Fraction(margin.mean.high)) for margin in margins]
+    centre = sum((n * (low + high) / 2 for n, low, high in spans), Fraction(0)) / weight
+    most = sum((n * max(abs(low - centre), abs(high - centre)) ** 2 for n, low, high in spans), Fraction(0))
+    return Interval(_least(spans), most)
 
 
 def within(cells: Sequence[Moments]) -> Interval:
@@ -99,29 +103,19 @@ def together(moments: Sequence[Moments]) -> Moments:
     return Moments(moments[0].n, hull(one.mean for one in moments), hull(one.variance for one in moments))
 
 
-def _least(margins: Sequence[Margin]) -> Fraction:
+def _least(spans: Sequence[_Span]) -> Fraction:
     """Return the least sum of squares, convex in the common centre and quadratic between the intervals' ends."""
-    ends = sorted({Fraction(end) for margin in margins for end in (margin.mean.low, margin.mean.high)})
-    centres = set(ends)
-    for low, high in pairwise(ends):
-        middle = (low + high) / 2
-        pulls = [
-            (margin.n, Fraction(margin.mean.high if margin.mean.high < middle else margin.mean.low))
-            for margin in margins
-            if not margin.mean.holds(middle)
-        ]
-        if pulls:
-            best = sum((n * end for n, end in pulls), Fraction(0)) / sum(n for n, _ in pulls)
-            centres.add(min(max(best, low), high))
-    return min(_spread(margins, centre) for centre in centres)
+    ends = sorted({end for _, *both in spans for end in both})
+    beyond = bisect_left(ends, Fraction(0), key=lambda at: -sum((n * off for n, off in _off(spans, at)), Fraction(0)))
+    centre = (ends[max(beyond - 1, 0)] + ends[beyond]) / 2
+    if pulls := _off(spans, centre):
+        centre += sum((n * off for n, off in pulls), Fraction(0)) / sum(n for n, _ in pulls)
+    return sum((n * off**2 for n, off in _off(spans, centre)), Fraction(0))
 
 
-def _spread(margins: Sequence[Margin], centre: Fraction) -> Fraction:
-    total = Fraction(0)
-    for margin in margins:
-        nearest = min(max(centre, Fraction(margin.mean.low)), Fraction(margin.mean.high))
-        total += margin.n * (nearest - centre) ** 2
-    return total
+def _off(spans: Sequence[_Span], centre: Fraction) -> list[tuple[int | Fraction, Fraction]]:
+    """Return how far each interval lies from a centre outside of it, with its weight."""
+    return [(n, (low if centre < low else high) - centre) for n, low, high in spans if not low <= centre <= high]
 
 
 def _over(above: float, below: float) -> float:

@@ -33,9 +33,10 @@ def check(found: Sequence[Sheet]) -> None:
 
 def _letters(figure: Figure) -> list[tuple[str, np.ndarray]]:
     """Every text that is drawn, with its corners, pixels."""
-    # matplotlib gives its canvas no types.
+    # matplotlib gives its canvas and figures no types.
     canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
+    lay_out: Any = figure.draw_without_rendering
+    lay_out()
     drawn: list[Text] = []
     draw = Text.draw
 
@@ -45,7 +46,7 @@ def _letters(figure: Figure) -> list[tuple[str, np.ndarray]]:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Text, "draw", spy)
-        canvas.draw()
+        lay_out()
     renderer = canvas.get_renderer()
     shown = [text for text in dict.fromkeys(drawn) if text.get_visible() and text.get_text().strip()]
     return [(text.get_text(), _corners(text, renderer)) for text in shown]
