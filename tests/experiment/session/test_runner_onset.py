@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from palpate.experiment.apparatus.tracker.frames import Samples
+from palpate.experiment.apparatus.tracker.landing import STOPPED
+from palpate.experiment.desk.port import INTERRUPTED
 from palpate.experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer, Redo
@@ -53,7 +55,7 @@ def test_a_foot_that_stops_plays_nothing_and_the_trial_is_armed_again_while_it_i
     one = bench("cpt", [*steps, step_samples(5_000_000, 150.0), step_samples(7_000_000, 150.0)])
     assert one.run(protocol, header("virtual"), tmp_path) == Footer(reason="complete", answered=3, silent=True)
     assert one.console.armed == [(1, 1), (2, 1), (3, 1)]
-    assert [(trial, attempt) for trial, attempt, _ in one.console.rearmed] == [(1, 2)]
+    assert one.console.rearmed == [(1, 2, STOPPED)]
     assert [speed for _, speed in one.rendered] == pytest.approx([150.0, 100.0, 150.0, 150.0], rel=1e-6)
     assert len(one.actuator.played) == 3
     assert one.actuator.withdrawn == 1
@@ -176,8 +178,7 @@ def test_a_step_that_was_felt_is_on_file_when_it_is_interrupted(protocol: Protoc
     one = bench("c")
     one.actuator.heard.append(KeyboardInterrupt())
     footer = one.run(protocol, header("virtual"), tmp_path)
-    assert (footer.reason, footer.answered, footer.silent) == ("paused", 0, True)
-    assert footer.detail.endswith("at the keyboard")
+    assert footer == Footer(reason="paused", detail=INTERRUPTED, answered=0, silent=True)
     *_, broken, last = entries(tmp_path, "virtual")
     assert last == footer
     felt_and_on_file(broken, "interrupted at the keyboard", tmp_path)

@@ -331,23 +331,20 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(
     assert not any("synthesis" in need or "actuator" in need or "spectra" in need for need in real.needs)
     assert len([omission for omission in real.left_out if omission.saves is not None]) == 5
     assert all(omission.saves.ms > 0 for omission in real.left_out if omission.saves is not None)
-    assert real.needs[0] == approved
     virtual = scene_cost.plan(protocol=protocol, task_id="virtual", **here)
     assert [omission.kind for omission in virtual.left_out] == ["steps"]
     felt = "all are asked for: what lies outside 0 to 500 Hz reaches 3 m/s^2 rms at up to 600 mm/s"
     assert f"bins      {felt}" in virtual.text()
     # The rig's response begins at 10 and ends at 600 Hz.
     assert any(need.startswith("carried ") and "34.64% (rms)" in need for need in virtual.needs)
-    assert any("; limits of panel " in need for need in virtual.needs)
-    assert any(need.startswith("ports  ") and "actuator" in need for need in virtual.needs)
-    assert "ports     the tracker's" in real.needs
     assert all(len(line) <= 100 for one in (real, virtual) for line in one.text().splitlines())
     assert " 23.9 to 39.1 % (rms)" in virtual.text()
     plain = here | {"rig": rigs.load(shipped("rigs/laboratory.toml"))}
     whole = scene_cost.plan(protocol=protocol, task_id="virtual", **plain)
     assert f"bins      {felt}" in whole.text()
-    (carried,) = (need for need in whole.needs if need.startswith("carried"))
-    assert carried.startswith("carried   not known: ")
+    # How much memory a part takes differs with the machine.
+    needs = [re.sub(r"\d+ kB", "N kB", need) for plan in (real, virtual, whole) for need in plan.needs]
+    assert needs == approved
     assert real.budget is None
     slow = scene_cost.plan(protocol=counting_up_to(protocol, 120.0), task_id="virtual", **here)
     bins = [omission for omission in slow.left_out if omission.kind == "bins"]
@@ -355,8 +352,8 @@ def test_the_plan_lists_and_measures_what_each_task_leaves_out(
     assert all(omission.saves_kb is not None and omission.saves_kb > 0 for omission in bins)
     assert all("below the floor 0.3" in omission.costs for omission in bins)
     assert all(re.match(r"[\d.]+ to [\d.]+ % \(rms\) of ", omission.costs) for omission in bins)
-    for planned in (real, virtual, slow):
-        assert "never left out: " in planned.text()
+    never = {line for plan in (real, virtual, slow) for line in plan.text().splitlines() if "never left out" in line}
+    assert never == approved(name="never left out")
 
 
 def test_the_plan_names_masker_and_stream_and_what_of_the_device_is_left_out(
@@ -367,9 +364,9 @@ def test_the_plan_names_masker_and_stream_and_what_of_the_device_is_left_out(
     rig_file = shipped("rigs/headless.toml")
     here: dict[str, Any] = {"rig": rigs.load(rig_file), "rig_folder": rig_file.parent, "recordings": recordings}
     real = scene_cost.plan(protocol=protocol, task_id="real", **here)
-    assert real.needs[1].startswith("stream    2 outputs and ")
     (channels,) = (omission for omission in real.left_out if omission.kind == "channels")
-    assert [real.needs[0], channels.what] == approved
+    stream = real.needs[1].partition(", ")[0]
+    assert [real.needs[0], stream, channels.what] == approved
     assert channels.saves_kb == pytest.approx(48 * 4 * (30 * 2 + 8 * 4), rel=0.01)
     (sound,) = (need for need in scene_cost.sound(scene.virtual(protocol), protocol, here["rig"])[1:])
     assert sound.startswith("stream    3 outputs and 2 ")

@@ -168,7 +168,9 @@ class Session:
         return [one for one in contents(self.dataset).entries if isinstance(one, kind)]
 
 
-def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(tmp_path: Path) -> None:
+def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(
+    tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     script: Script = [
         ([touch(100.0)], "s"),
         ([touch(150.0, 2_000_000)], "s"),
@@ -197,8 +199,8 @@ def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(tmp
         assert np.allclose(played, wanted, rtol=1e-9, atol=1e-12)
     assert [one.answered for one in session.entries(Answer)] == ["first", "second"]
     told = transcript.text(contents(tmp_path))
-    assert "tin" in told.partition("trial 1.1: changed ")[2].partition("\n")[0]
-    assert " 110.0 mm/s (too fast)" in told
+    lines = [line.partition("trial ")[2] for line in told.splitlines()]
+    assert [line for line in lines if "changed" in line or "tapped" in line] == approved
 
 
 def test_no_answer_is_taken_before_both_surfaces_were_tapped(tmp_path: Path, approved: SnapshotAssertion) -> None:
@@ -214,7 +216,7 @@ def test_no_answer_is_taken_before_both_surfaces_were_tapped(tmp_path: Path, app
     assert [said for said in session.desk.shown if "has not tapped" in said] == approved
     assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(1, "first")]
     # Where nothing can be felt any more, any answer is taken, and the trial comes again.
-    assert [one.reason.split()[0] for one in session.entries(Redo)] == ["force", "paused"]
+    assert [one.reason for one in session.entries(Redo)] == approved(name="redone")
 
 
 def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_does_not_come(tmp_path: Path) -> None:
@@ -382,7 +384,9 @@ def test_a_touch_while_no_question_is_open_sounds_nothing(tmp_path: Path) -> Non
     assert len(session.actuator.played) == len(session.entries(Tapped)) == 1
 
 
-def test_a_servo_that_fails_puts_the_trial_off_whatever_was_answered(tmp_path: Path) -> None:
+def test_a_servo_that_fails_puts_the_trial_off_whatever_was_answered(
+    tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     script: Script = [
         ([touch(100.0), ServoError("force device at x: no answer for 30 ms")], "1"),
         ([touch(100.0, 2_000_000)], "2"),
@@ -391,8 +395,7 @@ def test_a_servo_that_fails_puts_the_trial_off_whatever_was_answered(tmp_path: P
     session = Session(script, tmp_path)
     (redo,) = session.entries(Redo)
     assert (redo.trial, redo.put_off) == (1, True)
-    assert "for 30 ms" in redo.reason
-    assert any("Nothing is rendered" in shown for shown in session.desk.shown)
+    assert [redo.reason, *session.desk.shown] == approved
     assert session.servo.reconnected == 1
     assert [(one.trial, one.answered) for one in session.entries(Answer)] == [(2, "second"), (1, "first")]
 

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.stepping.impact import Collision, answer, closed_form, condition, in_steps
@@ -124,13 +125,11 @@ def test_units_change_no_digit(of: Collision, kg: int, s: int, m: int) -> None:
         assert getattr(scaled, name) == (None if was is None else was * 2.0**power), name
 
 
-def test_a_result_that_no_number_holds_is_null_and_says_why() -> None:
+def test_a_result_that_no_number_holds_is_null_and_says_why(approved: SnapshotAssertion) -> None:
     made = closed_form(Collision(1.0, 0.1, 1.0, 1e-170))
     assert (made.dissipated_j, made.left_in_spring_j) == (None, None)
     assert made.rebound_m_s is not None
-    (why,) = made.why
-    assert why.startswith("dissipated_j, left_in_spring_j: ")
-    assert "2.2e-308 to 1.8e308" in why
+    assert made.why == approved
     with pytest.raises(SynthesisError, match="acts some 1e150 times as fast as another"):
         Collision(1e-300, 1e100, 1e-9, 1.0)
 
@@ -260,35 +259,37 @@ def test_a_rate_or_method_that_is_none_is_refused() -> None:
         answer(of, method="rk4", rate_hz=1e9)
 
 
-def test_an_answer_says_whether_its_method_is_stable() -> None:
+def test_an_answer_says_whether_its_method_is_stable(approved: SnapshotAssertion) -> None:
     of = Collision(1e9, 0.0, 1e-6, 0.2)
     assert not answer(of, method="euler", rate_hz=2500.0).stable
     made = answer(of, rate_hz=2500.0)
     assert made.stable
     assert made.limit_h_w is None
     assert made.impact.release_s == pytest.approx(pi * sqrt(1e-6 / 1e9), rel=1e-15)
-    assert "step is stable" in made.text()
     assert made.as_dict()["why"] is None
-    assert "condition number 2: " in made.text()
+    assert made.text() == approved
 
 
 @pytest.mark.parametrize(("method", "rate_hz"), [("exponential", 2500.0), ("implicit midpoint", 2500.0)])
-def test_a_step_that_is_longer_than_the_contact_says_so(method: str, rate_hz: float) -> None:
+def test_a_step_that_is_longer_than_the_contact_says_so(
+    method: str, rate_hz: float, approved: SnapshotAssertion
+) -> None:
     """1e9 N/m and 1e-6 kg touch for pi sqrt(1e-15) s without a damper."""
     made = answer(Collision(1e9, 0.0, 1e-6, 1e-3), method=method, rate_hz=rate_hz)
     assert made.stable
     assert made.step_in_contacts == pytest.approx(1 / rate_hz / (pi * sqrt(1e-15)), rel=1e-14)
-    assert "a step is 4.03e+03 times" in made.text()
+    (long,) = (line for line in made.text().splitlines() if "as long as" in line)
+    assert long == approved
     assert "as long as" not in answer(made.of, rate_hz=rate_hz).text()
 
 
-def test_what_a_method_does_not_see_is_null_and_says_why() -> None:
+def test_what_a_method_does_not_see_is_null_and_says_why(approved: SnapshotAssertion) -> None:
     of = Collision(1.0, 0.0, 1.0, 1.0)
     made = answer(of, method="rk4 with events", rate_hz=0.1)
     assert made.impact.penetration_m is None
-    assert "no step of" in made.text()
+    assert [line for line in made.text().splitlines() if "no step of" in line] == approved
 
 
-def test_an_impact_of_which_nothing_is_defined_has_no_condition_number() -> None:
+def test_an_impact_of_which_nothing_is_defined_has_no_condition_number(approved: SnapshotAssertion) -> None:
     made = answer(Collision(0.0, 0.0, 1.0, 0.2), rate_hz=2500.0)
-    assert "no condition number: " in made.text()
+    assert made.text() == approved
