@@ -305,7 +305,7 @@ class TapSet:
         )
         for name, k, f in zip(self.surfaces, self.stiffness_n_m, self.f_hz, strict=True):
             fitted = self.curve.at(k)
-            lines.append(f"  {name}: {k:g} N/m, {f:.4g} Hz, fitted {fitted:.4g} Hz ({fitted / f - 1:+.0%})")
+            lines.append(f"  {name}: {k:g} N/m, {f:.4g} Hz, fitted {fitted:.4g} Hz ({fitted / f - 1:+z.0%})")
         return "\n".join(lines)
 
 
