@@ -91,7 +91,7 @@ PATCHES = (
     Patch(
         "armed although the last stimulus may still play",
         "experiment/session/footstep/trials.py",
-        '        if not silent:\n            raise ActuatorError(f"actuator: {STILL_PLAYS}")\n',
+        '        if not silent:\n            raise ActuatorError("actuator", STILL_PLAYS)\n',
         "        del silent\n",
         (f"{_SESSION}footstep/test_late.py",),
         subset=True,

@@ -10,6 +10,7 @@ from palpate.experiment.cli import COMMANDS
 from tests.faults import campaign
 from tests.faults.campaign import BEGIN, END, PARTS, Count, Size
 from tests.faults.inputs import STARTED
+from tests.faults.patches import PATCHES, Patch
 
 
 @pytest.mark.parametrize("part", [part for part in PARTS if part != "stalls"])
@@ -19,6 +20,11 @@ def test_every_fault_is_survived(part: str) -> None:
     for count in counts:
         assert count.tried > 0, count.fault
         assert (count.survived, count.lost) == (count.tried, 0), (count.fault, *count.failures[:20])
+
+
+@pytest.mark.parametrize("patch", PATCHES, ids=[patch.name for patch in PATCHES])
+def test_a_planted_fault_fits_the_source_as_it_is(patch: Patch, repository_root: Path) -> None:
+    assert (repository_root / patch.file).read_text("utf-8").count(patch.old) == 1
 
 
 def test_ctrl_c_is_tried_at_the_start_of_every_command() -> None:
