@@ -355,10 +355,10 @@ def results(cases: Iterable[Case]) -> Iterator[dict[str, Any]]:
                 run.stdin.close()
         done = 0
         for run in runs:
-            for line in run.stdout or ():
-                done += 1
-                yield json.loads(line)
-            run.wait()
+            with run:
+                for line in run.stdout or ():
+                    done += 1
+                    yield json.loads(line)
         if done != len(chosen):
             yield {"row": "a laboratory that failed", "name": "", "tried": True, "lost": 0, "figures": {}} | {
                 "wrong": [f"{len(chosen) - done} cases were not run; see standard error"]

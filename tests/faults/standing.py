@@ -195,7 +195,9 @@ class Session:
         self.said: list[tuple[float, str]] = []
         """What the session showed, and when: lines, and of a desk's views and replies what says how it stands."""
         self.begun_s = float("inf")
-        """When the journal's first line was there, monotonic s."""
+        """When the journal's first line was written, monotonic s."""
+        # As the session's own clock is anchored.
+        self._anchor_ns = time.time_ns() - time.monotonic_ns()
         folder.mkdir(parents=True)
         self._hand = Hand(rig) if taps else None
         if self._hand is not None:
@@ -240,8 +242,8 @@ class Session:
                 self.ear = None
             if self.ear is None and (server := self._server()):
                 self.ear = Ear(server)
-            if self.begun_s == float("inf") and self.entries():
-                self.begun_s = time.monotonic()
+            if self.begun_s == float("inf") and (lines := self.entries()):
+                self.begun_s = (lines[0].t_ns - self._anchor_ns) / 1e9
             heard = self.ear is not None and self.ear.listens
             if self.step == step and heard:
                 return True
