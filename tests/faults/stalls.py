@@ -291,12 +291,12 @@ def _lost(one: Session) -> tuple[int, list[str]]:
     armed = [
         (line.t_ns / 1e9 - wall_s, line.entry.kind)
         for line in lines
-        if line.entry.kind in ("armed", "step", "broken_off", "redo", "answer", "probed", "pair")
+        if line.entry.kind in ("armed", "step", "broken-off", "redo", "answer", "probed", "pair")
     ]
     wrong = []
     for channel, at_s in one.ear.began_s if one.ear is not None else []:
         before = [kind for t_s, kind in armed if t_s <= at_s + SLACK_S["silent"]][-1:]
-        if channel == ACTUATOR and before in ([], ["broken_off"], ["redo"], ["answer"]):
+        if channel == ACTUATOR and before in ([], ["broken-off"], ["redo"], ["answer"]):
             wrong.append(f"a stimulus after {before or 'nothing'}")
     return lost, wrong
 
