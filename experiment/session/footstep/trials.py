@@ -352,7 +352,7 @@ class Footsteps(Kind):
             return None, None
         error = TrackerError(
             f"tracker at {port}",
-            f"its clock and the session's part by {ahead_us / 1000000.0:.1f} s; the device restarted, or does not "
+            f"its clock and the session's part by {ahead_us / 1e6:.1f} s; the device restarted, or does not "
             "count microseconds",
             "see to it, then resume the session",
         )
