@@ -110,7 +110,11 @@ class Desk:
     @property
     def notice(self) -> str:
         """What stands on the screen right above what is asked, on one line; empty for nothing."""
-        place = self.app.screen.query_one("#notice").region
+        return self.part("#notice")
+
+    def part(self, name: str) -> str:
+        """The words of one part of the screen, on one line."""
+        place = self.app.screen.query_one(name).region
         rows = self.text.split("\n")[place.y : place.bottom]
         return " ".join(" ".join(row[place.x : place.right] for row in rows).strip("█▌▊ ").split())
 
