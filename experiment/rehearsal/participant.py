@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.experiment.clock import Clock
-from palpate.experiment.desk.port import Console, Remark, laid_out
+from palpate.experiment.desk.port import Attended, Console, Remark, laid_out
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
 
@@ -37,6 +37,15 @@ class SimulatedPerson(Console):
 
     def __post_init__(self) -> None:
         self._probed = False
+        self._session: Attended | None = None
+
+    def attend(self, session: Attended | None) -> None:
+        self._session = session
+
+    def stimuli(self) -> int | None:
+        """Return how many stimuli of the session are on record; None without a session under way."""
+        gauges = None if self._session is None else self._session.gauges()
+        return None if gauges is None else gauges.stimuli
 
     def _rng(self, *keys: int) -> np.random.Generator:
         return np.random.default_rng([*self.entropy, *keys])

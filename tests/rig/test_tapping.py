@@ -16,21 +16,26 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.study import rehearse
 
 
-def rehearsed(folder: Path, text: str, *, silent: bool) -> tuple[TaskComparisons, ...]:
-    """Rehearse a protocol's text with 2 participants, and each pair twice."""
+def dataset(folder: Path, text: str, *, name: str = "whole", participants: int = 2, silent: bool = False) -> Path:
+    """Rehearse a protocol's text, each pair twice, and return the dataset."""
     protocol = folder / "short.toml"
     protocol.write_text(
         text.replace("repetitions = 8 ", "repetitions = 2 ").replace("limit = 108", "limit = 27"), "utf-8"
     )
-    root = rehearse(
+    return rehearse(
         protocol_file=protocol,
         rig_file=shipped("rigs/tapping.toml"),
-        out=folder / "whole",
-        participants=2,
+        out=folder / name,
+        participants=participants,
         seed=1,
         control="silence" if silent else "none",
         jobs=2,
     )
+
+
+def rehearsed(folder: Path, text: str, *, silent: bool) -> tuple[TaskComparisons, ...]:
+    """Rehearse a protocol's text with 2 participants, and analyse it."""
+    root = dataset(folder, text, silent=silent)
     assert verify(root).refused == 0
     return analyse([root], folder / "out", figures=False).compared.tasks
 
@@ -66,3 +71,10 @@ def test_silence_in_place_of_the_vibration_leaves_chance(tmp_path: Path) -> None
     (virtual,) = rehearsed(tmp_path, virtual_alone(paper()), silent=True)
     # An SD of 8 %.
     assert abs(right(virtual) - 0.5) < 0.25
+
+
+def test_the_same_seed_writes_the_same_files(tmp_path: Path) -> None:
+    once, again = (dataset(tmp_path, virtual_alone(paper()), name=name, participants=1) for name in ("once", "again"))
+    files = sorted(path.relative_to(once) for path in once.rglob("*") if path.is_file())
+    assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
+    assert [path for path in files if (once / path).read_bytes() != (again / path).read_bytes()] == []

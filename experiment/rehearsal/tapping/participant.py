@@ -6,6 +6,7 @@ A pair that feels nearly alike takes longer. `experiment/decisions.md` has the o
 fitted.
 """
 
+import time
 from collections import Counter
 from dataclasses import dataclass
 
@@ -36,7 +37,9 @@ AGAIN = 0.3
 """Part of the pairs that feel nearly alike of which both are tapped once more. Ours."""
 
 FELT_TIMEOUT_S = 5.0
-"""How long a vibration is waited for, wall-clock time, s."""
+"""How long a vibration is waited for, and its entry in the journal, wall-clock time, s."""
+
+_LOOK_S = 0.0005
 
 
 @dataclass(frozen=True)
@@ -112,16 +115,22 @@ class SimulatedTapper(SimulatedPerson):
         while fingers.panel.felt(0) is not None:
             self.show("The participant felt a vibration of a tap that did not count")
         path = hand.tap(rng)
-        # All of simulated time passes before the tap, so that what is on record of it does not depend on the machine.
+        # Simulated time passes before the tap, and again once the tap is on record: no time on record depends on the
+        # machine.
         begin_ns = max(
             self.clock.now_ns() + int(rng.uniform(*THINKS_S) * 1e9), fingers.powered_ns + fingers.foot.free_us * 1000
         )
         self.clock.sleep_ns(begin_ns + int(path.duration_us * 1e3) - self.clock.now_ns())
         if not self.clock.simulated:
             begin_ns = self.clock.now_ns()
+        stimuli = self.stimuli()
         fingers.foot.step(path, (begin_ns - fingers.powered_ns) // 1000)
         fingers.foot.finish()
         felt = fingers.panel.felt(FELT_TIMEOUT_S)
+        if felt is not None and self.clock.simulated and stimuli is not None:
+            ends_s = time.monotonic() + FELT_TIMEOUT_S
+            while self.stimuli() == stimuli and time.monotonic() < ends_s:
+                time.sleep(_LOOK_S)
         height_hz = None if felt is None else surfaces.felt_hz(felt, fingers.rate_hz)
         if not self._in_table_1:
             return float(np.log(height_hz or 1.0)), 1.0
