@@ -60,7 +60,7 @@ PATCHES = (
         "experiment/records/chain.py",
         "    if wait:\n        os.fsync(file.fileno())\n",
         "    del wait\n",
-        (f"{_T}records/test_journal.py",),
+        (f"{_T}records/test_journal.py::test_an_entry_is_waited_for_unless_it_can_be_rehearsed_again",),
         subset=True,
     ),
     Patch(
@@ -108,7 +108,7 @@ PATCHES = (
         "experiment/session/exposure.py",
         "        if self._clock.now_ns() > self.ends_ns:\n",
         "        if self._over:\n",
-        (f"{_SESSION}test_exposure.py",),
+        (f"{_SESSION}test_exposure.py::test_the_masker_is_silent_when_the_session_is_over",),
         subset=True,
     ),
     Patch(

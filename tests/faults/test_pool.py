@@ -15,11 +15,11 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.progress import progress
 from tests.faults.signalled import HALT
 
-ANSWERS, TRIALS = 40, 480
+ANSWERS, TRIALS = 40, 240
 
 
 def command(out: Path) -> list[str]:
-    return ["rehearse", "--participants", "6", "--jobs", "2", "--out", str(out), "--json"]
+    return ["rehearse", "--participants", "3", "--jobs", "2", "--out", str(out), "--json"]
 
 
 def answered(out: Path) -> int:

@@ -23,7 +23,7 @@ import pytest
 
 from tests.rig.laboratory import write_rig
 
-pytestmark = pytest.mark.alone
+pytestmark = pytest.mark.clocked
 
 ALSA = """\
 </usr/share/alsa/alsa.conf>

@@ -13,7 +13,7 @@ from palpate.experiment.protocol.files import shipped
 from tests.conftest import Palpate
 from tests.working_folder import LOG, WorkingFolder
 
-distributed = pytest.importorskip("distributed")
+dask, distributed = pytest.importorskip("dask"), pytest.importorskip("distributed")
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +24,11 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         patch.chdir(folder.path)
         patch.setenv(LOG, str(folder.log))
         patch.setenv("PYTHONSAFEPATH", "1")
-        cluster = distributed.LocalCluster(n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None)
+        # A task that ends its worker is given up at once, and not after it has ended three more.
+        with dask.config.set({"distributed.scheduler.allowed-failures": 0}):
+            cluster = distributed.LocalCluster(
+                n_workers=2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None
+            )
     with cluster:
         yield cluster.scheduler_address
     assert folder.imported == []
