@@ -14,7 +14,7 @@ from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import FromPrint
 from palpate.analysis.audit.granularity import Work, totals
 from palpate.analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, slips, told
-from palpate.analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedTable, Published
+from palpate.analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedT, PrintedTable, Published
 from palpate.analysis.published.printed import Interval, Printed, outward, sum_of
 from palpate.experiment.errors import PublishedError
 
@@ -255,17 +255,10 @@ def _values(
     means: list[Interval] = [left] if left else []
     means += [one.mean.either for one in published.cells_by_key.get(cell.key, ()) if not one.in_table]
     sds: list[Interval] = []
-    for test in tests[:1]:
-        root, t = math.sqrt(task.participants if task else test.df + 1), test.t.either
-        if cell.sd is not None and test.t.exact:
-            ends = [
-                float(a) * float(b) / root for a in (t.low, t.high) for b in (cell.sd.either.low, cell.sd.either.high)
-            ]
-            means.append(outward(float(test.null) + min(ends), float(test.null) + max(ends)))
-            gap = sorted(abs(float(end - test.null)) for end in (cell.mean.either.low, cell.mean.either.high))
-            size = sorted(abs(float(end)) for end in (t.low, t.high))
-            if size[0] > 0:
-                sds.append(outward(gap[0] * root / size[1], gap[1] * root / size[0]))
+    if tests and cell.sd is not None and tests[0].t.exact:
+        n = task.participants if task else tests[0].df + 1
+        means.append(_mean_of_t(tests[0], cell.sd.either, n))
+        sds += _sd_of_t(tests[0], cell.mean.either, n)
     held: tuple[tuple[str, list[Interval], Printed | None, Iterable[Printed | None]], ...] = (
         ("mean", means, cell.mean, (one.mean for one in others)),
         ("SD", sds, cell.sd, (one.sd for one in others)),
@@ -277,6 +270,21 @@ def _values(
                 if Printed(text).exact != old.exact:
                     kind, by_chance = _kind(name, old, Printed(text), cell, task.participants if task else 0)
                     yield Cause(told(f"{kind}: {text} would stand", by_chance % 1), by_chance, {cell.key: {name: text}})
+
+
+def _mean_of_t(test: PrintedT, sd: Interval, n: int) -> Interval:
+    """Return the mean of `n` participants that gives the printed t with this SD."""
+    t, null = test.t.either, float(test.null)
+    ends = [float(a) * float(b) / math.sqrt(n) for a in (t.low, t.high) for b in (sd.low, sd.high)]
+    return outward(null + min(ends), null + max(ends))
+
+
+def _sd_of_t(test: PrintedT, mean: Interval, n: int) -> list[Interval]:
+    """Return the SD of `n` participants that gives the printed t with this mean; none where t may be zero."""
+    gap = sorted(abs(float(end - test.null)) for end in (mean.low, mean.high))
+    size = sorted(abs(float(end)) for end in (test.t.either.low, test.t.either.high))
+    root = math.sqrt(n)
+    return [outward(gap[0] * root / size[1], gap[1] * root / size[0])] if size[0] > 0 else []
 
 
 def _texts(span: Interval, places: int, *, percent: bool) -> list[str]:

@@ -123,13 +123,6 @@ class Checks:
     def _cell(self, cell: PrintedCell) -> Iterator[Line]:
         known, sample, test = self._evidence.mean(cell), self._evidence.sample(cell), self._test_of(cell)
         cited = self._citation(cell.where, cell.task, cell.subject, known.statement)
-        misreading = self._evidence.misreading(cell)
-
-        def possible() -> Iterator[Moments]:
-            yield from sample.every
-            if not test:
-                yield from self._evidence.beyond(cell)
-
         no_counts = f"no whole counts of {sample.n} participants give it"
         otherwise = self._evidence.refuted, no_counts if self._evidence.refuted == "impossible" else ""
         contradiction: tuple[Verdict, str] = otherwise if cell.in_table else ("differs", "")
@@ -138,21 +131,32 @@ class Checks:
         if not known.values and not known.statement:
             return
         if cell.sd is not None:
-            held = self.that_give(cell)
-            variances = [one.variance for one in held or sample.every]
             no_steps = "no whole counts give the mean" if cell.scale else NO_STEPS
             cited = replace(cited, statement=known.statement or sample.statement or no_steps)
-            if misreading:
-                # Where whole counts give the printed SD, a mistake in t and P explains as much.
-                instead = f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
-                why_so = f"its t and P follow from the SD{instead}" if test else "as in the rest of the table"
-                contradiction = "differs", f"it is {misreading}: {why_so}"
-            why = None if misreading else self._tried(mistakes.of_sd(possible()))
-            sd = cited.number("SD", cell.sd, variances, why, squares=True, otherwise=contradiction)
-            yield replace(sd, reason=_cut(cell.sd, held)) if sd.verdict == "agrees if truncated" and held else sd
+            yield self._sd(cited, cell, cell.sd, contradiction)
         null = test.null if test else None if cell.is_score else self._published.chance
         if self._published.levels and cell.stars is not None and cell.presented == cell.answered:
             yield self._stars(cited, cell, null, test)
+
+    def _sd(self, cited: Citation, cell: PrintedCell, printed: Printed, contradiction: tuple[Verdict, str]) -> Line:
+        sample, test, fitting = self._evidence.sample(cell), self._test_of(cell), self.that_give(cell)
+        misreading = self._evidence.misreading(cell)
+        if misreading:
+            # Where whole counts give the printed SD, a mistake in t and P explains as much.
+            instead = f"; or {INSTEAD[misreading]}" if self._evidence.sd_stands(cell) else ""
+            why_so = f"its t and P follow from the SD{instead}" if test else "as in the rest of the table"
+            contradiction = "differs", f"it is {misreading}: {why_so}"
+
+        def possible() -> Iterator[Moments]:
+            yield from sample.every
+            if not test:
+                yield from self._evidence.beyond(cell)
+
+        why = None if misreading else self._tried(mistakes.of_sd(possible()))
+        variances = [one.variance for one in fitting or sample.every]
+        line = cited.number("SD", printed, variances, why, squares=True, otherwise=contradiction)
+        truncated = line.verdict == "agrees if truncated" and fitting
+        return replace(line, reason=_cut(printed, fitting)) if truncated else line
 
     def that_give(self, cell: PrintedCell) -> tuple[Moments, ...]:
         """Return those means and variances behind the printed mean and SD that give the printed t, read as t or d."""
@@ -178,22 +182,24 @@ class Checks:
             verdict = cited.missing if sample.statement or sample.n < 2 else "cannot be decided"
             return cited.text("stars", printed, "none", "agrees" if printed == "none" else verdict, CONSTANT)
         found = pinned if printed in pinned or printed not in every else every
-        if by_p and (printed in found or not every):
-            verdict = "agrees" if printed in by_p else "differs"
-            reason = (
-                "" if verdict == "agrees" else f"beside them P = {test.p.text} is printed" if test and test.p else ""
-            )
-            return cited.text("stars", printed, " or ".join(by_p), verdict, reason)
-        shown_as = " or ".join(found)
-        if printed in found:
-            return cited.text("stars", printed, shown_as, "agrees")
-        reason = ""
-        if self._diagnose and test and test.p and stars_of(test.p, self._published.levels) == printed:
-            ps = [p_of_t(t_of(one, sample.n), sample.n - 1) for one in self.effects(test)]
-            both = hull(ps)
-            value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (both.low, both.high)))
-            reason = f"they follow the printed P = {test.p.text}; recomputed P = {value}"
-        return cited.text("stars", printed, shown_as, "differs", reason)
+        from_p = by_p if printed in found or not every else ()
+        earned = from_p or found
+        if printed in earned:
+            return cited.text("stars", printed, " or ".join(earned), "agrees")
+        reason = self._why_other_stars(test, printed, sample.n, from_p=bool(from_p))
+        return cited.text("stars", printed, " or ".join(earned), "differs", reason)
+
+    def _why_other_stars(self, test: PrintedT | None, printed: str, n: int, *, from_p: bool) -> str:
+        """Return what the printed P of a test says of stars that it, or else its t, does not earn."""
+        if test is None or test.p is None:
+            return ""
+        if from_p:
+            return f"beside them P = {test.p.text} is printed"
+        if not self._diagnose or stars_of(test.p, self._published.levels) != printed:
+            return ""
+        both = hull([p_of_t(t_of(one, n), n - 1) for one in self.effects(test)])
+        value = " to ".join(dict.fromkeys(f"{float(p):.2g}" for p in (both.low, both.high)))
+        return f"they follow the printed P = {test.p.text}; recomputed P = {value}"
 
     def _by_printed_p(self, test: PrintedT) -> tuple[str, ...]:
         """Return the stars that the test's printed P earns, or none where that P is missing or does not stand."""
@@ -242,15 +248,12 @@ class Checks:
         ways = "one-way" if printed.task else "two-way"
         subject = f"{ways} ANOVA, {' and '.join(printed.subject)}"
         cited = self._citation(printed.where, printed.task or "both", subject, found.statement)
-        own = found.df
-        remark = f" at {own[0]}, {own[1]} df" if own and own != printed.df else ""
-        values = list(found.f.values())
-        verdict, fitting = judge(printed.f, values)
-        if len(found.f) > 1 and (verdict not in AGREES or len(fitting) < len(found.f)):
-            remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
+        own, values = found.df, list(found.f.values())
+        fitting = judge(printed.f, values)[1]
         layout = self._layout(printed, found) if self._diagnose else None
         why = self._tried(mistakes.of_f(values, layout, printed.df) if layout else ())
-        line = cited.number(f"F({printed.df[0]},{printed.df[1]})", printed.f, values, why, remark=remark)
+        name = f"F({printed.df[0]},{printed.df[1]})"
+        line = cited.number(name, printed.f, values, why, remark=_remark_on_f(printed, found))
         if own is None or not values:
             yield line
             from_print = [p_of_f(printed.f.either, printed.df)] if cited.missing == "cannot be decided" else []
@@ -301,6 +304,15 @@ def _df(cited: Citation, printed: int, found: int | None, other: Iterable[tuple[
     reason = "; or ".join(text for value, text in other if value == printed) if printed != found else ""
     verdict: Verdict = "agrees" if printed == found else "differs"
     return cited.text(name, str(printed), str(found), verdict, reason, float(found))
+
+
+def _remark_on_f(printed: PrintedF, found: Variances) -> str:
+    """Return other df than the printed ones, and the sums of squares that agree, where not all of them do."""
+    remark = f" at {found.df[0]}, {found.df[1]} df" if found.df and found.df != printed.df else ""
+    verdict, fitting = judge(printed.f, list(found.f.values()))
+    if len(found.f) > 1 and (verdict not in AGREES or len(fitting) < len(found.f)):
+        remark += f" by {' or '.join(kind for kind, f in found.f.items() if f in fitting)}"
+    return remark
 
 
 def _slip_of_f(printed: PrintedF, narrow: Sequence[Interval], values: Sequence[Interval], df: tuple[int, int]) -> str:

@@ -66,6 +66,10 @@ class Marginal:
     left_out: tuple[tuple[str, str], ...]
 
 
+_Pair = tuple[str, str, str, int, int, int]
+"""What a pair is within, its two names, the places of their cells, and its df."""
+
+
 def marginal(study: Study, tasks: Mapping[str, Confusion]) -> Marginal:
     """Return means and contrasts of a study from the confusion matrices of its tasks.
 
@@ -94,17 +98,7 @@ def marginal(study: Study, tasks: Mapping[str, Confusion]) -> Marginal:
         Mean(task, material, odds, error, odds - reach * error, odds + reach * error)
         for (task, material), odds, error in zip(places, found.coefficients.tolist(), errors, strict=True)
     )
-    by_task = [
-        [(task, a, b, places[task, a], places[task, b], (len(matrix.presented) - 1) * df)
-         for a, b in combinations(materials, 2) if {(task, a), (task, b)} <= places.keys()]
-        for task, matrix in tasks.items()
-    ]  # fmt: skip
-    by_material = [
-        (material, a, b, places[a, material], places[b, material], (sum(one == k for _, one in cells) - 1) * df)
-        for k, material in enumerate(materials)
-        for a, b in combinations(tasks, 2)
-        if {(a, material), (b, material)} <= places.keys()
-    ]
+    by_task, by_material = _pairs(tasks, places, df)
     return Marginal(
         len(people),
         means,
@@ -113,6 +107,26 @@ def marginal(study: Study, tasks: Mapping[str, Confusion]) -> Marginal:
         dict(zip(deviations, found.sds.tolist(), strict=True)),
         tuple(name for name, cell in zip(named, cells, strict=True) if cell not in kept),
     )
+
+
+def _pairs(
+    tasks: Mapping[str, Confusion], places: Mapping[tuple[str, str], int], df: int
+) -> tuple[list[list[_Pair]], list[_Pair]]:
+    """Return the pairs of materials in each task, and those of tasks over all materials; `df` are of one step."""
+    materials = next(iter(tasks.values())).materials
+    by_task = [
+        [(task, a, b, places[task, a], places[task, b], (len(matrix.presented) - 1) * df)
+         for a, b in combinations(materials, 2) if {(task, a), (task, b)} <= places.keys()]
+        for task, matrix in tasks.items()
+    ]  # fmt: skip
+    by_material = [
+        (material, a, b, places[a, material], places[b, material],
+         (sum(k in matrix.presented for matrix in tasks.values()) - 1) * df)
+        for k, material in enumerate(materials)
+        for a, b in combinations(tasks, 2)
+        if {(a, material), (b, material)} <= places.keys()
+    ]  # fmt: skip
+    return by_task, by_material
 
 
 def _layout(cells: Sequence[tuple[int, int]]) -> tuple[mixed_logit.Layout, list[str]]:
@@ -132,7 +146,7 @@ def _reach(df: int) -> float:
     return float(stdtrit(df, (1 + CONFIDENCE) / 2))
 
 
-def _family(pairs: Sequence[tuple[str, str, str, int, int, int]], found: mixed_logit.MixedLogit) -> list[Contrast]:
+def _family(pairs: Sequence[_Pair], found: mixed_logit.MixedLogit) -> list[Contrast]:
     """Return the contrasts of cells, by their places and with their df, with P adjusted over all of them."""
     lines = []
     for within, first, second, a, b, df in pairs:

@@ -178,13 +178,7 @@ def _below(
     if "t" in known and "df" in known:
         known = {key: known[key] for key in ("t", "df", "p") if key in known}
         passed.cells(where, _unread(named, known))
-        tests = tuple(_tests(named, known))
-        if not tests:
-            raise _Unknown("no line has both t and df")
-        document["t"] = (*document.get("t", ()), {"where": where, "tests": tests})
-        groups = {test["task"]: {"id": test["task"], "participants": test["df"] + 1} for test in tests}
-        held = document.get("task", ())
-        document["task"] = (*held, *(group for id_, group in groups.items() if all(id_ != one["id"] for one in held)))
+        _add_tests(document, where, tuple(_tests(named, known)))
         return 0
     answers = [_clean(cell) for cell in header]
     materials = [name for name, _ in named if name]
@@ -192,6 +186,17 @@ def _below(
         _add_confusion(document, where, named, answers, stated, confusions, passed)
         return 1
     return None
+
+
+def _add_tests(document: dict[str, Any], where: str, tests: tuple[dict[str, Any], ...]) -> None:
+    """Add t-tests, and a task for each number of participants that no other task has."""
+    if not tests:
+        raise _Unknown("no line has both t and df")
+    document["t"] = (*document.get("t", ()), {"where": where, "tests": tests})
+    groups = {one["id"]: one for one in document.get("task", ())}
+    for test in tests:
+        groups.setdefault(test["task"], {"id": test["task"], "participants": test["df"] + 1})
+    document["task"] = tuple(groups.values())
 
 
 def _add_confusion(
@@ -256,33 +261,42 @@ def _tied(document: dict[str, Any], chance: str | None) -> list[str]:
 
     Of several tables the one in the place of the t-tests' is taken; a df that no table has is taken for the others'.
     """
-    tables = [(table["task"], {cell["presented"] for cell in table["cells"]}) for table in document.get("table", ())]
-    people = {task["id"]: task["participants"] for task in document.get("task", ())}
-    people_of_tables = {people[id_] for id_, _ in tables}
+    presented = {table["task"]: {cell["presented"] for cell in table["cells"]} for table in document.get("table", ())}
+    people = {task["id"]: task["participants"] for task in document.get("task", ()) if task["id"] in presented}
     blocks, passed = document.get("t", ()), []
     for number, block in enumerate(blocks):
-        for test in sorted(block["tests"], key=lambda test: test["df"] + 1 not in people_of_tables):
-            fitting = [id_ for id_, names in tables if people[id_] == test["df"] + 1 and test["of"] in names]
+        for test in sorted(block["tests"], key=lambda test: test["df"] + 1 not in people.values()):
+            sizes = {id_: people[id_] for id_, names in presented.items() if test["of"] in names}
+            fitting = [id_ for id_, size in sizes.items() if size == test["df"] + 1]
             fitting = fitting[number : number + 1] if len(fitting) == len(blocks) else fitting
-            larger = {id_ for id_, names in tables if test["of"] in names and test["df"] >= people[id_]}
-            beside = {one["task"] for one in block["tests"]} & larger
-            if not fitting and len(beside) == 1:
-                fitting = list(beside)
-            elif not fitting and any(test["of"] in names for _, names in tables):
-                df = f"{block['where']}, {test['of']}: t has {test['df']} df"
-                passed.append(f"{df}, and no confusion table with it has {test['df'] + 1} participants.")
-            if len(fitting) == 1 and chance:
+            fitting = fitting or _table_of_others(test, block["tests"], sizes)
+            name = f"{block['where']}, {test['of']}: t"
+            if sizes and not fitting:
+                df = f"{test['df']} df, and no confusion table with it has {test['df'] + 1} participants"
+                passed.append(f"{name} has {df}.")
+            elif len(fitting) == 1 and chance:
                 test["task"] = fitting[0]
                 del test["null"]
             elif fitting:
                 why = "several have its participants" if chance else "what it is against is not known; give --chance"
-                passed.append(f"{block['where']}, {test['of']}: t was not held against a confusion table: {why}.")
+                passed.append(f"{name} was not held against a confusion table: {why}.")
     if chance:
         document["chance"] = chance
-    used = {test["task"] for block in blocks for test in block["tests"]} | {id_ for id_, _ in tables}
-    if people:
-        document["task"] = tuple(task for task in document["task"] if task["id"] in used)
+    _drop_tasks(document, presented)
     return passed
+
+
+def _table_of_others(test: dict[str, Any], tests: Sequence[dict[str, Any]], sizes: dict[str, int]) -> list[str]:
+    """Return the one table of the other tests that has too few participants for the df; none if there are several."""
+    larger = {one["task"] for one in tests} & {id_ for id_, size in sizes.items() if test["df"] >= size}
+    return list(larger) if len(larger) == 1 else []
+
+
+def _drop_tasks(document: dict[str, Any], with_tables: Iterable[str]) -> None:
+    """Leave out the tasks that have neither a table nor a test any more."""
+    used = {test["task"] for block in document.get("t", ()) for test in block["tests"]} | set(with_tables)
+    if "task" in document:
+        document["task"] = tuple(task for task in document["task"] if task["id"] in used)
 
 
 def _unread(named: Sequence[tuple[str, tuple[str, ...]]], known: dict[str, int]) -> Iterator[tuple[str, str]]:

@@ -70,11 +70,7 @@ def read(root: Path) -> Study:
         for task in facts["Tasks"]:
             path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
             if not path.exists():
-                if left := sorted(path.parent.glob(f"{escape(path.name.removesuffix('events.tsv'))}*")):
-                    raise DatasetError(
-                        f"{path} is missing, though {left[0].name} stands there",
-                        remedy="restore it or make the dataset again",
-                    )
+                _check_absent(path)
                 continue
             beside = path.with_suffix(".json")
             sidecar = _sidecar(beside)
@@ -90,25 +86,14 @@ def read(root: Path) -> Study:
             told = str(sidecar.get("TaskTitle", task)), str(sidecar.get("Instructions", ""))
             tasks[task] = Task(task, *told, shown)
             if (session_id := sidecar.get("SessionId")) is not None:
-                for (who, other), known in session_ids.items():
-                    if known == session_id:
-                        raise DatasetError(
-                            beside,
-                            f"SessionId {known} is that of participant {who}, task {other}, too",
-                            "keep one of them",
-                        )
+                _check_new(str(session_id), session_ids, beside)
                 session_ids[participant, task] = str(session_id)
             rows += _events(
                 path, participant, task, _Levels(shown, materials, answers, facts["Origin"]), sidecar["Rows"]
             )
     if not rows:
         raise DatasetError(f"{root} holds no trial", remedy="run a session first, then make the dataset again")
-    protocol, sealed = None, ""
-    if (plan := root / "sourcedata" / "protocol.toml").exists():
-        from palpate.experiment.protocol import files
-
-        protocol = files.load(plan)
-        sealed = _sealed(plan, protocol)
+    protocol, sealed = _plan(root / "sourcedata" / "protocol.toml")
     attempts = pd.DataFrame(rows)
     rules = protocol.exclusion if protocol else ()
     with_objects = [task.id for task in protocol.tasks if task.stimulus == "real"] if protocol else []
@@ -131,6 +116,31 @@ def read(root: Path) -> Study:
         parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol, sealed),),
         answers=answers,
     )
+
+
+def _check_absent(events: Path) -> None:
+    if left := sorted(events.parent.glob(f"{escape(events.name.removesuffix('events.tsv'))}*")):
+        raise DatasetError(
+            f"{events} is missing, though {left[0].name} stands there", remedy="restore it or make the dataset again"
+        )
+
+
+def _check_new(session_id: str, session_ids: Mapping[tuple[str, str], str], sidecar: Path) -> None:
+    for (who, task), known in session_ids.items():
+        if known == session_id:
+            raise DatasetError(
+                sidecar, f"SessionId {known} is that of participant {who}, task {task}, too", "keep one of them"
+            )
+
+
+def _plan(path: Path) -> tuple[Protocol | None, str]:
+    """Return the protocol of a dataset, and what its seal says; None where no copy of it is there."""
+    if not path.exists():
+        return None, ""
+    from palpate.experiment.protocol import files
+
+    protocol = files.load(path)
+    return protocol, _sealed(path, protocol)
 
 
 def _sealed(plan: Path, protocol: Protocol) -> str:
@@ -378,23 +388,7 @@ def read_pooled(roots: Sequence[Path]) -> Study:
 
 def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
     first = studies[0]
-    origins = {study.origin for study in studies}
-    if len(origins) > 1:
-        raise DatasetError(
-            f"got datasets of {', '.join(sorted(origins))}",
-            remedy="pool each origin alone",
-            allowed="those of one origin",
-        )
-    for study, name in zip(studies, names, strict=True):
-        if study.materials != first.materials:
-            raise DatasetError(
-                name,
-                f"got the materials {', '.join(study.materials)}",
-                "analyse it apart",
-                allowed=f"{', '.join(first.materials)}, as in {names[0]}",
-            )
-        if study.answers != first.answers:
-            raise DatasetError(name, f"got other answers than in {names[0]}", "analyse it apart", allowed="the same")
+    _check_alike(studies, names)
     for index, study in enumerate(studies):
         for other in range(index):
             _check_apart(studies[other], study, (names[other], names[index]))
@@ -416,6 +410,27 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         parts=parts,
         ordered=all(study.ordered for study in studies),
     )
+
+
+def _check_alike(studies: Sequence[Study], names: Sequence[str]) -> None:
+    first = studies[0]
+    origins = {study.origin for study in studies}
+    if len(origins) > 1:
+        raise DatasetError(
+            f"got datasets of {', '.join(sorted(origins))}",
+            remedy="pool each origin alone",
+            allowed="those of one origin",
+        )
+    for study, name in zip(studies, names, strict=True):
+        if study.materials != first.materials:
+            raise DatasetError(
+                name,
+                f"got the materials {', '.join(study.materials)}",
+                "analyse it apart",
+                allowed=f"{', '.join(first.materials)}, as in {names[0]}",
+            )
+        if study.answers != first.answers:
+            raise DatasetError(name, f"got other answers than in {names[0]}", "analyse it apart", allowed="the same")
 
 
 def _check_apart(first: Study, second: Study, names: tuple[str, str]) -> None:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -292,25 +293,10 @@ def _session(path: Path, contents: journal.Contents) -> _Session:
 
 
 def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
-    answers: dict[tuple[int, int], entries.Answer] = {}
-    corrections: dict[tuple[int, int], entries.Correction] = {}
-    redone: dict[tuple[int, int], str] = {}
-    spoken: dict[tuple[int, int], entries.Spoken] = {}
-    masker: dict[str, object] = {}
-    maskers: dict[tuple[int, int], dict[str, object]] = {}
-    for entry in session.contents.entries:
-        if isinstance(entry, entries.MaskerSet):
-            masker = {"masker_level": entry.level_db_a}
-        elif isinstance(entry, FootStep | BrokenOff):
-            maskers[entry.trial, entry.attempt] = masker
-        elif isinstance(entry, entries.Answer):
-            answers[entry.trial, entry.attempt] = entry
-        elif isinstance(entry, entries.Correction):
-            corrections[entry.trial, entry.attempt] = entry
-        elif isinstance(entry, entries.Redo):
-            redone[entry.trial, entry.attempt] = entry.reason
-        elif isinstance(entry, entries.Spoken):
-            spoken[entry.trial, entry.attempt] = entry
+    recorded = session.contents.entries
+    answers, corrections = _by_attempt(recorded, entries.Answer), _by_attempt(recorded, entries.Correction)
+    redone, spoken = _by_attempt(recorded, entries.Redo), _by_attempt(recorded, entries.Spoken)
+    maskers = _maskers(recorded)
     rows: list[dict[str, object]] = []
     for placed in session.steps:
         step = placed.step
@@ -319,8 +305,8 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
         last = correction or answer
         stimulus, onset = (step.stimulus, step.onset) if isinstance(step, FootStep) else (None, None)
         heard = onset.delivered if onset else None
-        missed_ns = heard.onset_ns - onset.contact_ns if onset and heard and heard.onset_ns is not None else None
-        reason = redone.get(attempt, None if answer else "no answer was confirmed")
+        unanswered = None if answer else "no answer was confirmed"
+        reason = redone[attempt].reason if attempt in redone else unanswered
         rows.append(
             {
                 "onset": round(placed.at_s, 6),
@@ -335,21 +321,50 @@ def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
                 "frames_lost": step.link.lost + step.link.damaged,
                 "floored_bins": stimulus.floored_bins if stimulus else None,
                 "delivered": heard.delivered if heard else None,
-                "onset_error": None if missed_ns is None else round(missed_ns / 1e9, 6),
+                "onset_error": _onset_error_s(onset),
                 "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
                 "origin": origin,
                 **({"corrected_from": answer.answered or NO_ANSWER} if answer and correction else {}),
                 **maskers[attempt],
                 **_timing_s(step, onset),
-                **(_answer_cells(answer, spoken[attempt]) if answer and attempt in spoken else {}),
+                **_answer_cells(answer, spoken.get(attempt)),
                 **_played(stimulus),
             }
         )
     return rows
 
 
-def _answer_cells(answer: entries.Answer, spoken: entries.Spoken) -> dict[str, object]:
+_Judged = TypeVar("_Judged", entries.Answer, entries.Correction, entries.Redo, entries.Spoken)
+
+
+def _by_attempt(recorded: Sequence[object], kind: type[_Judged]) -> dict[tuple[int, int], _Judged]:
+    """Return the last entry of a kind for each trial and attempt."""
+    return {(entry.trial, entry.attempt): entry for entry in recorded if isinstance(entry, kind)}
+
+
+def _maskers(recorded: Sequence[object]) -> dict[tuple[int, int], dict[str, object]]:
+    """Return the cell of the masker's level, if one was set before, for each trial and attempt."""
+    cell: dict[str, object] = {}
+    cells: dict[tuple[int, int], dict[str, object]] = {}
+    for entry in recorded:
+        if isinstance(entry, entries.MaskerSet):
+            cell = {"masker_level": entry.level_db_a}
+        elif isinstance(entry, FootStep | BrokenOff):
+            cells[entry.trial, entry.attempt] = cell
+    return cells
+
+
+def _onset_error_s(onset: Onset | None) -> float | None:
+    """Return by how much the measured onset missed the contact, s; None if it was not measured."""
+    if onset is None or onset.delivered is None or onset.delivered.onset_ns is None:
+        return None
+    return round((onset.delivered.onset_ns - onset.contact_ns) / 1e9, 6)
+
+
+def _answer_cells(answer: entries.Answer | None, spoken: entries.Spoken | None) -> dict[str, object]:
     """Return what a microphone adds to an answer, by column; the voice ends the response time only if it is its own."""
+    if answer is None or spoken is None:
+        return {}
     known = spoken.onset_s is not None
     own = known and spoken.proposed is not None and spoken.proposed == answer.answered
     times_s = {

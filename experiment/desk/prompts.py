@@ -8,7 +8,7 @@ masker was played, the end of a break, a fault at the end, and the label of a pr
 from dataclasses import dataclass
 from typing import get_args
 
-from palpate.experiment.desk.messages import ENTER, Label, Prompt, Show, View
+from palpate.experiment.desk.messages import ENTER, Label, Prompt, Question, Show, View
 from palpate.experiment.desk.port import DEBRIEFING
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
@@ -69,30 +69,16 @@ def theirs(protocol: Protocol) -> Theirs:
 
 def prompt(view: View, theirs: Theirs) -> Prompt:
     """Return what the participant's screen shows, with the number 0."""
-    asked = view.question
-    show = IN_STATE.get(view.state, "wait") if asked is None else AT_QUESTION[asked.kind]
-    if show == "thanks" and view.ended is not None and view.ended.exit_code:
-        # A fault ended it; the experimenter sees to it, and the session goes on.
-        show = "wait"
-    gauges = view.gauges
-    if asked is None and view.state == "armed" and gauges is not None and gauges.stepped:
-        show = "answer"
-    if show == "answer" and view.pairs:
-        show = "compare"
-    if show == "wait" and view.step == DEBRIEFING:
-        show = "finished"
-    own = asked if asked is not None and asked.kind in theirs.answerable else None
-    offered = {choice.key for choice in own.choices} if own is not None else set()
-    if HEARD_KEY in offered:
-        offered.discard(LOUDER_KEY)
+    asked, gauges, show = view.question, view.gauges, _show(view)
+    number, keys = _offered(asked, theirs)
     return Prompt(
         show=show,
         text=view.instruction if show in ("wait", "instructions", "ready", "compare") else "",
         again=bool(view.again) and show == "ready",
         unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},
         answers=theirs.answers if show in ("answer", "compare") else (),
-        question=own.number if own is not None else None,
-        keys=tuple(key for key in KEYS if key in offered),
+        question=number,
+        keys=keys,
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
         lamp=gauges.too_fast if gauges is not None and show in ("instructions", "ready", "answer", "compare") else None,
         second=gauges.second if gauges is not None and show == "compare" else None,
@@ -101,3 +87,26 @@ def prompt(view: View, theirs: Theirs) -> Prompt:
         until_ns=view.pause_until_ns if show == "break" else None,
         label=next((label for label in get_args(Label) if label == view.label), ""),
     )
+
+
+def _show(view: View) -> Show:
+    asked, gauges = view.question, view.gauges
+    show = IN_STATE.get(view.state, "wait") if asked is None else AT_QUESTION[asked.kind]
+    if show == "thanks" and view.ended is not None and view.ended.exit_code:
+        # A fault ended it; the experimenter sees to it, and the session goes on.
+        show = "wait"
+    if asked is None and view.state == "armed" and gauges is not None and gauges.stepped:
+        show = "answer"
+    if show == "answer" and view.pairs:
+        return "compare"
+    return "finished" if show == "wait" and view.step == DEBRIEFING else show
+
+
+def _offered(asked: Question | None, theirs: Theirs) -> tuple[int | None, tuple[str, ...]]:
+    """Return the number and the keys of a question that the participant may answer; none of any other."""
+    if asked is None or asked.kind not in theirs.answerable:
+        return None, ()
+    offered = {choice.key for choice in asked.choices}
+    if HEARD_KEY in offered:
+        offered.discard(LOUDER_KEY)
+    return asked.number, tuple(key for key in KEYS if key in offered)

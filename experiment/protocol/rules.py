@@ -173,7 +173,8 @@ def protocol(table: Table) -> Iterator[Broken]:
         yield Broken(("answers", "microphone"), "true: consent.voice_recordings keeps what it hears")
     yield from _participants(table)
     yield from _presented(table)
-    yield from _limits(table)
+    yield from _task_limits(table)
+    yield from _exclusion_limits(table)
     probed = _table(_table(table, "masker"), "probe").get("material")
     if probed is not None and probed not in (ids := [one.get("id") for _, one in _tables(table, "materials")]):
         yield Broken(("masker", "probe", "material"), f"one of the materials: {', '.join(map(str, ids))}")
@@ -322,23 +323,27 @@ def _presented(table: Table) -> Iterator[Broken]:
         for j, task_id in enumerate(_list(test, "tasks")):
             if isinstance(task_id, str) and task_id not in known:
                 yield Broken(("analysis", i, "tasks", j), f"a task of this protocol, one of: {', '.join(known)}")
-        kind, sets = test.get("test"), [own for name, own in of if len(every) > 1 and name in _list(test, "tasks")]
-        least = 1 if kind == "equivalence" and len(sets) > 1 else 2
-        if kind == "one-way ANOVA" and any(len(one) < least for one in sets):
-            yield Broken(("analysis", i, "tasks"), "tasks that present at least 2 materials")
-        common = set(every).intersection(*sets)
-        for j, name in enumerate(_list(test, "materials") if sets else ()):
-            if isinstance(name, str) and name not in common:
-                allowed = (
-                    f"a material that its tasks present, one of: {', '.join(one for one in every if one in common)}"
-                )
-                yield Broken(("analysis", i, "materials", j), allowed)
-        if kind in ("two-way ANOVA", "ICC", "equivalence") and sets and len(set.intersection(*sets)) < least:
-            yield Broken(("analysis", i, "tasks"), f"tasks that present at least {least} of the same materials")
+        sets = [own for name, own in of if len(every) > 1 and name in _list(test, "tasks")]
+        if sets:
+            yield from _test_materials(("analysis", i), test, every, sets)
 
 
-def _limits(table: Table) -> Iterator[Broken]:
-    tasks, exclusion = _tables(table, "tasks"), _tables(table, "exclusion")
+def _test_materials(path: Place, test: Table, every: Sequence[str], sets: Sequence[set[str]]) -> Iterator[Broken]:
+    """Yield what a planned test asks of materials that its tasks, each with a set of them, do not present."""
+    kind, common = test.get("test"), set.intersection(*sets)
+    least = 1 if kind == "equivalence" and len(sets) > 1 else 2
+    if kind == "one-way ANOVA" and any(len(one) < least for one in sets):
+        yield Broken((*path, "tasks"), "tasks that present at least 2 materials")
+    for j, name in enumerate(_list(test, "materials")):
+        if isinstance(name, str) and name not in common:
+            allowed = f"a material that its tasks present, one of: {', '.join(one for one in every if one in common)}"
+            yield Broken((*path, "materials", j), allowed)
+    if kind in ("two-way ANOVA", "ICC", "equivalence") and len(common) < least:
+        yield Broken((*path, "tasks"), f"tasks that present at least {least} of the same materials")
+
+
+def _task_limits(table: Table) -> Iterator[Broken]:
+    tasks = _tables(table, "tasks")
     session_min = _number(_table(table, "exposure"), "session_min")
     for i, task in tasks:
         longest_s = _number(_table(task, "familiarisation"), "max_s")
@@ -353,6 +358,10 @@ def _limits(table: Table) -> Iterator[Broken]:
         if session_min is not None and longest_s is not None and longest_s >= session_min * 60:
             path = ("tasks", i, "familiarisation", "max_s")
             yield Broken(path, f"less than the longest session (exposure.session_min, {session_min * 60} s)")
+
+
+def _exclusion_limits(table: Table) -> Iterator[Broken]:
+    tasks, exclusion = _tables(table, "tasks"), _tables(table, "exclusion")
     of = [(_number(task, "repetitions"), len(_materials(table, task))) for _, task in tasks]
     pairs = _kind(table) == "comparison"
     trials = min((n * (comb(m + 1, 2) if pairs else m) for n, m in of if n is not None), default=0)

@@ -155,6 +155,21 @@ def _name_and_unit(heading: str) -> tuple[str, str]:
 
 
 def _from_columns(lines: list[str]) -> _Table:
+    headings, decimal, rows = _rows_below(lines)
+    columns = [
+        _Column(name, unit, *_values(rows, place, name or f"{place + 1}", decimal))
+        for place, (name, unit) in enumerate(_named(headings, len(rows[0][1])))
+    ]
+    at = next((place for place, column in enumerate(columns) if _TIME.fullmatch(column.name)), None)
+    if at is None:
+        _look_like_times(columns[0])
+    signals = [replace(column, name=column.name or f"column {i}") for i, column in enumerate(columns, start=1)]
+    del signals[at or 0]
+    return signals, [columns[at or 0]] * len(signals), 1
+
+
+def _rows_below(lines: list[str]) -> tuple[list[str], str, _Rows]:
+    """Return the headings of a file of columns, its decimal point, and its rows of cells."""
     headings: list[str] = []
     dialect: tuple[str | None, str] | None = None
     rows: _Rows = []
@@ -182,16 +197,7 @@ def _from_columns(lines: list[str]) -> _Table:
             remedy="name another file",
             allowed="WAV, LabVIEW .lvm, or text columns with a column of times",
         )
-    columns = [
-        _Column(name, unit, *_values(rows, place, name or f"{place + 1}", dialect[1]))
-        for place, (name, unit) in enumerate(_named(headings, len(rows[0][1])))
-    ]
-    at = next((place for place, column in enumerate(columns) if _TIME.fullmatch(column.name)), None)
-    if at is None:
-        _look_like_times(columns[0])
-    signals = [replace(column, name=column.name or f"column {i}") for i, column in enumerate(columns, start=1)]
-    del signals[at or 0]
-    return signals, [columns[at or 0]] * len(signals), 1
+    return headings, dialect[1], rows
 
 
 def _split(line: str, separator: str | None) -> list[str]:

@@ -357,22 +357,7 @@ def read_taps(path: Path) -> tuple[Tapped, ...]:
 
 def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
     """Return L, D and f over stiffness as the paper derives them. Raises `RecordingError` if files and table differ."""
-    by_name = {Path(one.file).name: one for one in taps}
-    found: dict[str, list[tuple[Tapped, Ring]]] = {}
-    for one in rings:
-        tap = by_name.get(Path(one.file).name)
-        if tap is None:
-            raise RecordingError(one.file, "the table of taps does not name it", "add a line for it")
-        group = found.setdefault(tap.surface, [])
-        if group and group[0][0].stiffness_n_m != tap.stiffness_n_m:
-            raise RecordingError(
-                one.file,
-                f"got {tap.stiffness_n_m:g} N/m for {tap.surface}, and {group[0][0].stiffness_n_m:g} N/m before",
-                "correct the table",
-                allowed="one stiffness for a surface",
-            )
-        if not one.misfit:
-            group.append((tap, one))
+    found = _by_surface(rings, taps)
     whole = {name: group for name, group in found.items() if group}
     scalings: list[Scaling | None] = []
     unscaled = [f"{name}: no recording of it was fitted." for name in found if name not in whole]
@@ -395,3 +380,24 @@ def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
         curve=frequency_curve(stiffness, f_hz) if enough else None,
         no_curve="" if enough else "A curve of frequency over stiffness takes surfaces of two stiffnesses or more.",
     )
+
+
+def _by_surface(rings: Sequence[Ring], taps: Sequence[Tapped]) -> dict[str, list[tuple[Tapped, Ring]]]:
+    """Return the taps of each surface that were fitted, none perhaps, with their fits."""
+    by_name = {Path(one.file).name: one for one in taps}
+    found: dict[str, list[tuple[Tapped, Ring]]] = {}
+    for one in rings:
+        tap = by_name.get(Path(one.file).name)
+        if tap is None:
+            raise RecordingError(one.file, "the table of taps does not name it", "add a line for it")
+        group = found.setdefault(tap.surface, [])
+        if group and group[0][0].stiffness_n_m != tap.stiffness_n_m:
+            raise RecordingError(
+                one.file,
+                f"got {tap.stiffness_n_m:g} N/m for {tap.surface}, and {group[0][0].stiffness_n_m:g} N/m before",
+                "correct the table",
+                allowed="one stiffness for a surface",
+            )
+        if not one.misfit:
+            group.append((tap, one))
+    return found

@@ -36,18 +36,9 @@ def text(contents: Contents, trial: int | None = None) -> str:
         f"The journal has {contents.end.count} lines. Each carries the hash of the one before, and all were verified.",
         "",
     ]
-    # There is an exposure every few seconds; the last one tells what the others told.
-    everything = contents.in_order()
-    last = max((n for n, line in enumerate(everything) if _is_exposure(line)), default=0)
-    told = [line for n, line in enumerate(everything) if n and (n == last or not _is_exposure(line))]
-    if trial is not None:
-        if trial not in {planned.trial for planned in header.order}:
-            raise JournalError(
-                f"trial {trial}", "this session has none", "give another", allowed=f"1 to {len(header.order)}"
-            )
-        told = [line for line in everything if isinstance(line, Unreadable) or getattr(line.entry, "trial", 0) == trial]
-    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_entry_text(line)}" for line in told]
-    if trial is not None and not told:
+    shown = _shown_lines(contents) if trial is None else _trial_lines(contents, trial)
+    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_entry_text(line)}" for line in shown]
+    if trial is not None and not shown:
         lines.append(f"Trial {trial} was not begun yet.")
     lines += [
         "",
@@ -62,6 +53,21 @@ def text(contents: Contents, trial: int | None = None) -> str:
         lines.append(f"The session has no footer: it ended without saying why.{again}")
     fill = textwrap.TextWrapper(WIDTH, subsequent_indent=INDENT, break_on_hyphens=False).fill
     return "\n".join(fill(plain(line, keep="")) for line in lines)
+
+
+def _shown_lines(contents: Contents) -> list[Line | Unreadable]:
+    # There is an exposure every few seconds; the last one says what the others said.
+    everything = contents.in_order()
+    last = max((n for n, line in enumerate(everything) if _is_exposure(line)), default=0)
+    return [line for n, line in enumerate(everything) if n and (n == last or not _is_exposure(line))]
+
+
+def _trial_lines(contents: Contents, trial: int) -> list[Line | Unreadable]:
+    order = contents.header.order
+    if trial not in {planned.trial for planned in order}:
+        raise JournalError(f"trial {trial}", "this session has none", "give another", allowed=f"1 to {len(order)}")
+    everything = contents.in_order()
+    return [line for line in everything if isinstance(line, Unreadable) or getattr(line.entry, "trial", 0) == trial]
 
 
 def _is_exposure(line: Line | Unreadable) -> bool:

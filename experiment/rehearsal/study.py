@@ -87,18 +87,8 @@ def rehearse(
             allowed="none, because nothing is played there",
         )
     rig = _simulated_rig(rig_file, protocol)
-    if rig.audio is not None and not real_time:
-        raise DatasetError(
-            rig_file,
-            "its audio device runs in real time, and simulated time is faster",
-            "add --real-time, or give a rig without [audio]",
-        )
-    if protocol.footstep is not None and rig.tracker.zeroing_mm is not None and not real_time:
-        raise DatasetError(
-            rig_file,
-            "its tracker is zeroed by a resting foot, and no foot rests in simulated time",
-            "add --real-time, or give a rig without tracker.zeroing_mm",
-        )
+    if not real_time:
+        _check_paced(rig_file, rig, protocol)
     out = (out or Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}").resolve()
     plan = Plan(
         protocol_sha256=approval.sha256(protocol),
@@ -127,6 +117,22 @@ def rehearse(
             todo.sort(key=left.__getitem__, reverse=True)
             rehearse_at_once(todo, jobs, tick, partial(build.build, out), begin)
     return out
+
+
+def _check_paced(rig_file: Path, rig: rigs.Rig, protocol: Protocol) -> None:
+    """Raise `DatasetError` for a rig that takes real time."""
+    if rig.audio is not None:
+        raise DatasetError(
+            rig_file,
+            "its audio device runs in real time, and simulated time is faster",
+            "add --real-time, or give a rig without [audio]",
+        )
+    if protocol.footstep is not None and rig.tracker.zeroing_mm is not None:
+        raise DatasetError(
+            rig_file,
+            "its tracker is zeroed by a resting foot, and no foot rests in simulated time",
+            "add --real-time, or give a rig without tracker.zeroing_mm",
+        )
 
 
 def generic(protocol: Protocol) -> str:
