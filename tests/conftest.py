@@ -5,13 +5,15 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Generator, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
 from hypothesis import settings
 from syrupy.assertion import SnapshotAssertion
+from syrupy.extensions.amber import AmberSnapshotExtension
 
-from tests.approved import Approved
+from tests.approved import Approved, E, Refuses, refusal
 
 # As in the command, and before any test imports numpy.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -56,6 +58,21 @@ def approved(snapshot: SnapshotAssertion, monkeypatch: pytest.MonkeyPatch) -> Sn
     """What was approved of the text that a test compares with it; no terminal's width ends its lines."""
     monkeypatch.setenv("COLUMNS", "2000")
     return snapshot.use_extension(Approved)
+
+
+@pytest.fixture
+def refuses(request: pytest.FixtureRequest, snapshot: SnapshotAssertion) -> Refuses:
+    """Expects an error of a class, and compares what it says with what was approved for this test."""
+    approved = snapshot.use_extension(AmberSnapshotExtension)
+    folder = request.getfixturevalue("tmp_path") if "tmp_path" in request.fixturenames else REPOSITORY
+
+    @contextmanager
+    def refused(kind: type[E]) -> Iterator[pytest.ExceptionInfo[E]]:
+        with pytest.raises(kind) as error:
+            yield error
+        assert refusal(error.value, folder) == approved
+
+    return refused
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -66,8 +66,10 @@ def check(out: Path, names: Iterable[str], command: Command) -> dict[str, list[s
     for folder in (inside, *inside.parents):
         if _holds_data(folder / DESCRIPTION) and folder / DERIVATIVES not in inside.parents:
             raise DatasetError(
-                f"--out {out} lies within the dataset {folder}; allowed there: a folder below {folder / DERIVATIVES}",
-                remedy="choose another --out",
+                f"--out {out}",
+                f"lies within the dataset {folder}",
+                "choose another --out",
+                allowed=f"a folder below {folder / DERIVATIVES}",
             )
     ours = _manifest(out, command)
     for name in {**dict.fromkeys(names), **ours}:

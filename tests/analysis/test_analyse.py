@@ -18,6 +18,7 @@ from palpate.analysis.analyse import Analysis, analyse
 from palpate.experiment.dataset.bids import LABELS
 from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
+from tests.approved import Refuses
 
 OKAMOTO = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
 
@@ -226,8 +227,9 @@ def test_without_figures_earlier_figures_go(tmp_path: Path) -> None:
 def test_results_never_stand_among_the_data(tmp_path: Path) -> None:
     root = write_dataset(tmp_path / "data", {"1": {"real": balanced(1)}, "2": {"real": balanced(2)}})
     for out in (root, root / "sub-1", root / "sourcedata", root / "derivatives"):
-        with pytest.raises(DatasetError, match="lies within the dataset"):
+        with pytest.raises(DatasetError) as error:
             analyse([root], out, figures=False)
+        assert error.value.finding.where == f"--out {out}"
     assert not (root / "derivatives").exists()
 
 
@@ -306,9 +308,9 @@ def test_a_rehearsal_is_labelled_and_compared_in_its_own_words(tmp_path: Path) -
     assert "agrees" not in shown
 
 
-def test_nothing_left_is_an_error_with_the_reason(tmp_path: Path) -> None:
+def test_nothing_left_is_an_error_with_the_reason(tmp_path: Path, refuses: Refuses) -> None:
     root = write_dataset(tmp_path, {"1": {"real": balanced(1)}}, withdrawn=["1"])
-    with pytest.raises(DatasetError, match=r"every trial is left out: withdrawn, 1 time \(withdrew\); check"):
+    with refuses(DatasetError):
         analyse([root])
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
+from tests.approved import Refuses
 
 pytestmark = pytest.mark.fsync
 
@@ -120,7 +121,9 @@ def test_a_folder_takes_its_place_whole_or_not_at_all(tmp_path: Path) -> None:
     assert (out / "a" / "file").read_bytes() == b"whole"
 
 
-def test_what_is_no_file_is_neither_waited_for_nor_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_no_file_is_neither_waited_for_nor_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuses: Refuses
+) -> None:
     """Opening a pipe waits until somebody writes, and a device has no end."""
     monkeypatch.chdir(tmp_path)
     os.mkfifo("pipe")
@@ -131,7 +134,7 @@ def test_what_is_no_file_is_neither_waited_for_nor_read(tmp_path: Path, monkeypa
             storage.read_bytes(path)
     with pytest.raises(IsADirectoryError):
         storage.read_bytes(tmp_path)
-    with pytest.raises(OSError, match="null byte in its name"):
+    with refuses(OSError):
         storage.read_bytes(tmp_path / "a\0b")
 
 

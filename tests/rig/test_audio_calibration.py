@@ -19,6 +19,7 @@ from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import AudioError, RigError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
+from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.rig import sound
 
@@ -80,15 +81,15 @@ def test_the_latency_is_rewritten_and_all_else_stays() -> None:
     assert after == before.replace("1.0", "2.667").replace("2026-01-02", "2026-11-21")
 
 
-def test_a_rig_without_a_latency_table_is_not_rewritten() -> None:
-    with pytest.raises(RigError, match="paste what was printed"):
+def test_a_rig_without_a_latency_table_is_not_rewritten(refuses: Refuses) -> None:
+    with refuses(RigError):
         calibration.rewritten("[audio.latency]\noutput_ms = 1.0\n[other]\ninput_ms = 1.0\n", {"input_ms": "2.0"})
 
 
-def test_a_cable_that_is_missing_is_said(parts: None) -> None:
+def test_a_cable_that_is_missing_is_said(parts: None, refuses: Refuses) -> None:
     with sound.sound_card() as card, sound.stream() as opened:
         card.disconnect(1)
-        with pytest.raises(AudioError, match=r"probe 1 of 3 on output 1 was not heard on input 1; lay the loopback"):
+        with refuses(AudioError):
             calibration.measure(opened, output=1, entry=1, peak=0.1, probes=3)
 
 
@@ -145,20 +146,22 @@ def test_pulseaudio_carries_a_stream_too(
     assert found.onset > 0
 
 
-def test_without_jack_a_simulated_sound_card_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_jack_a_simulated_sound_card_says_what_to_install(
+    monkeypatch: pytest.MonkeyPatch, refuses: Refuses
+) -> None:
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    with pytest.raises(AudioError, match="got no jackd; allowed: JACK 2; install the system's package jackd2"):
+    with refuses(AudioError):
         SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
 
 
 def test_a_server_that_does_not_start_is_said_with_its_own_words(
-    parts: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+    parts: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, refuses: Refuses
 ) -> None:
     refusing = tmp_path / "jackd"
     refusing.write_text("#!/bin/sh\necho 'no room for another server'\nexit 1\n", "utf-8")
     refusing.chmod(0o755)
     monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
     before = dict(os.environ)
-    with pytest.raises(AudioError, match=r"JACK did not start \(no room for another server\); check that jackd runs"):
+    with refuses(AudioError):
         SoundCard(rate_hz=48_000, block=256, inputs=1, outputs=1)
     assert dict(os.environ) == before

@@ -14,6 +14,7 @@ from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import AudioError
 from palpate.experiment.rehearsal.wires.sound_card import SoundCard
+from tests.approved import Refuses
 from tests.rig import sound
 
 pytestmark = pytest.mark.alone
@@ -97,7 +98,7 @@ def test_a_callback_that_came_too_late_makes_misses_that_are_counted(
 
 
 def test_a_server_that_stands_still_is_a_gap_and_at_length_an_error(
-    card: SoundCard, looped: AudioStream, monkeypatch: pytest.MonkeyPatch
+    card: SoundCard, looped: AudioStream, monkeypatch: pytest.MonkeyPatch, refuses: Refuses
 ) -> None:
     gaps = looped.health.gaps
     with sound.halted(card):
@@ -107,7 +108,7 @@ def test_a_server_that_stands_still_is_a_gap_and_at_length_an_error(
     monkeypatch.setattr("palpate.experiment.apparatus.audio.stream.SILENT_S", 0.3)
     with (
         sound.halted(card),
-        pytest.raises(AudioError, match=r"asked for no sample within 0\.3 s; see that"),
+        refuses(AudioError),
     ):
         looped.wait(looped.next_frame + sound.RATE_HZ)
 

@@ -17,6 +17,7 @@ from palpate.experiment.rehearsal import session, study
 from palpate.experiment.rehearsal.footstep import participant
 from palpate.experiment.rehearsal.footstep.panel import CardPanel
 from palpate.experiment.rehearsal.wires.sound_card import WiredCard
+from tests.approved import Refuses
 from tests.rig import sound
 from tests.rig.headless import answers, short, tried
 from tests.rig.laboratory import HURRIED
@@ -121,8 +122,8 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
     assert all("undelivered" in entry.reason for entry in redone)
 
 
-def test_simulated_time_is_too_fast_for_an_audio_device(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=r"its audio device runs in real time, .*; add --real-time, or give a rig"):
+def test_simulated_time_is_too_fast_for_an_audio_device(tmp_path: Path, refuses: Refuses) -> None:
+    with refuses(DatasetError):
         study.rehearse(
             protocol_file=shipped("okamoto2012.toml"),
             rig_file=shipped("rigs/headless.toml"),
@@ -143,9 +144,9 @@ def zeroed(tmp_path: Path) -> Path:
 
 
 @pytest.mark.usefixtures("hurried")
-def test_a_zeroed_tracker_is_rehearsed_in_real_time(tmp_path: Path) -> None:
+def test_a_zeroed_tracker_is_rehearsed_in_real_time(tmp_path: Path, refuses: Refuses) -> None:
     where = {"protocol_file": short(tmp_path), "rig_file": zeroed(tmp_path), "out": tmp_path / "made"}
-    with pytest.raises(DatasetError, match=r"a resting foot, and no foot rests in simulated time; add --real-time"):
+    with refuses(DatasetError):
         study.rehearse(**where, participants=1, seed=1)  # type: ignore[arg-type]
     assert not (tmp_path / "made").exists()
     root = study.rehearse(**where, participants=1, seed=1, real_time=True)  # type: ignore[arg-type]

@@ -22,6 +22,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.rehearsal.footstep import foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from tests.approved import Refuses
 
 pytestmark = pytest.mark.clocked
 
@@ -48,7 +49,7 @@ def test_it_is_short(code: str) -> None:
     assert len(code.splitlines()) < 40
 
 
-def test_it_follows_a_foot(code: str, tmp_path: Path) -> None:
+def test_it_follows_a_foot(code: str, tmp_path: Path, refuses: Refuses) -> None:
     (tmp_path / "textline.py").write_text(code, "utf-8")
     rig = rigs.load(rig_file(tmp_path, "textline:TextTracker"))
     trajectory = foot.trajectory(np.random.default_rng(1), SPEED_MM_S, hesitation="none")
@@ -78,7 +79,7 @@ def test_it_follows_a_foot(code: str, tmp_path: Path) -> None:
         assert again.device_us.tolist() == [int(samples.device_us[0]) for samples in read]
         assert tracker.counts.received == len(read)
         tracker.drain()
-        with pytest.raises(TrackerStopped, match=r": nothing came within \d+ ms; see to it, then resume"):
+        with refuses(TrackerStopped):
             tracker.read()
         tracker.close()
 
@@ -86,16 +87,14 @@ def test_it_follows_a_foot(code: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "driver", ["no_such_module:Tracker", "palpate.experiment.apparatus.ports:NoSuchTracker", "json:dumps", "io:BytesIO"]
 )
-def test_a_driver_that_there_is_not_is_refused(driver: str, tmp_path: Path) -> None:
+def test_a_driver_that_there_is_not_is_refused(driver: str, tmp_path: Path, refuses: Refuses) -> None:
     rig = rigs.load(rig_file(tmp_path, driver))
-    with pytest.raises(RigError, match=f"tracker.driver: got '{driver}' .*; allowed: palpate-frames, or a class that"):
+    with refuses(RigError):
         opening.open_tracker(rig, clock=MonotonicClock(), port="none")
 
 
-def test_a_driver_without_a_class_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        RigError, match=r"tracker.driver: got 'textline'; allowed: palpate-frames, or package.module:Cl"
-    ):
+def test_a_driver_without_a_class_is_refused(tmp_path: Path, refuses: Refuses) -> None:
+    with refuses(RigError):
         rigs.load(rig_file(tmp_path, "textline"))
 
 
@@ -145,16 +144,14 @@ def test_the_driver_beside_the_rig_file_wins_and_no_other_module_is_hidden(
     assert [named(rig) for rig in loaded] == [0, 7, 2]
 
 
-def test_the_driver_is_copied_with_its_rig_and_never_over_another(tmp_path: Path) -> None:
+def test_the_driver_is_copied_with_its_rig_and_never_over_another(tmp_path: Path, refuses: Refuses) -> None:
     (tmp_path / "lab_tracker.py").write_text(NUMBERED.replace("NUMBER", "1"))
     file = rig_file(tmp_path, "lab_tracker:Tracker")
     copy = tmp_path / "dataset" / "sourcedata" / "rig.toml"
     opening.copy_rig(file, copy)
     (tmp_path / "lab_tracker.py").write_text(NUMBERED.replace("NUMBER", "2"))
     assert (named(rigs.load(file)), named(rigs.load(copy))) == (2, 1)
-    with pytest.raises(
-        RigError, match=r"lab_tracker\.py: got another driver of this name .*; rename the new driver, in"
-    ):
+    with refuses(RigError):
         opening.copy_rig(file, copy)
     assert named(rigs.load(copy)) == 1
 

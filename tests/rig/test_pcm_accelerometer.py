@@ -17,6 +17,7 @@ from palpate.experiment.apparatus.rig import AccelerometerRig
 from palpate.experiment.clock import Clock, ManualClock
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.rehearsal.footstep.recorder import Sensor
+from tests.approved import Refuses
 
 pytestmark = pytest.mark.alone
 
@@ -165,10 +166,10 @@ def test_clipped_samples_are_counted(serve: Serve) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
-def test_samples_that_are_no_numbers_are_refused(serve: Serve, bad: float) -> None:
+def test_samples_that_are_no_numbers_are_refused(serve: Serve, bad: float, refuses: Refuses) -> None:
     spoilt = take()
     spoilt[[0, 5]] = bad
-    with pytest.raises(RecordingError, match=r"accelerometer at 127.0.0.1:\d+: sent NaN or infinite samples; see that"):
+    with refuses(RecordingError):
         heard_of(serve, spoilt, earliest=0, latest=9, length=300)
 
 
@@ -217,41 +218,41 @@ def test_what_is_held_is_bounded_and_times_stay_true(monkeypatch: pytest.MonkeyP
 
 
 @pytest.mark.parametrize("pieces", [[pcm(rest(50))], [pcm(take()[:200])], [pcm(take()[:200]) + b"\x00\x00"]])
-def test_a_stream_that_ends_too_soon_is_an_error(leave: Serve, pieces: list[bytes]) -> None:
+def test_a_stream_that_ends_too_soon_is_an_error(leave: Serve, pieces: list[bytes], refuses: Refuses) -> None:
     clock = Stopped(1000 * MS)
     device = accelerometer(leave(pieces), clock)
     device.arm(300)
-    with pytest.raises(RecordingError, match="the stream ended before the take was whole"):
+    with refuses(RecordingError):
         device.heard(earliest_ns=700 * MS, latest_ns=1010 * MS)
 
 
-def test_a_server_that_says_nothing_is_found_before_the_step(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_server_that_says_nothing_is_found_before_the_step(
+    serve: Serve, monkeypatch: pytest.MonkeyPatch, refuses: Refuses
+) -> None:
     monkeypatch.setattr(pcm_ports, "ALIVE_S", 0.05)
-    with pytest.raises(RecordingError, match=r"nothing came within 0\.05 s; see that its server runs"):
+    with refuses(RecordingError):
         accelerometer(serve([]), ManualClock(0)).arm(300)
     assert not [thread for thread in threading.enumerate() if thread.name == "accelerometer"]
 
 
-def test_a_server_that_hangs_up_is_found_before_the_step(leave: Serve) -> None:
-    with pytest.raises(RecordingError, match="the stream ended before the take was whole"):
+def test_a_server_that_hangs_up_is_found_before_the_step(leave: Serve, refuses: Refuses) -> None:
+    with refuses(RecordingError):
         accelerometer(leave([]), ManualClock(0)).arm(300)
 
 
-def test_a_stream_that_stalls_is_an_error(serve: Serve, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_stream_that_stalls_is_an_error(serve: Serve, monkeypatch: pytest.MonkeyPatch, refuses: Refuses) -> None:
     monkeypatch.setattr(pcm_ports, "LATE_S", -0.9)
     clock = Stopped(1000 * MS)
     device = accelerometer(serve([pcm(take()[:300])]), clock)
     device.arm(1001)
-    with pytest.raises(RecordingError, match=r"only 300 samples came, fewer than 1000 a second"):
+    with refuses(RecordingError):
         device.heard(earliest_ns=700 * MS, latest_ns=1000 * MS)
 
 
-def test_no_server_is_an_error() -> None:
+def test_no_server_is_an_error(refuses: Refuses) -> None:
     with socket.create_server(("127.0.0.1", 0)) as server:
         address = f"127.0.0.1:{server.getsockname()[1]}"
-    with pytest.raises(
-        RecordingError, match=r"nothing answers there .*; start its server, or correct accelerometer.addr"
-    ):
+    with refuses(RecordingError):
         accelerometer(address, ManualClock(0)).arm(10)
 
 

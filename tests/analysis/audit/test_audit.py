@@ -17,6 +17,7 @@ from palpate.analysis.audit.print_lines import print_lines
 from palpate.experiment.errors import DatasetError
 from tests.analysis import printed_study
 from tests.analysis.datasets import MATERIALS, balanced, write_dataset
+from tests.approved import Refuses
 
 
 @pytest.fixture(scope="module")
@@ -222,9 +223,9 @@ def test_a_dataset_is_held_against_any_file(tmp_path: Path) -> None:
     assert (line.verdict, line.reason) == ("differs", "")
 
 
-def test_a_dataset_without_a_paper_says_what_to_do(tmp_path: Path) -> None:
+def test_a_dataset_without_a_paper_says_what_to_do(tmp_path: Path, refuses: Refuses) -> None:
     root = write_dataset(tmp_path, {"1": {"virtual": balanced(1, 9, MATERIALS)}})
-    with pytest.raises(DatasetError, match="give the file to --against"):
+    with refuses(DatasetError):
         audit(str(root))
 
 

@@ -15,6 +15,7 @@ from palpate.analysis.identification.confusion import confusion_of
 from palpate.analysis.reading.dataset import read, read_pooled
 from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import compared, trials, write_dataset
+from tests.approved import Refuses
 
 MATERIALS = ("felt", "cork", "tin")
 SAID = [
@@ -77,9 +78,9 @@ def test_what_was_found_stands_first_and_at_the_end_of_the_terminal(analysed: An
     assert "The live task (n = 3)" in report
 
 
-def test_only_the_results_of_its_own_kind_are_there(analysed: Analysis) -> None:
+def test_only_the_results_of_its_own_kind_are_there(analysed: Analysis, refuses: Refuses) -> None:
     assert analysed.compared.materials == MATERIALS
-    with pytest.raises(TypeError, match="comparisons have other results"):
+    with refuses(TypeError):
         _ = analysed.results
 
 
@@ -112,32 +113,32 @@ def test_tables_for_other_software_say_what_the_dataset_says(tmp_path: Path) -> 
     assert described == headers
 
 
-def test_a_cell_that_no_comparison_has_is_refused_with_its_line(tmp_path: Path) -> None:
+def test_a_cell_that_no_comparison_has_is_refused_with_its_line(tmp_path: Path, refuses: Refuses) -> None:
     root = dataset(tmp_path / "study")
     table = root / "sub-1" / "beh" / "sub-1_task-live_events.tsv"
     table.write_text(table.read_text().replace("\tsecond\tn/a", "\tthird\tn/a", 1))
-    with pytest.raises(DatasetError, match=r"line \d+: answered: got 'third'; allowed: first, second, \(none\)"):
+    with refuses(DatasetError):
         read(root)
 
 
-def test_answers_that_nobody_may_give_are_refused(tmp_path: Path) -> None:
+def test_answers_that_nobody_may_give_are_refused(tmp_path: Path, refuses: Refuses) -> None:
     root = dataset(tmp_path / "study")
     sidecar = root / "sub-1" / "beh" / "sub-1_task-live_events.json"
     told = json.loads(sidecar.read_text())
     sidecar.write_text(json.dumps({**told, "Answers": ["both"]}))
-    with pytest.raises(DatasetError, match=r"Answers is .'both'.; allowed: a list of first, second, tie"):
+    with refuses(DatasetError):
         read(root)
 
 
-def test_comparisons_and_other_trials_are_not_pooled(tmp_path: Path) -> None:
+def test_comparisons_and_other_trials_are_not_pooled(tmp_path: Path, refuses: Refuses) -> None:
     pairs, named = dataset(tmp_path / "pairs"), tmp_path / "named"
     write_dataset(
         named, {"9": {"live": trials([("felt", "tin")])}}, materials=MATERIALS, tasks=("live",), origin="REHEARSAL"
     )
-    with pytest.raises(DatasetError, match="got other answers than in pairs"):
+    with refuses(DatasetError):
         read_pooled([pairs, named])
 
 
-def test_what_knows_no_comparisons_says_so(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="got comparisons of pairs; allowed: trials in which a material is named"):
+def test_what_knows_no_comparisons_says_so(tmp_path: Path, refuses: Refuses) -> None:
+    with refuses(DatasetError):
         confusion_of(read(dataset(tmp_path / "study")), "live")

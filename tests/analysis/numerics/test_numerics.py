@@ -17,6 +17,7 @@ from palpate.experiment.cli.app import app
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.synthesis import spectra
 from tests.analysis.numerics.test_numerics_measured import TINY
+from tests.approved import Refuses
 
 NAMES = {
     "synthesis.csv",
@@ -86,17 +87,17 @@ def test_the_command_says_where_its_tables_are(
 
 
 def test_a_file_in_the_way_is_found_before_anything_is_measured(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refuses: Refuses
 ) -> None:
     def measured(*_: object, **__: object) -> Numerics:
         raise AssertionError("measured")
 
     monkeypatch.setattr(numerics, "run", measured)
     (tmp_path / "noise.csv").write_text("mine")
-    with pytest.raises(DatasetError, match="holds files that are not palpate's"):
+    with refuses(DatasetError):
         CliRunner().invoke(app, ["numerics", "--out", str(tmp_path)], catch_exceptions=False)
     assert [path.name for path in tmp_path.iterdir()] == ["noise.csv"]
-    with pytest.raises(DatasetError, match="is a file; choose a folder"):
+    with refuses(DatasetError):
         CliRunner().invoke(app, ["numerics", "--out", str(tmp_path / "noise.csv")], catch_exceptions=False)
 
 
@@ -194,9 +195,9 @@ def test_files_are_whole_and_may_be_written_again(result: Numerics, tmp_path: Pa
     assert report.write(result, tmp_path) == files
 
 
-def test_a_file_of_someone_else_is_left_alone(result: Numerics, tmp_path: Path) -> None:
+def test_a_file_of_someone_else_is_left_alone(result: Numerics, tmp_path: Path, refuses: Refuses) -> None:
     (tmp_path / "noise.csv").write_text("mine", "utf-8")
-    with pytest.raises(DatasetError, match="holds files that are not palpate's"):
+    with refuses(DatasetError):
         report.write(result, tmp_path)
     assert [path.name for path in tmp_path.iterdir()] == ["noise.csv"]
 

@@ -30,6 +30,7 @@ from palpate.experiment.errors import DatasetError, PowerError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import PlannedTest, Protocol
+from tests.approved import Refuses
 
 SLUGS = ("model", "needed", "power", "control", "estimates", "undefined")
 HERE = partial(simulate.on_cores, jobs=1)
@@ -179,8 +180,8 @@ def _die(_: int) -> None:
     os._exit(1)
 
 
-def test_a_process_that_is_killed_is_an_error_in_a_line() -> None:
-    with pytest.raises(PowerError, match="--jobs 2: the operating system ended a worker process"):
+def test_a_process_that_is_killed_is_an_error_in_a_line(refuses: Refuses) -> None:
+    with refuses(PowerError):
         list(simulate.on_cores(_die, [1, 2], jobs=2))
 
 
@@ -323,14 +324,14 @@ def test_sizes_beyond_what_is_allowed_are_refused(changed: dict[str, Any], messa
         run(study, guess(study), **changed)
 
 
-def test_counts_whose_squares_are_not_exact_are_refused() -> None:
+def test_counts_whose_squares_are_not_exact_are_refused(refuses: Refuses) -> None:
     study = protocol(t_test(0.25), repetitions=1000)
     many = tuple(study.materials[0].model_copy(update={"id": f"m{i}"}) for i in range(60))
-    with pytest.raises(PowerError, match="whose squares are exact"):
+    with refuses(PowerError):
         run(study.model_copy(update={"materials": many}), guess(study), participants=(1000,))
 
 
-def test_files_say_simulated_and_may_be_written_again(tmp_path: Path) -> None:
+def test_files_say_simulated_and_may_be_written_again(tmp_path: Path, refuses: Refuses) -> None:
     study = protocol()
     result = run(study, guess(study), participants=(4, 15))
     files = report.write(result, tmp_path / "out")
@@ -346,7 +347,7 @@ def test_files_say_simulated_and_may_be_written_again(tmp_path: Path) -> None:
     assert report.write(result, tmp_path / "out") == files
     assert {path: path.read_bytes() for path in files} == before
     (tmp_path / "out" / "power.md").write_text("mine", "utf-8")
-    with pytest.raises(DatasetError, match=r"power\.md is no output of palpate"):
+    with refuses(DatasetError):
         report.write(result, tmp_path / "out")
 
 

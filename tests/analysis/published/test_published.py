@@ -11,6 +11,7 @@ from palpate.analysis.published import load, read, shipped
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.published.printed import Printed
 from palpate.experiment.errors import PublishedError
+from tests.approved import Refuses
 
 
 @pytest.fixture(scope="module")
@@ -75,9 +76,9 @@ def test_an_unpublished_study_has_no_printed_numbers(study: str) -> None:
     assert load(study) is None
 
 
-def test_a_cell_stands_once_in_its_table(tmp_path: Path) -> None:
+def test_a_cell_stands_once_in_its_table(tmp_path: Path, refuses: Refuses) -> None:
     text = shipped()["wellman1995"].read_text("utf-8")
     cell = '  { pair = ["2", "1"], correct = "43%" },\n'
     (tmp_path / "printed.toml").write_text(text.replace(cell, cell * 3, 1), "utf-8")
-    with pytest.raises(PublishedError, match=r"(?s)2 errors.*line 17: choices\[0\]\.cells\[2\].*each cell once"):
+    with refuses(PublishedError):
         read(tmp_path / "printed.toml")

@@ -16,6 +16,7 @@ from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.settings.characters import hidden
 from tests.analysis.datasets import MATERIALS, balanced, trial, trials, write_dataset
+from tests.approved import Refuses
 
 EVENTS = Path("sub-02/beh/sub-02_task-virtual_events.tsv")
 SIDECAR = EVENTS.with_suffix(".json")
@@ -42,37 +43,34 @@ def test_what_was_written_is_read(dataset: Path) -> None:
 SOME: dict[str, tuple[str, ...]] = {"virtual": ("glass", "sand")}
 
 
-def test_what_a_task_presents_is_read_and_nothing_else_may_stand_in_its_rows(tmp_path: Path) -> None:
+def test_what_a_task_presents_is_read_and_nothing_else_may_stand_in_its_rows(tmp_path: Path, refuses: Refuses) -> None:
     sessions = {"01": {"virtual": trials([("glass", "snow")]), "real": balanced(2)}}
     study = read(write_dataset(tmp_path / "some", sessions, presented=SOME))
     assert [task.presented for task in study.tasks] == [("glass", "sand"), MATERIALS]
     wrong = {"01": {"virtual": trials([("glass", "snow"), ("snow", "snow")])}}
-    with pytest.raises(DatasetError, match="line 3: presented: got 'snow'; allowed: glass, sand; mend the row"):
+    with refuses(DatasetError):
         read(write_dataset(tmp_path / "wrong", wrong, presented=SOME))
 
 
 @pytest.mark.parametrize("told", ['["snow", "sand"]', '["ice"]', "[]", '"sand"'])
-def test_a_sidecar_that_presents_what_cannot_be_is_refused(tmp_path: Path, told: str) -> None:
+def test_a_sidecar_that_presents_what_cannot_be_is_refused(tmp_path: Path, told: str, refuses: Refuses) -> None:
     root = write_dataset(tmp_path / "data", {"02": {"virtual": trials([("glass", "snow")])}}, presented=SOME)
     document = json.loads((root / SIDECAR).read_text("utf-8"))
     (root / SIDECAR).write_text(json.dumps(document | {"Presented": json.loads(told)}), "utf-8")
-    with pytest.raises(DatasetError, match="allowed: a list of some of glass, sand, snow, in this order"):
+    with refuses(DatasetError):
         read(root)
 
 
-def test_sessions_of_one_task_present_the_same(tmp_path: Path) -> None:
+def test_sessions_of_one_task_present_the_same(tmp_path: Path, refuses: Refuses) -> None:
     rows = {"virtual": trials([("glass", "snow")])}
     root = write_dataset(tmp_path / "data", {"01": rows, "02": rows}, presented=SOME)
     document = json.loads((root / SIDECAR).read_text("utf-8"))
     (root / SIDECAR).write_text(json.dumps(document | {"Presented": ["glass"]}), "utf-8")
-    with pytest.raises(DatasetError, match="Presented differs from that of other files of task virtual; mend one"):
+    with refuses(DatasetError):
         read(root)
     other = write_dataset(tmp_path / "other", {"03": {"virtual": balanced(1)}})
     write_dataset(root, {"01": rows, "02": rows}, presented=SOME)
-    with pytest.raises(
-        DatasetError,
-        match="got 'The virtual task' with glass, sand, and 'The virtual task' with glass, sand, snow; allowed: one",
-    ):
+    with refuses(DatasetError):
         read_pooled([root, other])
 
 
@@ -178,8 +176,8 @@ def test_an_onset_may_come_before_contact_and_times_may_be_zero(tmp_path: Path) 
     assert attempts[columns].iloc[0].tolist() == [-0.002, 0, 0, 0, 0]
 
 
-def test_a_folder_without_trials_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match="holds no trial; run a session first"):
+def test_a_folder_without_trials_is_refused(tmp_path: Path, refuses: Refuses) -> None:
+    with refuses(DatasetError):
         read(write_dataset(tmp_path, {"01": {}}))
 
 

@@ -19,6 +19,7 @@ from statsmodels.stats.anova import anova_lm
 
 from palpate.analysis.statistics.anova import BEFORE, TYPES, Cells, cells, crossed, one_way, two_way
 from palpate.analysis.statistics.exact import NotDefined
+from tests.approved import Refuses
 
 NIST = Path(scipy.stats.__file__).parent / "tests" / "data" / "nist_anova"
 NAMES = ["AtmWtAg", "SiRstv", "SmLs01", "SmLs02", "SmLs03", "SmLs04", "SmLs05", "SmLs06", "SmLs07", "SmLs08", "SmLs09"]
@@ -140,23 +141,23 @@ def test_one_way_is_that_of_scipy(groups: list[list[int]]) -> None:
 
 
 @pytest.mark.parametrize("groups", [[[1, 2]], [[1, 2], []], [[1], [2]]])
-def test_too_few_values_are_not_defined(groups: list[list[int]]) -> None:
-    with pytest.raises(NotDefined, match="one-way ANOVA needs two"):
+def test_too_few_values_are_not_defined(groups: list[list[int]], refuses: Refuses) -> None:
+    with refuses(NotDefined):
         one_way(groups)
 
 
-def test_an_empty_cell_is_not_defined() -> None:
-    with pytest.raises(NotDefined, match="got none for real, b"):
+def test_an_empty_cell_is_not_defined(refuses: Refuses) -> None:
+    with refuses(NotDefined):
         cells([1, 2, 3], ["virtual", "virtual", "real"], ["a", "b", "a"], names=("task", "material"))
 
 
-def test_one_task_is_not_defined() -> None:
-    with pytest.raises(NotDefined, match="two levels of task, got 1"):
+def test_one_task_is_not_defined(refuses: Refuses) -> None:
+    with refuses(NotDefined):
         cells([1, 2], ["virtual"] * 2, ["a", "b"], names=("task", "material"))
 
 
-def test_one_participant_is_not_defined() -> None:
-    with pytest.raises(NotDefined, match="nothing is left for error"):
+def test_one_participant_is_not_defined(refuses: Refuses) -> None:
+    with refuses(NotDefined):
         cells([1, 2, 3, 4], ["v", "v", "r", "r"], ["a", "b", "a", "b"], names=("task", "material"))
 
 

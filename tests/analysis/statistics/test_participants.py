@@ -24,6 +24,7 @@ from palpate.analysis.statistics.participants import (
     sign_flip_tests,
 )
 from tests.analysis.reference import printed
+from tests.approved import Refuses
 
 
 def test_sign_flips_of_darwins_maize_are_fishers() -> None:
@@ -95,12 +96,12 @@ def test_two_levels_are_a_paired_t() -> None:
     assert (line.f, line.p, line.epsilon) == pytest.approx((expected.statistic**2, expected.pvalue, 1.0))
 
 
-def test_participants_who_do_not_differ_have_no_f() -> None:
+def test_participants_who_do_not_differ_have_no_f(refuses: Refuses) -> None:
     (line,) = repeated(np.tile([0.1, 0.4, 0.7], (5, 1)), ["material"])
     assert (line.f, line.epsilon, line.p, line.p_uncorrected) == (None, None, None, None)
     with pytest.raises(NotDefined, match="two participants"):
         repeated(np.ones((1, 3)), ["material"])
-    with pytest.raises(NotDefined, match="two levels of material, got 1"):
+    with refuses(NotDefined):
         repeated(np.ones((4, 1)), ["material"])
 
 

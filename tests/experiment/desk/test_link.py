@@ -34,6 +34,7 @@ from palpate.experiment.desk.messages import (
     line,
 )
 from palpate.experiment.errors import LinkError
+from tests.approved import Refuses
 
 ME = Hello(role="console", by="test")
 
@@ -160,9 +161,9 @@ def test_each_session_has_a_place_of_its_own(tmp_path: Path, monkeypatch: pytest
 
 
 def test_one_session_listens_at_a_place_and_what_a_killed_one_left_is_replaced(
-    session: Session, listening: Link, tmp_path: Path
+    session: Session, listening: Link, tmp_path: Path, refuses: Refuses
 ) -> None:
-    with pytest.raises(LinkError, match="one session of a participant at a time"):
+    with refuses(LinkError):
         Link(tmp_path / "s", session)
     with socket.socket(socket.AF_UNIX) as killed:
         killed.bind(str(tmp_path / "left"))
@@ -276,14 +277,14 @@ def test_who_talks_nonsense_is_cut_off_and_nobody_else(
         assert any(isinstance(message, Reply) and message.taken for message in there.messages())
 
 
-def test_the_last_state_is_told_before_the_session_is_gone(session: Session, tmp_path: Path) -> None:
+def test_the_last_state_is_told_before_the_session_is_gone(session: Session, tmp_path: Path, refuses: Refuses) -> None:
     listening = Link(tmp_path / "s", session)
     with closing(Line(tmp_path / "s", ME)) as there:
         assert session.consoles.acquire(timeout=10)
         session.view = View(study="small", state="ended")
         listening.close()
         assert [view.state for view in views(there)][-1] == "ended"
-        with pytest.raises(LinkError, match="the session is gone"):
+        with refuses(LinkError):
             for _ in range(100):
                 there.send(Pause())
 

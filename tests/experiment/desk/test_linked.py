@@ -36,6 +36,7 @@ from palpate.experiment.desk.messages import (
 )
 from palpate.experiment.desk.port import Remark
 from palpate.experiment.errors import JournalError, LinkError, PauseAsked
+from tests.approved import Refuses
 from tests.experiment.desk.attended import Desk, Inline
 
 ME = Hello(role="console", by="test")
@@ -705,13 +706,13 @@ def test_a_session_goes_on_without_a_screen_that_does_not_open(
     assert armed(bench).result(10) is False
 
 
-def test_while_nobody_is_at_a_console_nothing_is_armed_and_then_the_session_pauses() -> None:
+def test_while_nobody_is_at_a_console_nothing_is_armed_and_then_the_session_pauses(refuses: Refuses) -> None:
     bench = Bench(alone_s=0.2)
     bench.linked.came(0, 0)
-    with pytest.raises(PauseAsked, match="nobody was at a console"):
+    with refuses(PauseAsked):
         bench.linked.arm(trial=1, attempt=1, trials=4)
     assert shown(bench.linked).state == "preparing"
-    with pytest.raises(PauseAsked, match="nobody was at a console"):
+    with refuses(PauseAsked):
         bench.linked.ask(trial=1, answers=ANSWERS, others=OTHERS)
     bench.linked.came(1, 0)
     assert not bench.linked.arm(trial=1, attempt=1, trials=4)

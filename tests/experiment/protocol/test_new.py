@@ -17,6 +17,7 @@ from palpate.experiment.errors import PalpateError, ProtocolError
 from palpate.experiment.protocol import approval, files, new
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import page
+from tests.approved import Refuses
 from tests.experiment.protocol.small import OKAMOTO2012, SMALL
 
 FIVE = new.materials(("felt", "cork", "kraft paper", "foil", "film"))
@@ -77,16 +78,14 @@ def tuples(value: object) -> object:
     return tuple(map(tuples, value)) if isinstance(value, list) else value
 
 
-def test_what_is_to_be_filled_in_stands_on_the_page_and_is_not_sealed(tmp_path: Path) -> None:
+def test_what_is_to_be_filled_in_stands_on_the_page_and_is_not_sealed(tmp_path: Path, refuses: Refuses) -> None:
     file, made = written(new.NewStudy(materials=FIVE[:2]), tmp_path)
     wanted = ["study.source", "ethics.board", "ethics.statement", *(f"materials[{i}].description" for i in range(2))]
     assert list(approval.unfilled(made)) == wanted
     _, left = page(made, str(file)).split("12. Left for the laboratory")
     assert [name for name in wanted if f"  - {name}\n" in left] == wanted
     days: dict[str, Any] = {"approved_on": date(2026, 1, 1), "expires_on": date(2027, 1, 1)}
-    with pytest.raises(
-        ProtocolError, match=r"5 errors\n  study.source: got 'TO BE FILLED IN'; allowed: a text of your"
-    ):
+    with refuses(ProtocolError):
         approval.write(file, made, approval_number="1", board=made.ethics.board, **days)
     assert not approval.seal_path(file).exists()
     file.write_text(file.read_text("utf-8").replace(f"{approval.UNFILLED}: ", ""), "utf-8")
@@ -102,12 +101,12 @@ def test_keys_are_letters_of_the_name_that_nothing_else_has() -> None:
     assert new.materials(["a"] * 70)[-1].key == new.NO_ANSWER
 
 
-def test_the_key_of_one_material_leaves_another_to_those_after_it() -> None:
+def test_the_key_of_one_material_leaves_another_to_those_after_it(refuses: Refuses) -> None:
     study = new.NewStudy(materials=new.materials(["cork", "copper", "felt"]))
     assert [one.key for one in study.materials] == ["c", "o", "f"]
     study = new.with_material(study, 0, "o, cork, stopper")
     assert [one.typed for one in study.materials] == ["o, cork, stopper", "c, copper", "f, felt"]
-    with pytest.raises(PalpateError, match="got 'o'; allowed: a key of its own"):
+    with refuses(PalpateError):
         new.with_material(study, 1, "o")
 
 
@@ -149,8 +148,8 @@ def test_what_would_refuse_the_file_refuses_the_answer_in_one_line(change: dict[
 
 
 @pytest.mark.parametrize("typed", ["ten", "-1", "1.5", "", "\u0663", "1" * 40, "0x10"])
-def test_what_is_no_whole_number_is_told_as_the_field_is(typed: str) -> None:
-    with pytest.raises(PalpateError, match="allowed: a whole number at least 1 and at most 10000"):
+def test_what_is_no_whole_number_is_told_as_the_field_is(typed: str, refuses: Refuses) -> None:
+    with refuses(PalpateError):
         new.whole(typed, ("study", "participants"))
 
 
@@ -188,11 +187,11 @@ def test_a_copy_has_no_approval(tmp_path: Path) -> None:
     assert made == source.model_copy(update={"ethics": ethics, "study": source.study.model_copy(update={"id": "copy"})})
 
 
-def test_a_new_file_ends_in_toml_and_stands_in_nobodys_way(tmp_path: Path) -> None:
+def test_a_new_file_ends_in_toml_and_stands_in_nobodys_way(tmp_path: Path, refuses: Refuses) -> None:
     assert new.free(tmp_path / "mystudy") == new.free(tmp_path / "mystudy.toml") == tmp_path / "mystudy.toml"
     for name in ("study.seal.toml", "study.txt"):
         with pytest.raises(PalpateError, match=r"allowed: a name that ends in \.toml, and not \.seal\.toml"):
             new.free(tmp_path / name)
     (tmp_path / "mystudy.toml").symlink_to(tmp_path / "nowhere")
-    with pytest.raises(PalpateError, match="got a file that exists; allowed: a new file; name another"):
+    with refuses(PalpateError):
         new.free(tmp_path / "mystudy")

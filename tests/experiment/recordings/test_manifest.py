@@ -14,6 +14,7 @@ from palpate.experiment.errors import RecordingError
 from palpate.experiment.protocol.models import Synthesis
 from palpate.experiment.recordings.manifest import Recordings, load, load_all
 from palpate.experiment.recordings.store import Take, write
+from tests.approved import Refuses
 
 SYNTHESIS = Synthesis(rate_hz=1000, samples=16, takes=2, speeds_mm_s=(50.0, 100.0))
 MATERIALS = ("copy paper", "polypropylene 'film'")
@@ -85,20 +86,20 @@ def test_nothing_is_overwritten(tmp_path: Path) -> None:
     assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
-def test_takes_of_unequal_length_are_not_written(tmp_path: Path) -> None:
+def test_takes_of_unequal_length_are_not_written(tmp_path: Path, refuses: Refuses) -> None:
     uneven = [Take(None, 50.0, 1, np.zeros(3)), Take(None, 50.0, 2, np.zeros(4))]
-    with pytest.raises(RecordingError, match=r"got takes of \[3, 4\] samples"):
+    with refuses(RecordingError):
         write(tmp_path / "set", takes=uneven, rate_hz=1000, simulated=True, label="")
 
 
-def test_takes_with_nan_are_not_written(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="take 1 of the panel: NaN"):
+def test_takes_with_nan_are_not_written(tmp_path: Path, refuses: Refuses) -> None:
+    with refuses(RecordingError):
         write(tmp_path, takes=[Take(None, 50.0, 1, np.array([np.nan]))], rate_hz=1000, simulated=True, label="")
 
 
-def test_nothing_is_written_where_any_take_is_refused(tmp_path: Path) -> None:
+def test_nothing_is_written_where_any_take_is_refused(tmp_path: Path, refuses: Refuses) -> None:
     good, bad = Take(None, 50.0, 1, np.zeros(2)), Take("copy paper", 50.0, 1, np.array([0.0, np.inf]))
-    with pytest.raises(RecordingError, match="take 1 of copy paper: NaN or infinite"):
+    with refuses(RecordingError):
         write(tmp_path / "set", takes=[good, bad], rate_hz=1000, simulated=True, label="")
     assert not (tmp_path / "set").exists()
 
@@ -169,9 +170,9 @@ def test_damage_is_refused_in_one_line(tmp_path: Path, damage: Callable[[Path], 
     assert "\n" not in str(caught.value)
 
 
-def test_a_material_that_was_not_recorded_is_refused(tmp_path: Path) -> None:
+def test_a_material_that_was_not_recorded_is_refused(tmp_path: Path, refuses: Refuses) -> None:
     written(tmp_path)
-    with pytest.raises(RecordingError, match="got no take 1 of cork at 50 mm/s"):
+    with refuses(RecordingError):
         loaded(tmp_path, "cork")
 
 

@@ -14,6 +14,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.readers import LARGEST, read
+from tests.approved import Refuses
 
 ON_DISK = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
 SAMPLES = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)
@@ -101,15 +102,13 @@ def test_wav_of_every_common_type(tmp_path: Path, stored: np.ndarray, expected: 
     assert (made.rate_hz, made.rate_source, made.unit) == (5000.0, "WAV header", unit)
 
 
-def test_wav_channels_by_name_and_number(tmp_path: Path) -> None:
+def test_wav_channels_by_name_and_number(tmp_path: Path, refuses: Refuses) -> None:
     path = tmp_path / "two.wav"
     wavfile.write(path, 8000, np.array([[1, 2], [3, 4]], np.float32))
     assert read(path).samples.tolist() == [1, 3]
     assert read(path, channel="channel 2").samples.tolist() == [2, 4]
     assert read(path, channel="2").channel == "channel 2"
-    with pytest.raises(
-        RecordingError, match=r"got channel '3'; allowed: channel 1, channel 2, or a number from 1 to 2"
-    ):
+    with refuses(RecordingError):
         read(path, channel="3")
 
 
@@ -230,11 +229,11 @@ def test_columns_that_are_no_recording_are_refused(tmp_path: Path, text: str, me
         read(written(tmp_path, text))
 
 
-def test_a_rate_that_drifts_is_refused(tmp_path: Path) -> None:
+def test_a_rate_that_drifts_is_refused(tmp_path: Path, refuses: Refuses) -> None:
     """Each step is near the median, but the samples wander off the grid."""
     times = np.cumsum(np.linspace(0.8, 1.2, 101))
     rows = "\n".join(f"{t:.6f} 1" for t in times)
-    with pytest.raises(RecordingError, match="steps away from an even grid"):
+    with refuses(RecordingError):
         read(written(tmp_path, rows))
 
 
@@ -350,9 +349,9 @@ def test_lvm_that_is_broken_is_refused(tmp_path: Path, old: str, new: str, messa
         read(written(tmp_path, text.replace(old, new)))
 
 
-def test_lvm_without_any_rate_is_refused(tmp_path: Path) -> None:
+def test_lvm_without_any_rate_is_refused(tmp_path: Path, refuses: Refuses) -> None:
     text = lvm(["\t1", "\t2"], delta_x="0.000000", x_columns="No")
-    with pytest.raises(RecordingError, match="got neither an X column nor a Delta_X above zero"):
+    with refuses(RecordingError):
         read(written(tmp_path, text))
 
 

@@ -15,6 +15,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.readers import Recording
 from palpate.experiment.recordings.spectrum import AmplitudeSpectrum, amplitude_spectrum, curve, of_file, plot
+from tests.approved import Refuses
 
 
 def recording(samples: np.ndarray, rate_hz: float, **more: object) -> Recording:
@@ -65,13 +66,13 @@ def test_a_constant_has_no_peak(n: int, value: float) -> None:
     assert amplitude_spectrum(recording(np.full(n, value), 1000.0)).peaks == ()
 
 
-def test_samples_whose_sum_overflows_are_refused() -> None:
-    with pytest.raises(RecordingError, match=r"got samples up to 1\.7e\+308; allowed: numbers whose sum does not"):
+def test_samples_whose_sum_overflows_are_refused(refuses: Refuses) -> None:
+    with refuses(RecordingError):
         amplitude_spectrum(recording(np.full(100, 1.7e308), 1000.0))
 
 
-def test_too_few_samples_are_refused() -> None:
-    with pytest.raises(RecordingError, match="got 7 samples; allowed: 8 or more"):
+def test_too_few_samples_are_refused(refuses: Refuses) -> None:
+    with refuses(RecordingError):
         amplitude_spectrum(recording(np.zeros(7), 1000.0))
 
 
@@ -124,6 +125,6 @@ def test_the_plot_is_written(tmp_path: Path, suffix: str, magic: bytes) -> None:
 
 
 @pytest.mark.parametrize("name", ["spectrum.bmp", "no/such/folder/spectrum.png"])
-def test_a_plot_that_cannot_be_written_is_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(RecordingError, match="name the plot otherwise"):
+def test_a_plot_that_cannot_be_written_is_refused(tmp_path: Path, name: str, refuses: Refuses) -> None:
+    with refuses(RecordingError):
         plot(ringing(), tmp_path / name)

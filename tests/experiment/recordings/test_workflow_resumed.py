@@ -16,6 +16,7 @@ from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
 from palpate.experiment.desk.terminal import TerminalTakes
 from palpate.experiment.errors import RecordingError, TrackerStopped
 from palpate.experiment.recordings import manifest, store
+from tests.approved import Refuses
 from tests.experiment.recordings.bench import PLAN, World, Worn, good, interrupted, names, record
 from tests.experiment.session.scripted import rest_samples
 
@@ -55,39 +56,33 @@ def test_a_stop_while_the_whole_is_written_leaves_every_take(tmp_path: Path, mon
     assert manifest.load_all(tmp_path / "set").panel.shape == (2, 2, 8)
 
 
-def test_another_plan_never_goes_on_with_an_interrupted_one(tmp_path: Path) -> None:
+def test_another_plan_never_goes_on_with_an_interrupted_one(tmp_path: Path, refuses: Refuses) -> None:
     interrupted(tmp_path / "set", 3)
     other = replace(PLAN, takes=3)
-    with pytest.raises(RecordingError, match=r"another plan \(takes 2 there, 3 asked for\); go on with that plan"):
+    with refuses(RecordingError):
         record(World(good()), tmp_path / "set", other)
 
 
-@pytest.mark.parametrize(
-    ("key", "message"),
-    [
-        ("protocol_sha256", r"the protocol aaaaaaaaaaaa\.\.\. there, cccccccccccc\.\.\. asked for \(SHA-256\)"),
-        ("rig_sha256", r"the rig bbbbbbbbbbbb\.\.\. there, cccccccccccc\.\.\. asked for \(SHA-256\)"),
-    ],
-)
-def test_another_protocol_or_rig_never_goes_on_with_it(tmp_path: Path, key: str, message: str) -> None:
+@pytest.mark.parametrize("key", ["protocol_sha256", "rig_sha256"])
+def test_another_protocol_or_rig_never_goes_on_with_it(tmp_path: Path, key: str, refuses: Refuses) -> None:
     interrupted(tmp_path / "set", 3)
-    with pytest.raises(RecordingError, match=f"another plan \\({message}\\); go on with that plan"):
+    with refuses(RecordingError):
         record(World(good()), tmp_path / "set", replace(PLAN, **{key: "c" * 64}))  # type: ignore[arg-type]
 
 
-def test_takes_without_their_plan_are_refused_and_left_alone(tmp_path: Path) -> None:
+def test_takes_without_their_plan_are_refused_and_left_alone(tmp_path: Path, refuses: Refuses) -> None:
     interrupted(tmp_path / "set", 3)
     (tmp_path / ".set.partial" / "plan.json").unlink()
     before = names(tmp_path / ".set.partial")
-    with pytest.raises(RecordingError, match=r"got 3 takes without their plan\.json, .*; restore it, choose another"):
+    with refuses(RecordingError):
         record(World(good()), tmp_path / "set")
     assert names(tmp_path / ".set.partial") == before
 
 
-def test_two_at_once_are_refused_and_the_first_goes_on(tmp_path: Path) -> None:
+def test_two_at_once_are_refused_and_the_first_goes_on(tmp_path: Path, refuses: Refuses) -> None:
     with (
         store.begun(PLAN, tmp_path / "set"),
-        pytest.raises(RecordingError, match=r"another palpate record is under way for .*; allowed: one; end that one"),
+        refuses(RecordingError),
     ):
         record(World(good()), tmp_path / "set")
     record(World(good()), tmp_path / "set")
@@ -133,28 +128,28 @@ def test_a_kill_after_the_recordings_took_their_place_leaves_no_take_behind(
         assert names(tmp_path) == left
 
 
-def test_takes_are_never_looked_for_behind_a_link(tmp_path: Path) -> None:
+def test_takes_are_never_looked_for_behind_a_link(tmp_path: Path, refuses: Refuses) -> None:
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "plan.json").write_text("precious")
     (tmp_path / ".set.partial").symlink_to(tmp_path / "mine")
-    with pytest.raises(RecordingError, match=r"\.set\.partial: got a link; allowed: a folder that palpate record made"):
+    with refuses(RecordingError):
         record(World(good()), tmp_path / "set")
     assert (tmp_path / "mine" / "plan.json").read_text() == "precious"
 
 
-def test_a_damaged_take_is_named_before_the_next_is_recorded(tmp_path: Path) -> None:
+def test_a_damaged_take_is_named_before_the_next_is_recorded(tmp_path: Path, refuses: Refuses) -> None:
     interrupted(tmp_path / "set", 3)
     damaged = tmp_path / ".set.partial" / "0001.npz"
     damaged.write_bytes(damaged.read_bytes()[:50])
-    with pytest.raises(RecordingError, match=r"0001.npz: got a damaged take .*; remove it, then record it again"):
+    with refuses(RecordingError):
         record(World(iter(list(good())[3:])), tmp_path / "set")
     assert not (tmp_path / "set").exists()
     assert names(tmp_path / ".set.partial") == ["0000.npz", "0001.npz", "0002.npz", "lock", "plan.json"]
 
 
-def test_a_file_is_no_folder(tmp_path: Path) -> None:
+def test_a_file_is_no_folder(tmp_path: Path, refuses: Refuses) -> None:
     (tmp_path / "set").write_text("x")
-    with pytest.raises(RecordingError, match="set: is a file; allowed: a new or empty folder; choose another with"):
+    with refuses(RecordingError):
         record(World(good()), tmp_path / "set")
 
 
@@ -185,11 +180,11 @@ def test_each_take_says_from_where_its_heights_count_also_those_from_before_an_i
     assert manifest.load_all(tmp_path / "set").panel.shape == (2, 2, 8)
 
 
-@pytest.mark.parametrize(("text", "message"), [("{", "got no JSON"), ("[]", "got no plan")])
-def test_a_damaged_plan_is_named(tmp_path: Path, text: str, message: str) -> None:
+@pytest.mark.parametrize("text", ["{", "[]"])
+def test_a_damaged_plan_is_named(tmp_path: Path, text: str, refuses: Refuses) -> None:
     interrupted(tmp_path / "set", 3)
     (tmp_path / ".set.partial" / "plan.json").write_text(text)
-    with pytest.raises(RecordingError, match=f"plan.json: {message}.*remove .* to start clean"):
+    with refuses(RecordingError):
         record(World(good()), tmp_path / "set")
 
 

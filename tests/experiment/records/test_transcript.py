@@ -11,6 +11,7 @@ from palpate.experiment.records import chain, journal, transcript
 from palpate.experiment.records.entries import Entry, Footer, MaskerSet, Phase, Shown, Withdrawal
 from palpate.experiment.records.footstep import FootStep, TrackerClock, Zeroed
 from palpate.experiment.records.stimulus import Computed, Onset, Shaping, Stimulus
+from tests.approved import Refuses
 from tests.experiment.records.test_resume import broken_off, step
 from tests.experiment.session.bench import COMPUTED, DELIVERED, HEADER
 
@@ -51,14 +52,14 @@ def told(folder: Path, *entries: Entry) -> str:
     return transcript.text(journal.read(path))
 
 
-def test_one_trial_can_be_told_alone(tmp_path: Path) -> None:
+def test_one_trial_can_be_told_alone(tmp_path: Path, refuses: Refuses) -> None:
     told(tmp_path, step(1, 1), Phase(state="paused"), step(2, 1))
     contents = journal.read(tmp_path / "sub-01_task-virtual_journal.jsonl")
     alone = transcript.text(contents, 2)
     assert "trial 2.1: foil" in alone
     assert "trial 1.1" not in alone
     assert "paused" not in alone
-    with pytest.raises(JournalError, match="trial 3: this session has none; allowed: 1 to 2"):
+    with refuses(JournalError):
         transcript.text(contents, 3)
     assert "Trial 2 was not begun yet." in told_alone(tmp_path / "first", 2)
 
@@ -166,9 +167,9 @@ def test_a_session_without_a_footer_can_be_resumed_unless_the_participant_withdr
     ],
 )
 def test_a_value_that_nothing_can_have_is_no_entry_however_it_was_chained(
-    tmp_path: Path, entry: Entry, field: str, wrong: object
+    tmp_path: Path, entry: Entry, field: str, wrong: object, refuses: Refuses
 ) -> None:
-    with pytest.raises(JournalError, match="line 2 is no journal entry"):
+    with refuses(JournalError):
         told(tmp_path, entry.model_copy(update={field: wrong}))
 
 

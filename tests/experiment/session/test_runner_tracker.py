@@ -24,13 +24,16 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Armed, Footer, Phase, TrackerOpened
 from palpate.experiment.records.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.session.runner import SLICE_S
+from tests.approved import Refuses
 from tests.experiment.session.bench import ORDER, Bench, bench, entries, header, in_pieces
 from tests.experiment.session.scripted import ScriptedConsole, ScriptedTracker, rest_samples, step_samples
 
 
-def test_a_device_that_restarted_between_two_steps_is_noticed(protocol: Protocol, tmp_path: Path) -> None:
+def test_a_device_that_restarted_between_two_steps_is_noticed(
+    protocol: Protocol, tmp_path: Path, refuses: Refuses
+) -> None:
     one = bench("cp", [step_samples(2_000_000, 150.0), step_samples(40_000_000, 150.0)])
-    with pytest.raises(TrackerError, match=r"part by 3[67].* s; the device restarted"):
+    with refuses(TrackerError):
         one.run(protocol, header("real"), tmp_path)
     assert one.console.confirmations == [(1, "copy paper")]
     # The step is on file all the same, at the session time it was at.
@@ -110,13 +113,15 @@ class Drifting(ScriptedTracker):
 
 
 @pytest.mark.parametrize("drift_ppm", [5000.0, -5000.0, 30_000.0, -30_000.0])
-def test_a_resonators_drift_over_a_session_is_no_restart(protocol: Protocol, tmp_path: Path, drift_ppm: float) -> None:
+def test_a_resonators_drift_over_a_session_is_no_restart(
+    protocol: Protocol, tmp_path: Path, drift_ppm: float, refuses: Refuses
+) -> None:
     one = bench("cpt")
     one.tracker = Drifting(drift_ppm, clock=one.clock)
     if abs(drift_ppm) < 10_000:
         assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     else:
-        with pytest.raises(TrackerError, match=r"part by -?4[3-6]\..* s; the device restarted"):
+        with refuses(TrackerError):
             one.run(protocol, header("real"), tmp_path)
 
 
@@ -260,14 +265,14 @@ class Foreign(ScriptedTracker):
 
 @pytest.mark.parametrize("failing", [(), ("counts",), ("clock_map",), ("counts", "clock_map")])
 def test_a_step_that_was_felt_is_on_file_when_a_foreign_tracker_fails_in_every_part(
-    protocol: Protocol, tmp_path: Path, failing: tuple[str, ...]
+    protocol: Protocol, tmp_path: Path, failing: tuple[str, ...], refuses: Refuses
 ) -> None:
     landed, _ = step_samples(2_000_000, 100.0).cut(310)
     one = bench("c")
     driver = Foreign([landed], clock=one.clock)
     driver.failing = frozenset(failing)
     one.foreign = GuardedTracker(driver, "lab.tracker:Tracker")
-    with pytest.raises(TrackerError, match=r"its driver 'lab.tracker:Tracker' failed at `read`"):
+    with refuses(TrackerError):
         one.run(protocol, header("virtual"), tmp_path)
     broken, _ = (e for e in entries(tmp_path, "virtual") if isinstance(e, BrokenOff | Footer))
     assert isinstance(broken, BrokenOff)

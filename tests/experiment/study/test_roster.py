@@ -15,6 +15,7 @@ from palpate.experiment.errors import RosterError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain
 from palpate.experiment.study.roster import Roster
+from tests.approved import Refuses
 from tests.experiment.protocol.small import changed, document, protocol
 
 TODAY = date(2020, 6, 1)
@@ -80,38 +81,40 @@ def test_each_line_has_its_number_and_time_and_the_hash_of_the_one_before(roster
     assert roster.path.with_suffix(".head").read_text() == f"000000000002 {hashes[1]}\n"
 
 
-def test_a_roster_is_known_as_it_was_under_each_of_its_lines(roster: Roster) -> None:
+def test_a_roster_is_known_as_it_was_under_each_of_its_lines(roster: Roster, refuses: Refuses) -> None:
     roster.enrol("01", None)
     before = roster.lines.end.last
     roster.consent("01", TODAY)
     roster.withdraw("01", "asked to stop")
     then = Roster.load(roster.path).as_of(before)
     assert (then.consent_on, then.withdrawn) == ({"01": None}, {})
-    with pytest.raises(RosterError, match="lacks a line that a session began under: it was cut or changed; restore"):
+    with refuses(RosterError):
         roster.as_of(chain.GENESIS)
 
 
 @pytest.mark.parametrize("days", [1, -10])
-def test_nobody_runs_whose_consent_is_of_the_future_or_before_the_approval(roster: Roster, days: int) -> None:
+def test_nobody_runs_whose_consent_is_of_the_future_or_before_the_approval(
+    roster: Roster, days: int, refuses: Refuses
+) -> None:
     roster.enrol("01", TODAY + timedelta(days))
-    with pytest.raises(RosterError, match=r"got consent on 2020-.*; .* corrected with palpate consent --correct"):
+    with refuses(RosterError):
         may_run(roster, "01", protocol())
     roster.correct("01", TODAY, "the letter says so")
     may_run(roster, "01", protocol())
 
 
-def test_only_a_consent_on_record_is_corrected(roster: Roster) -> None:
+def test_only_a_consent_on_record_is_corrected(roster: Roster, refuses: Refuses) -> None:
     roster.enrol("01", None)
-    with pytest.raises(RosterError, match="participant 01 has no consent to correct; record it without --correct"):
+    with refuses(RosterError):
         roster.correct("01", TODAY, "the letter says so")
     roster.consent("01", TODAY)
-    with pytest.raises(RosterError, match="allowed: one line of 1 to 200 characters"):
+    with refuses(RosterError):
         roster.correct("01", TODAY, "two\nlines")
 
 
-def test_without_consent_nobody_runs(roster: Roster) -> None:
+def test_without_consent_nobody_runs(roster: Roster, refuses: Refuses) -> None:
     roster.enrol("01", None)
-    with pytest.raises(RosterError, match="participant 01 has not consented; record their consent before the session"):
+    with refuses(RosterError):
         may_run(roster, "01", protocol())
     roster.consent("01", TODAY)
     may_run(roster, "01", protocol())
@@ -122,53 +125,53 @@ def test_where_consent_is_not_required_none_is_asked_for(roster: Roster) -> None
     may_run(roster, "01", Protocol.model_validate(changed(document(), ("consent", "required"), False)))
 
 
-def test_who_withdrew_does_not_run(roster: Roster) -> None:
+def test_who_withdrew_does_not_run(roster: Roster, refuses: Refuses) -> None:
     roster.enrol("01", TODAY)
     roster.withdraw("01", "asked to stop")
-    with pytest.raises(RosterError, match=r"participant 01 withdrew \(asked to stop\) and is not run again"):
+    with refuses(RosterError):
         may_run(roster, "01", protocol())
 
 
-def test_who_is_not_enrolled_does_not_run(roster: Roster) -> None:
-    with pytest.raises(RosterError, match=r"participant 02 is not enrolled in .*; enrol them first"):
+def test_who_is_not_enrolled_does_not_run(roster: Roster, refuses: Refuses) -> None:
+    with refuses(RosterError):
         may_run(roster, "02", protocol())
-    with pytest.raises(RosterError, match="no participant '07': this study has '01' to '06'"):
+    with refuses(RosterError):
         may_run(roster, "07", protocol())
 
 
 @pytest.mark.parametrize("label", ["02", "1", "001", "first", "", "٠١"])
-def test_participants_enrol_in_the_order_of_their_labels(roster: Roster, label: str) -> None:
+def test_participants_enrol_in_the_order_of_their_labels(roster: Roster, label: str, refuses: Refuses) -> None:
     roster.enrol("01", TODAY) if label == "001" else None
-    with pytest.raises(RosterError, match=f"got the label '{label}'; allowed: 0[12], the next one in order"):
+    with refuses(RosterError):
         roster.enrol(label, TODAY)
 
 
-def test_a_place_is_given_once(roster: Roster) -> None:
+def test_a_place_is_given_once(roster: Roster, refuses: Refuses) -> None:
     roster.enrol("01", TODAY)
-    with pytest.raises(RosterError, match="participant 01 is enrolled already; the next label is 02"):
+    with refuses(RosterError):
         roster.enrol("01", TODAY)
 
 
-def test_wide_labels_stay_wide(roster: Roster) -> None:
+def test_wide_labels_stay_wide(roster: Roster, refuses: Refuses) -> None:
     roster.enrol("001", TODAY)
-    with pytest.raises(RosterError, match="got the label '02'; allowed: 002"):
+    with refuses(RosterError):
         roster.enrol("02", TODAY)
     roster.enrol("002", TODAY)
 
 
-def test_what_has_happened_does_not_happen_again(roster: Roster) -> None:
+def test_what_has_happened_does_not_happen_again(roster: Roster, refuses: Refuses) -> None:
     roster.enrol("01", TODAY)
-    with pytest.raises(RosterError, match="participant 01 consented on 2020-06-01 already"):
+    with refuses(RosterError):
         roster.consent("01", TODAY)
-    with pytest.raises(RosterError, match="participant 01 has not withdrawn; withdraw them first"):
+    with refuses(RosterError):
         roster.erase("01")
     roster.withdraw("01", "asked to stop")
-    with pytest.raises(RosterError, match="has withdrawn already; the reason on record is 'asked to stop'; give that"):
+    with refuses(RosterError):
         roster.withdraw("01", "moved away")
-    with pytest.raises(RosterError, match="participant 01 has withdrawn already; enrol another participant"):
+    with refuses(RosterError):
         roster.correct("01", TODAY, "the letter says so")
     roster.erase("01")
-    with pytest.raises(RosterError, match="the data of participant 01 are erased already; nothing is left to do"):
+    with refuses(RosterError):
         roster.erase("01")
     for known in ("01; 02", "01 to 02; 03"):
         said = f"participant '99' is not enrolled; allowed: {known} is the next to be enrolled"
@@ -178,17 +181,17 @@ def test_what_has_happened_does_not_happen_again(roster: Roster) -> None:
 
 
 @pytest.mark.parametrize("reason", ["", " ", "two\nlines", "x" * 201, "a\x1b[2J", "a\u202eb", "a\u200bb"])
-def test_a_reason_is_one_line(roster: Roster, reason: str) -> None:
+def test_a_reason_is_one_line(roster: Roster, reason: str, refuses: Refuses) -> None:
     roster.enrol("01", TODAY)
-    with pytest.raises(RosterError, match="allowed: one line of 1 to 200 characters"):
+    with refuses(RosterError):
         roster.withdraw("01", reason)
     assert not roster.withdrawn
 
 
-def test_two_consoles_never_give_one_place_twice(roster: Roster) -> None:
+def test_two_consoles_never_give_one_place_twice(roster: Roster, refuses: Refuses) -> None:
     other = Roster.load(roster.path)
     roster.enrol("01", TODAY)
-    with pytest.raises(RosterError, match="participant 01 is enrolled already"):
+    with refuses(RosterError):
         other.enrol("01", TODAY)
     other.enrol("02", TODAY)
     assert list(Roster.load(roster.path).consent_on) == ["01", "02"]

@@ -13,6 +13,7 @@ from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
 from palpate.experiment.study import enrolment, roster
+from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 
@@ -26,8 +27,10 @@ def protocol_file(tmp_path: Path) -> Path:
     return path
 
 
-def test_consent_before_enrolment_is_refused_and_locks_nobody_out(tmp_path: Path, protocol_file: Path) -> None:
-    with pytest.raises(RosterError, match=r"no dataset of this study stands at .*study; give --dataset"):
+def test_consent_before_enrolment_is_refused_and_locks_nobody_out(
+    tmp_path: Path, protocol_file: Path, refuses: Refuses
+) -> None:
+    with refuses(RosterError):
         enrolment.consent(protocol_file, "01", DAY, root=tmp_path / "study")
     assert not (tmp_path / "study").exists()
     path = enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
@@ -86,12 +89,12 @@ def test_what_a_kill_left_on_its_way_locks_nobody_out(tmp_path: Path, protocol_f
 
 @pytest.mark.parametrize("there", ["notes.txt", "sourcedata/notes.txt", ".hidden", "deep/.palpate-0123456789abcdef"])
 def test_a_folder_of_something_else_is_refused_and_stays_as_it_is(
-    tmp_path: Path, protocol_file: Path, there: str
+    tmp_path: Path, protocol_file: Path, there: str, refuses: Refuses
 ) -> None:
     path = tmp_path / "study" / there
     path.parent.mkdir(parents=True)
     path.write_bytes(b"mine")
-    with pytest.raises(DatasetError, match="this folder holds something else; choose another folder with --dataset"):
+    with refuses(DatasetError):
         enrolment.enrol(protocol_file, "01", DAY, root=tmp_path / "study", seed=1)
     assert path.read_bytes() == b"mine"
     assert not storage.roster_path(tmp_path / "study").exists()

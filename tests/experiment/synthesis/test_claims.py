@@ -12,6 +12,7 @@ from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 from palpate.experiment.synthesis.spectra import grid, rms
 from palpate.experiment.synthesis.waveforms import prepare, relative_error
+from tests.approved import Refuses
 from tests.experiment.synthesis.oracle import exact, random_spectra, spectrum_at, worst_excess
 from tests.experiment.synthesis.resampled import resampled
 
@@ -132,8 +133,8 @@ def test_an_impossible_speed_is_refused_before_anything_is_summed(v: float) -> N
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
-def test_a_rate_without_a_sample_is_refused(way: Way) -> None:
-    with pytest.raises(SynthesisError, match="output_rate_hz: got 1"):
+def test_a_rate_without_a_sample_is_refused(way: Way, refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         way.prepare(of(extreme()["N = 2"]), 1)
 
 
@@ -158,21 +159,21 @@ def test_spectra_that_no_equation_accepts_are_refused(
         CrinkleSpectra(np.array(speeds), 50, np.array(amplitudes), np.array(signs))
 
 
-def test_fewer_samples_than_bins_are_refused() -> None:
-    with pytest.raises(SynthesisError, match="recorded: got 3 samples for 13 bins"):
+def test_fewer_samples_than_bins_are_refused(refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         CrinkleSpectra(SPEEDS, 50, np.ones((4, 13)), np.ones((4, 13)), recorded=3)
 
 
-def test_recordings_that_would_overflow_are_refused() -> None:
-    with pytest.raises(SynthesisError, match=r"amplitudes: got a sum of 130000 times 1e\+304"):
+def test_recordings_that_would_overflow_are_refused(refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         of(np.full((4, 13), 1e308))
 
 
 @pytest.mark.parametrize("way", WAYS, ids=lambda way: way.name)
-def test_a_speed_at_which_the_sum_overflows_is_refused(way: Way) -> None:
+def test_a_speed_at_which_the_sum_overflows_is_refused(way: Way, refuses: Refuses) -> None:
     render, _ = way.prepare(of(np.outer([1e302, 2e302, 3e302, 4e302], np.ones(13))), 480)
     assert np.isfinite(render(1e4)).all()
-    with pytest.raises(SynthesisError, match=r"speed_mm_s: got 10000000.0; allowed: speeds at which"):
+    with refuses(SynthesisError):
         render(1e7)
 
 

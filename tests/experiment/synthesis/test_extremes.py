@@ -22,6 +22,7 @@ from palpate.analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
 from palpate.experiment import synthesis
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis import budget, crinkle, noise, shaping, spectra, voltages, waveforms
+from tests.approved import Refuses
 from tests.experiment.synthesis.measured import accelerations
 
 Call = Callable[[float], object]
@@ -285,15 +286,15 @@ def test_at_a_null_no_bin_takes_more_volts_than_the_limit_of_the_gain() -> None:
 
 
 @pytest.mark.parametrize("step", [0.0, -0.1], ids=["a plateau", "a reversal"])
-def test_a_response_without_an_inverse_is_refused(step: float) -> None:
+def test_a_response_without_an_inverse_is_refused(step: float, refuses: Refuses) -> None:
     answered = ANSWERS.copy()
     answered[20, 2] = answered[20, 1] + step
-    with pytest.raises(SynthesisError, match="strictly rising with the level, for only then is there an inverse"):
+    with refuses(SynthesisError):
         shaping.Response(FREQUENCIES_HZ, LEVELS_V, answered)
 
 
-def test_an_empty_table_is_refused() -> None:
-    with pytest.raises(SynthesisError, match="at least one sample"):
+def test_an_empty_table_is_refused(refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         shaping.Response(np.zeros(0), LEVELS_V, np.zeros((0, LEVELS_V.size)))
 
 

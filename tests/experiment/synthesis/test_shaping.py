@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.shaping import Loss, Response, shape
 from palpate.experiment.synthesis.spectra import inverse
+from tests.approved import Refuses
 from tests.experiment.synthesis.measured import (
     F_HZ,
     LEVELS_V,
@@ -236,8 +237,8 @@ def test_at_a_null_nothing_is_reached() -> None:
 
 
 @pytest.mark.parametrize("scale", [0.0, -1.0, 1.1, np.nan, np.inf])
-def test_what_is_no_scale_is_refused(scale: float) -> None:
-    with pytest.raises(SynthesisError, match=r"scale: got .*; allowed: above 0, at most 1"):
+def test_what_is_no_scale_is_refused(scale: float, refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         shape([1.0], frequencies_hz=[200.0], response=TABLE, gain_limit_v_per_m_s2=1.0, scale=scale)
 
 
@@ -250,21 +251,21 @@ def test_extreme_amplitudes_stay_finite(extreme: float) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_what_is_not_finite_is_refused(bad: float) -> None:
-    with pytest.raises(SynthesisError, match="coefficients: got 1 NaN or infinite"):
+def test_what_is_not_finite_is_refused(bad: float, refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         shape([1.0, bad], frequencies_hz=[1.0, 2.0], response=TABLE, gain_limit_v_per_m_s2=1.0)
-    with pytest.raises(SynthesisError, match="frequencies_hz: got 1 NaN or infinite"):
+    with refuses(SynthesisError):
         shape([1.0, 1.0], frequencies_hz=[1.0, bad], response=TABLE, gain_limit_v_per_m_s2=1.0)
-    with pytest.raises(SynthesisError, match="accelerations_m_s2 of the response: got 1 NaN or infinite"):
+    with refuses(SynthesisError):
         Response(F_HZ[:2], LEVELS_V[:1], np.array([[1.0], [bad]]))
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, np.nan, np.inf])
-def test_what_is_no_limit_is_refused(limit: float) -> None:
-    with pytest.raises(SynthesisError, match=r"gain_limit_v_per_m_s2: got .*; allowed: a finite number above 0"):
+def test_what_is_no_limit_is_refused(limit: float, refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         shaped_one(200.0, 1.0, limit=limit)
 
 
-def test_shapes_that_do_not_fit_are_refused() -> None:
-    with pytest.raises(SynthesisError, match=r"got shape \(2,\) for frequencies of shape \(1,\)"):
+def test_shapes_that_do_not_fit_are_refused(refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         shape([1.0, 2.0], frequencies_hz=[1.0], response=TABLE, gain_limit_v_per_m_s2=1.0)

@@ -22,6 +22,7 @@ from palpate.experiment.synthesis.spectra import (
     inverse,
     spectrum,
 )
+from tests.approved import Refuses
 from tests.experiment.synthesis.resampled import resampled
 
 LENGTHS = [1, 2, 3, 7, 16, 25]
@@ -185,8 +186,8 @@ def test_the_mean_is_not_part_of_the_highest(mean: float) -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_there_is_no_highest_of_what_is_no_number_or_overflows(bad: float) -> None:
-    with pytest.raises(SynthesisError, match="coefficients: got 1 NaN or infinite"):
+def test_there_is_no_highest_of_what_is_no_number_or_overflows(bad: float, refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         highest([0.0, 1.0, bad])
     with pytest.raises(SynthesisError, match="whose sum overflows"):
         highest([0.0, *[1.7e308] * 40])
@@ -247,6 +248,6 @@ def test_rates_in_an_absurd_ratio_are_refused_before_memory_is_taken() -> None:
         resampled(np.ones(99_991), rate_hz=99_989, output_rate_hz=191_999)
 
 
-def test_spectra_of_unequal_length_are_refused() -> None:
-    with pytest.raises(SynthesisError, match="got 3 and 4 bins for 4 frequencies"):
+def test_spectra_of_unequal_length_are_refused(refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         dissimilarity(np.ones(3), np.ones(4), frequencies_hz=np.arange(4.0))

@@ -11,6 +11,7 @@ import pytest
 
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis import tap
+from tests.approved import Refuses
 
 TABLE_1 = Path(__file__).parents[2] / "reference" / "wellman1995_table1_materials.csv"
 
@@ -57,8 +58,8 @@ def test_the_peak_is_where_the_waveform_is_largest() -> None:
     assert made.max() == pytest.approx(surface.amplitude * part, rel=1e-9)
 
 
-def test_what_a_rate_cannot_carry_is_refused() -> None:
-    with pytest.raises(SynthesisError, match="aluminum, which vibrates at 4000 Hz; allowed: more than twice that"):
+def test_what_a_rate_cannot_carry_is_refused(refuses: Refuses) -> None:
+    with refuses(SynthesisError):
         tap.waveform(tap.SURFACES[4], speed_m_s=0.2, rate_hz=8000.0, aluminum_m_s2=1.0)
     with pytest.raises(SynthesisError, match="speed: got nan m/s"):
         tap.amplitude(tap.SURFACES[0], speed_m_s=float("nan"))

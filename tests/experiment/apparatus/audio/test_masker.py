@@ -26,6 +26,7 @@ from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import AudioError, DoseUsedUp
 from palpate.experiment.session import scene
 from palpate.experiment.synthesis.noise import Colour
+from tests.approved import Refuses
 
 RATE_HZ = 48_000
 FULL_SCALE_DB_A = 100.0
@@ -129,12 +130,12 @@ def test_no_level_is_above_the_limit_and_the_ceiling_is_that_of_the_limit(pink: 
     assert peak <= pink.ceiling <= 1.001 * peak
 
 
-def test_headphones_that_would_clip_lower_the_limit() -> None:
+def test_headphones_that_would_clip_lower_the_limit(refuses: Refuses) -> None:
     faint = made(full_scale_db_a=80.0)
     crest_db = 20 * np.log10(np.max(np.abs(faint.samples)))
     assert faint.loudest_db_a == pytest.approx(80.0 - crest_db, abs=0.01)
     assert faint.ceiling == pytest.approx(1.0, abs=1e-5)
-    with pytest.raises(AudioError, match=r"loudest level of 2\d\.\d dB\(A\); allowed: 30 or more"):
+    with refuses(AudioError):
         made(full_scale_db_a=40.0)
 
 
@@ -171,13 +172,13 @@ def test_the_dose_is_the_sum_over_levels_and_times(stretches: list[tuple[float, 
     assert (told.level_db_a, told.left_s) == (None, None)
 
 
-def test_when_the_dose_is_used_up_it_falls_silent_and_says_so(pink: MaskerNoise) -> None:
+def test_when_the_dose_is_used_up_it_falls_silent_and_says_so(pink: MaskerNoise, refuses: Refuses) -> None:
     masker, _, clock = started(pink, dose_before=0.75)
     masker.start(80.0)
     left_s = masker.exposure().left_s
     assert left_s == pytest.approx(2 * 3600)
     clock.sleep_ns(2 * 3600 * 10**9)
-    with pytest.raises(AudioError, match=r"got a dose of 1\.00 in 24 hours; allowed: 1, which is 80 dB\(A\)"):
+    with refuses(AudioError):
         masker.set_level(70.0)
     assert masker.level_db_a is None
     assert masker.exposure().daily_level_db_a == pytest.approx(80.0, abs=1e-3)
@@ -228,13 +229,13 @@ def test_what_is_silent_with_the_whole_sound_counts_no_longer(pink: MaskerNoise)
 
 
 @pytest.mark.parametrize("level", [float("nan"), float("inf"), -float("inf")])
-def test_what_is_no_level_is_refused(pink: MaskerNoise, level: float) -> None:
+def test_what_is_no_level_is_refused(pink: MaskerNoise, level: float, refuses: Refuses) -> None:
     masker, _, _ = started(pink)
-    with pytest.raises(AudioError, match=r"got a level of .*; allowed: a number"):
+    with refuses(AudioError):
         masker.start(level)
 
 
-def test_a_silent_masker_has_no_level_to_change(pink: MaskerNoise) -> None:
+def test_a_silent_masker_has_no_level_to_change(pink: MaskerNoise, refuses: Refuses) -> None:
     masker, _, _ = started(pink)
-    with pytest.raises(AudioError, match="allowed: only while it plays; start it first"):
+    with refuses(AudioError):
         masker.set_level(60.0)

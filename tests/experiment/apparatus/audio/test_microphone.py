@@ -14,6 +14,7 @@ from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.ports import Loudness
 from palpate.experiment.errors import AudioError
 from palpate.experiment.protocol.files import shipped
+from tests.approved import Refuses
 
 AUDIO = rigs.load(shipped("rigs/headless.toml")).audio
 RATE_HZ, BLOCK = 48_000, 128
@@ -82,10 +83,10 @@ def test_what_is_too_long_ago_is_left_out_and_what_never_comes_is_an_error() -> 
         one.heard(from_ns=ZERO_NS, until_ns=ZERO_NS + 10**10)
 
 
-def test_a_stream_that_keeps_nothing_of_what_it_sends_cannot_be_asked() -> None:
+def test_a_stream_that_keeps_nothing_of_what_it_sends_cannot_be_asked(refuses: Refuses) -> None:
     mixer = Mixer(Layout(1, 1, BLOCK, 10, 1000, (1.0,)))
     mixer.fill(np.empty((BLOCK, 1), np.float32), np.zeros((BLOCK, 1), np.float32))
-    with pytest.raises(AudioError, match=r"got a request for what was sent; allowed: where"):
+    with refuses(AudioError):
         mixer.sent(0, 10)
 
 
@@ -106,8 +107,8 @@ def test_what_speaks_against_a_microphone(loud: Loudness, said: str) -> None:
     assert objection(loud).partition(":")[0] == said
 
 
-def test_a_rig_without_one_has_none() -> None:
+def test_a_rig_without_one_has_none(refuses: Refuses) -> None:
     assert AUDIO is not None
     without = AUDIO.model_copy(update={"channels": AUDIO.channels.model_copy(update={"microphone": None})})
-    with pytest.raises(AudioError, match=r"got no audio.channels.microphone"):
+    with refuses(AudioError):
         AudioMicrophone(cast("AudioStream", Ran(1)), without)

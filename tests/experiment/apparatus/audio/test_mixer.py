@@ -14,6 +14,7 @@ from hypothesis.extra import numpy as arrays
 from palpate.experiment.apparatus.audio import mixer as mixing
 from palpate.experiment.apparatus.audio.mixer import AT_ONCE, SLOTS, SOMETIME, Cue, Layout, Loop, Mixer
 from palpate.experiment.errors import AudioError
+from tests.approved import Refuses
 from tests.experiment.apparatus.audio import interleaved
 
 MODULES = (mixing,)
@@ -258,10 +259,10 @@ def test_what_was_over_while_the_device_stood_still_is_not_heard_again() -> None
     assert not run(mixed, [400]).any()
 
 
-def test_a_withdrawn_stimulus_leaves_its_place_to_another() -> None:
+def test_a_withdrawn_stimulus_leaves_its_place_to_another(refuses: Refuses) -> None:
     mixed = mixer()
     cues = [mixed.schedule(np.ones(4), channel=0, frame=1000) for _ in range(SLOTS)]
-    with pytest.raises(AudioError, match=f"one stimulus more than the {SLOTS} that may wait"):
+    with refuses(AudioError):
         mixed.schedule(np.ones(4), channel=0, frame=0)
     assert mixed.withdraw(cues[3])
     later = mixed.schedule(np.full(4, 0.5), channel=1, frame=0)
@@ -357,14 +358,14 @@ def test_input_is_kept_by_its_frame(blocks: list[int], data: st.DataObject) -> N
 
 
 @pytest.mark.parametrize("ceilings", [(1.1, 1.0), (-0.1, 1.0), (float("nan"), 1.0)])
-def test_what_is_no_ceiling_is_refused(ceilings: tuple[float, float]) -> None:
-    with pytest.raises(AudioError, match=r"got ceilings .*; allowed: from 0 to 1 for each of 2 channels"):
+def test_what_is_no_ceiling_is_refused(ceilings: tuple[float, float], refuses: Refuses) -> None:
+    with refuses(AudioError):
         mixer(ceilings=ceilings)
 
 
 @pytest.mark.parametrize("waveform", [np.ones(0), np.ones(1001), np.ones((2, 2)), np.float64(1)])
-def test_what_is_no_stimulus_is_refused(waveform: np.ndarray) -> None:
-    with pytest.raises(AudioError, match=r"got a stimulus of shape .*; allowed: one channel of 1 to 1000 samples"):
+def test_what_is_no_stimulus_is_refused(waveform: np.ndarray, refuses: Refuses) -> None:
+    with refuses(AudioError):
         mixer().schedule(waveform, channel=0, frame=0)
 
 

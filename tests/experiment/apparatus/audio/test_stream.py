@@ -19,6 +19,7 @@ from palpate.experiment.apparatus.audio.mixer import AT_ONCE
 from palpate.experiment.apparatus.audio.stream import FADE_S, SILENT_S, SWITCH_S, AudioStream, StreamSettings
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import AudioError
+from tests.approved import Refuses
 
 BLOCK = 64
 SETTINGS = StreamSettings("an API", "a card", 48_000, BLOCK, 1, (1.0,))
@@ -238,7 +239,7 @@ def test_a_device_that_stands_still_is_noticed_and_plays_nothing_afterwards_that
     stream.close()
 
 
-def test_a_stream_without_inputs_and_stimuli_plays_and_holds_nothing(library: Library) -> None:
+def test_a_stream_without_inputs_and_stimuli_plays_and_holds_nothing(library: Library, refuses: Refuses) -> None:
     tracemalloc.start()
     stream = AudioStream(replace(SETTINGS, inputs=0, stimuli=False), MonotonicClock())
     held = tracemalloc.get_traced_memory()[0]
@@ -250,7 +251,7 @@ def test_a_stream_without_inputs_and_stimuli_plays_and_holds_nothing(library: Li
     before = stream.next_frame
     stream.wait(before + BLOCK)
     assert stream.next_frame > before
-    with pytest.raises(AudioError, match="allowed: one channel of 1 to 0 samples"):
+    with refuses(AudioError):
         stream.schedule(np.ones(1), channel=0, frame=0)
     stream.close()
     assert let_go(library)

@@ -20,6 +20,7 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError, TrackerError, TrackerStopped
+from tests.approved import Refuses
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 TODAY = date(2026, 5, 4)
@@ -106,23 +107,21 @@ def test_readings_that_are_no_calibration_are_refused(levels: list[tuple[float, 
         calibration.calibrate([Level(mm, np.full(10, counts)) for mm, counts in levels], TODAY)
 
 
-def test_noise_that_hides_the_step_is_refused() -> None:
+def test_noise_that_hides_the_step_is_refused(refuses: Refuses) -> None:
     rng = np.random.default_rng(1)
-    with pytest.raises(TrackerError, match=r"with a spread of .*see that nothing moves"):
+    with refuses(TrackerError):
         calibration.calibrate([Level(h, 100 + h + rng.normal(0, 9.0, 500)) for h in (0.0, 20.0)], TODAY)
 
 
-def test_the_age_of_a_calibration_is_checked(rehearsal: Rig) -> None:
+def test_the_age_of_a_calibration_is_checked(rehearsal: Rig, refuses: Refuses) -> None:
     calibration.check_age(rehearsal, TODAY)
     for day_of in (date(2026, 4, 4), TODAY):
         calibration.check_age(real(rehearsal, calibrated_on=day_of, calibration_days=30), TODAY)
-    with pytest.raises(
-        RigError, match=r"calibrated_on: got 2026-04-03; allowed: at most 30 days before .*calibrate tr"
-    ):
+    with refuses(RigError):
         calibration.check_age(real(rehearsal, calibrated_on=date(2026, 4, 3), calibration_days=30), TODAY)
-    with pytest.raises(RigError, match=r"calibrated_on: got 2026-05-05, which lies in the future; .*the clock"):
+    with refuses(RigError):
         calibration.check_age(real(rehearsal, calibrated_on=date(2026, 5, 5), calibration_days=30), TODAY)
-    with pytest.raises(RigError, match="without calibrated_on and calibration_days"):
+    with refuses(RigError):
         calibration.check_age(real(rehearsal), TODAY)
 
 
@@ -217,8 +216,8 @@ def test_comments_of_other_tables_stay_and_the_stale_one_goes(name: str, reposit
 
 
 @pytest.mark.parametrize("text", ["", "5", "5,5", "a,b", "0,nan", "0;10"])
-def test_heights_that_are_none_are_refused(text: str) -> None:
-    with pytest.raises(RigError, match=r"--points: got .*; allowed: two or more different heights in mm"):
+def test_heights_that_are_none_are_refused(text: str, refuses: Refuses) -> None:
+    with refuses(RigError):
         calibration.heights_asked(text)
 
 

@@ -18,6 +18,7 @@ from palpate.experiment.apparatus.tracker import guarded
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError, TrackerError
 from palpate.experiment.protocol.files import shipped
+from tests.approved import Refuses
 
 DRIVER = """
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
@@ -64,18 +65,18 @@ def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixt
     return open_it
 
 
-def test_a_driver_that_exits_ends_nothing(opened: Opens) -> None:
-    with pytest.raises(TrackerError, match=r"failed at `open` \(SystemExit: 7\); see to the device"):
+def test_a_driver_that_exits_ends_nothing(opened: Opens, refuses: Refuses) -> None:
+    with refuses(TrackerError):
         opened(opens="raise SystemExit(7)")
 
 
-def test_a_driver_that_exits_while_it_is_read_ends_nothing(opened: Opens) -> None:
-    with pytest.raises(TrackerError, match=r"failed at `read` \(SystemExit: no more\)"):
+def test_a_driver_that_exits_while_it_is_read_ends_nothing(opened: Opens, refuses: Refuses) -> None:
+    with refuses(TrackerError):
         opened(reads="raise SystemExit('no more')").read()
 
 
-def test_a_module_that_exits_while_it_is_imported_is_refused(opened: Opens) -> None:
-    with pytest.raises(RigError, match=r"tracker.driver: got 'driver_.*' \(SystemExit: 7\); allowed"):
+def test_a_module_that_exits_while_it_is_imported_is_refused(opened: Opens, refuses: Refuses) -> None:
+    with refuses(RigError):
         opened(more="raise SystemExit(7)\n")
 
 
@@ -98,14 +99,14 @@ def test_a_clock_map_that_is_none_is_the_drivers_fault(opened: Opens, given: str
         _ = tracker.clock_map
 
 
-def test_a_driver_without_counts_is_at_fault(opened: Opens) -> None:
+def test_a_driver_without_counts_is_at_fault(opened: Opens, refuses: Refuses) -> None:
     tracker = opened(more="del Tracker.counts\n")
-    with pytest.raises(TrackerError, match=r"failed at `counts` \(AttributeError: "):
+    with refuses(TrackerError):
         _ = tracker.counts
 
 
-def test_what_is_no_samples_is_the_drivers_fault(opened: Opens) -> None:
-    with pytest.raises(TrackerError, match=r"failed at `read` \(TypeError: got \[1, 2\], not Samples\)"):
+def test_what_is_no_samples_is_the_drivers_fault(opened: Opens, refuses: Refuses) -> None:
+    with refuses(TrackerError):
         opened(reads="return [1, 2]").read()
 
 
@@ -117,20 +118,20 @@ def test_a_driver_that_fails_to_close_too_hides_nothing(opened: Opens) -> None:
         tracker.read()
 
 
-def test_a_driver_that_only_fails_to_close_is_told_so(opened: Opens) -> None:
+def test_a_driver_that_only_fails_to_close_is_told_so(opened: Opens, refuses: Refuses) -> None:
     tracker = opened(closes="raise RuntimeError('stuck')")
-    with pytest.raises(TrackerError, match=r"^tracker: its driver '.*' failed at `close` \(RuntimeError: stuck\)"):
+    with refuses(TrackerError):
         tracker.close()
 
 
 @pytest.mark.parametrize("error", ["ValueError", "TypeError", "AttributeError"])
-def test_a_driver_whose_own_opening_fails_is_still_a_driver(opened: Opens, error: str) -> None:
-    with pytest.raises(TrackerError, match=rf"failed at `open` \({error}: no device\); see to the device"):
+def test_a_driver_whose_own_opening_fails_is_still_a_driver(opened: Opens, error: str, refuses: Refuses) -> None:
+    with refuses(TrackerError):
         opened(opens=f"raise {error}('no device')")
 
 
-def test_a_class_that_is_called_otherwise_is_no_driver(opened: Opens) -> None:
-    with pytest.raises(RigError, match=r"\(TypeError: .*clock.*\); allowed: palpate-frames"):
+def test_a_class_that_is_called_otherwise_is_no_driver(opened: Opens, refuses: Refuses) -> None:
+    with refuses(RigError):
         opened(more="Tracker.__init__ = lambda self, port, settings: None\n")
 
 
@@ -146,29 +147,24 @@ READ = """from types import SimpleNamespace
 
 
 @pytest.mark.parametrize(
-    ("spoils", "told"),
+    "spoils",
     [
-        ("a.mm[1] = np.nan", "ValueError: got a height of nan mm"),
-        ("a.mm[0] = -np.inf", "ValueError: got a height of -inf mm"),
-        ("a.us[1] = a.us[0]", "ValueError: got a device time of 5000 us after one of 5000 us; times must rise"),
-        ("a.us[1] = 7", "ValueError: got a device time of 7 us after one of 5000 us; times must rise"),
-        ("a.us -= 1000", "ValueError: got a device time of 4000 us after one of 4000 us; times must rise"),
-        ("a.us = a.us + np.inf", "ValueError: got arrays of float64, float64 and int64, not rows of int"),
-        (
-            "a.us = a.us[:, None]; a.mm = a.mm[:, None]; a.ends = a.ends[:, None]",
-            "ValueError: got arrays of int64, float64 and int64",
-        ),
-        ("a.ends[1] = 25", "ValueError: got ends that are no places in 24 raw bytes, in order"),
-        ("a.at = 5", "ValueError: got an arrival at 5 ns; arrivals are whole and never go back"),
-        ("a.at = float('nan')", "ValueError: got an arrival at nan ns"),
+        "a.mm[1] = np.nan",
+        "a.mm[0] = -np.inf",
+        "a.us[1] = a.us[0]",
+        "a.us[1] = 7",
+        "a.us -= 1000",
+        "a.us = a.us + np.inf",
+        "a.us = a.us[:, None]; a.mm = a.mm[:, None]; a.ends = a.ends[:, None]",
+        "a.ends[1] = 25",
+        "a.at = 5",
+        "a.at = float('nan')",
     ],
 )
-def test_readings_that_cannot_be_are_the_drivers_fault(opened: Opens, spoils: str, told: str) -> None:
+def test_readings_that_cannot_be_are_the_drivers_fault(opened: Opens, spoils: str, refuses: Refuses) -> None:
     tracker = opened(reads=READ.format(spoils=spoils))
     assert tracker.read().device_us.tolist() == [3000, 4000]
-    with pytest.raises(
-        TrackerError, match=rf"^tracker: its driver '.*' failed at `read` \({re.escape(told)}"
-    ) as failed:
+    with refuses(TrackerError) as failed:
         tracker.read()
     assert "\n" not in str(failed.value)
 
@@ -193,11 +189,13 @@ def test_places_along_the_face_that_cannot_be_are_the_fault_of_a_planar_driver(
         tracker.read()
 
 
-def test_a_planar_driver_that_encodes_one_reading_is_refused_before_a_session_keeps_it(opened: Opens) -> None:
+def test_a_planar_driver_that_encodes_one_reading_is_refused_before_a_session_keeps_it(
+    opened: Opens, refuses: Refuses
+) -> None:
     reads = READ.format(spoils="pass").replace("a.ends, a.at)", "a.ends, a.at, np.zeros(2))")
     reads = reads.replace("bytes(24)", "b''.join(encode(n, 1000 * n, 7) for n in (1, 2))")
     tracker = opened(reads=reads.replace("import Samples", "import Samples, encode"), planar=True)
-    with pytest.raises(TrackerError, match="raw holds no frame of two readings, as encode makes them"):
+    with refuses(TrackerError):
         tracker.read()
 
 
@@ -250,9 +248,9 @@ def test_a_driver_that_imports_by_the_former_name_is_given_the_new_one(tmp_path:
         guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
 
 
-def test_no_name_of_palpates_own_modules_stands_in_what_is_said_of_a_driver(tmp_path: Path) -> None:
+def test_no_name_of_palpates_own_modules_stands_in_what_is_said_of_a_driver(tmp_path: Path, refuses: Refuses) -> None:
     rig = beside(tmp_path, "class Other: pass\n")
-    with pytest.raises(RigError, match=r"AttributeError: module 'our_tracker' has no attribute 'Ours'"):
+    with refuses(RigError):
         guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
 
 

@@ -20,6 +20,7 @@ from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, enc
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped
+from tests.approved import Refuses
 from tests.machine_clock import MachineClock
 
 SETTINGS = TrackerRig(
@@ -182,12 +183,10 @@ def test_a_known_clock_is_not_estimated(monkeypatch: pytest.MonkeyPatch, scripte
     tracker.close()
 
 
-def test_silence_is_an_error_with_a_remedy(scripted: Open) -> None:
+def test_silence_is_an_error_with_a_remedy(scripted: Open, refuses: Refuses) -> None:
     tracker, _ = scripted([frames(0, 1)])
     tracker.read()
-    with pytest.raises(
-        TrackerStopped, match=r"tracker at scripted: no frame for 50 ms; see that the device is powered"
-    ):
+    with refuses(TrackerStopped):
         tracker.read()
 
 
@@ -232,24 +231,18 @@ def test_a_planar_tracker_gives_places_along_the_face_too_and_keeps_its_bytes(sc
     assert tracker.read().device_us.tolist() == [9000, 10_000]
 
 
-@pytest.mark.parametrize(
-    ("settings", "data", "told"),
-    [
-        (SETTINGS, planar_frames(0, 2), "12 bytes a frame: the rig file has no tracker.along_calibration"),
-        (PLANAR, frames(0, 3), "14 bytes a frame: the rig file has a tracker.along_calibration"),
-    ],
-)
+@pytest.mark.parametrize(("settings", "data"), [(SETTINGS, planar_frames(0, 2)), (PLANAR, frames(0, 3))])
 def test_frames_of_the_other_kind_are_none_and_which_are_read_is_told(
-    scripted: Open, settings: TrackerRig, data: bytes, told: str
+    scripted: Open, settings: TrackerRig, data: bytes, refuses: Refuses
 ) -> None:
     tracker, _ = scripted([data], settings=settings)
-    with pytest.raises(TrackerStopped, match=f"bytes, but no good frame for 50 ms; .* {told}"):
+    with refuses(TrackerStopped):
         tracker.read()
 
 
-def test_bytes_that_are_no_frames_do_not_hide_silence(scripted: Open) -> None:
+def test_bytes_that_are_no_frames_do_not_hide_silence(scripted: Open, refuses: Refuses) -> None:
     tracker, _ = scripted([b"noise\0", b"more noise\0"])
-    with pytest.raises(TrackerStopped, match=r"17 bytes, but no good frame for 50 ms; .* at 1000000 baud"):
+    with refuses(TrackerStopped):
         tracker.read()
 
 
@@ -270,11 +263,11 @@ def test_a_port_that_vanishes_is_an_error_with_a_remedy(scripted: Open, error: E
     assert tracker.gone
 
 
-def test_what_came_before_the_port_vanished_is_read_first(scripted: Open) -> None:
+def test_what_came_before_the_port_vanished_is_read_first(scripted: Open, refuses: Refuses) -> None:
     tracker, port = scripted([])
     port.arrive(frames(0, 3), OSError(errno.EIO, "Input/output error"))
     assert tracker.read().device_us.size == 3
-    with pytest.raises(TrackerStopped, match="the port has gone"):
+    with refuses(TrackerStopped):
         tracker.read()
 
 
@@ -394,12 +387,12 @@ def test_reconnecting_goes_on_with_the_counts_and_begins_another_clock(scripted:
     assert (before.anchor_us, tracker.clock_map.anchor_us) == (60_004_000, 1000)
 
 
-def test_a_device_that_does_not_come_back_is_named_with_the_reason(scripted: Open) -> None:
+def test_a_device_that_does_not_come_back_is_named_with_the_reason(scripted: Open, refuses: Refuses) -> None:
     gone = [TrackerError("tracker at scripted: no such port; no serial port is connected") for _ in range(2)]
     tracker, _ = scripted([OSError(errno.EIO, "Input/output error")], *gone, [])
-    with pytest.raises(TrackerStopped, match=r"not back within 0.1 s \(.*no such port.*\); plug the device in"):
+    with refuses(TrackerStopped):
         tracker.reconnect(0.1)
-    with pytest.raises(TrackerStopped, match=r"not back within 0.05 s \(no frame since; see that"):
+    with refuses(TrackerStopped):
         tracker.reconnect(0.05)
 
 

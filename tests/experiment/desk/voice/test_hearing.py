@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from palpate.experiment.desk.voice.hearing import SILENCE, Heard, hear, listen, take
 from palpate.experiment.desk.voice.matching import Enrolment, enrolled
 from palpate.experiment.errors import VoiceError
+from tests.approved import Refuses
 
 RATE_HZ = 48_000
 ANSWERABLE_S = 2.0
@@ -151,16 +152,18 @@ def test_a_recording_that_ends_at_once_holds_nothing(enrolment: Enrolment, left_
 
 
 @pytest.mark.parametrize("answerable_s", [-1.0, 0.0, 0.49, 9.0])
-def test_a_time_outside_of_the_recording_is_refused(enrolment: Enrolment, answerable_s: float) -> None:
-    with pytest.raises(VoiceError, match=r"answerable_s: got .* in a recording of 4\.5 s; allowed: from 0\.5 s after"):
+def test_a_time_outside_of_the_recording_is_refused(
+    enrolment: Enrolment, answerable_s: float, refuses: Refuses
+) -> None:
+    with refuses(VoiceError):
         hear(*recording(), rate_hz=RATE_HZ, answerable_s=answerable_s, enrolment=enrolment)
 
 
-def test_channels_of_other_moments_are_refused(enrolment: Enrolment) -> None:
+def test_channels_of_other_moments_are_refused(enrolment: Enrolment, refuses: Refuses) -> None:
     microphone, played = recording()
-    with pytest.raises(VoiceError, match="allowed: the same moments of both channels"):
+    with refuses(VoiceError):
         heard((microphone, played[1:]), enrolment)
-    with pytest.raises(VoiceError, match="allowed: the same moments of both channels"):
+    with refuses(VoiceError):
         listen(microphone[1:], played, rate_hz=RATE_HZ)
 
 

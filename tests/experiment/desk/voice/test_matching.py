@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.desk.voice.matching import AGREES, Enrolment, distances, enrolled, match
 from palpate.experiment.errors import VoiceError
+from tests.approved import Refuses
 
 
 def paths(frames: int, others: int) -> Iterator[list[tuple[int, int]]]:
@@ -114,21 +115,19 @@ def test_extreme_utterances_agree_between_0_and_1(enrolment: Enrolment, utteranc
 
 
 @pytest.mark.parametrize("shape", [(0, 12), (5, 11), (12,)])
-def test_what_is_no_utterance_is_refused(enrolment: Enrolment, shape: tuple[int, ...]) -> None:
-    with pytest.raises(VoiceError, match="allowed: one frame or more of 12 coefficients, from one of its frames on"):
+def test_what_is_no_utterance_is_refused(enrolment: Enrolment, shape: tuple[int, ...], refuses: Refuses) -> None:
+    with refuses(VoiceError):
         match(np.zeros(shape), enrolment)
 
 
 @pytest.mark.parametrize("begins", [(-1,), (0, 5)])
-def test_beginnings_outside_are_refused(enrolment: Enrolment, begins: tuple[int, ...]) -> None:
-    with pytest.raises(VoiceError, match=r"got shape \(5, 12\), from frames"):
+def test_beginnings_outside_are_refused(enrolment: Enrolment, begins: tuple[int, ...], refuses: Refuses) -> None:
+    with refuses(VoiceError):
         match(np.zeros((5, 12)), enrolment, begins)
 
 
-def test_too_few_takes_and_too_few_answers_are_refused() -> None:
-    with pytest.raises(
-        VoiceError, match=r"got 2 answers, and too few takes of \['foil'\]; allowed: two answers or more"
-    ):
+def test_too_few_takes_and_too_few_answers_are_refused(refuses: Refuses) -> None:
+    with refuses(VoiceError):
         enrolled({"paper": [said(0, 40, 1), said(0, 50, 2)], "foil": [said(1, 40, 1)]})
     with pytest.raises(VoiceError, match=r"got 1 answers"):
         enrolled({"paper": [said(0, 40, 1), said(0, 50, 2)]})
@@ -136,9 +135,9 @@ def test_too_few_takes_and_too_few_answers_are_refused() -> None:
         enrolled({})
 
 
-def test_takes_that_were_mixed_up_are_refused() -> None:
+def test_takes_that_were_mixed_up_are_refused(refuses: Refuses) -> None:
     mixed = {"paper": [said(0, 40, 1), said(1, 50, 2)], "foil": [said(1, 40, 3), said(0, 50, 4)]}
-    with pytest.raises(VoiceError, match=r"a take of 'paper' that is nearest to one of 'foil'.*said twice again"):
+    with refuses(VoiceError):
         enrolled(mixed)
 
 

@@ -17,6 +17,7 @@ from palpate.experiment.errors import AudioError, DatasetError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Spoken
+from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
 
@@ -100,7 +101,7 @@ def study(tmp_path: Path) -> MadeStudy:
     return made
 
 
-def test_flagged_answers_and_a_share_are_listened_to(study: MadeStudy) -> None:
+def test_flagged_answers_and_a_share_are_listened_to(study: MadeStudy, refuses: Refuses) -> None:
     every = utterances(study.root, share=1.0, seed=1)
     assert len(every) == 4
     flagged = utterances(study.root, share=0.0, seed=1)
@@ -108,7 +109,7 @@ def test_flagged_answers_and_a_share_are_listened_to(study: MadeStudy) -> None:
     assert set(flagged) <= set(every)
     assert utterances(study.root, share=1.0, seed=2) != every
     every[0].file.write_bytes(b"another")
-    with pytest.raises(DatasetError, match=r"is not the sound that the journal names"):
+    with refuses(DatasetError):
         utterances(study.root, share=1.0, seed=1)
 
 
@@ -157,13 +158,13 @@ def test_paths_are_printed_where_nothing_plays(
     assert (code, out.splitlines()[0]) == (0, f"Answer 1 of 4: {one.file}")
 
 
-def test_a_named_player_plays_and_its_failure_is_told(tmp_path: Path) -> None:
+def test_a_named_player_plays_and_its_failure_is_told(tmp_path: Path, refuses: Refuses) -> None:
     file = tmp_path / "a.wav"
     file.write_bytes(b"x")
     review.play(file, "test -s")
-    with pytest.raises(AudioError, match=r"player 'false': ended with 1; name another"):
+    with refuses(AudioError):
         review.play(file, "false")
-    with pytest.raises(AudioError, match=r"player 'no-such-player'"):
+    with refuses(AudioError):
         review.play(file, "no-such-player")
 
 

@@ -19,6 +19,7 @@ from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
 from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from palpate.experiment.rehearsal.participant import Practised
+from tests.approved import Refuses
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 
 
@@ -50,7 +51,7 @@ def participant(foot: Foot) -> SimulatedParticipant:
     )
 
 
-def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing() -> None:
+def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing(refuses: Refuses) -> None:
     foot = Resting()
     one = participant(foot)
     # Twice a good zero after all but one of the tries, then none.
@@ -61,7 +62,7 @@ def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing() -> None:
     for _ in range(2):
         assert tracker.settle(one).offset_mm == 0.5
         tracker.reconnect(1.0)
-    with pytest.raises(TrackerError, match=r"zeroing: got an offset of 9\.00 mm; .* rested 5 times and cannot rest"):
+    with refuses(TrackerError):
         tracker.settle(one)
     assert foot.rests == 3 * MOST_RESTS
     assert tracker.zero is None

@@ -29,6 +29,7 @@ from palpate.experiment.rehearsal.footstep.recorded_takes import (
 )
 from palpate.experiment.rehearsal.footstep.recorder import fresh_takes
 from palpate.experiment.synthesis.spectra import dissimilarity, spectrum
+from tests.approved import Refuses
 from tests.reference.okamoto2012 import TABLE_3
 
 MATERIALS = SimulatedMaterials(rate_hz=5000, samples=2500)
@@ -116,11 +117,11 @@ def test_generic_materials_follow_from_their_ids_and_differ_and_the_papers_are_a
 
 
 def test_no_session_that_meets_the_table_is_an_error_not_a_loop(
-    tmp_path: Path, protocol: Protocol, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, protocol: Protocol, monkeypatch: pytest.MonkeyPatch, refuses: Refuses
 ) -> None:
     monkeypatch.setattr(recorded_takes, "TABLE_3_TOLERANCE", 0.0)
     monkeypatch.setattr(recorded_takes, "MOST_SESSIONS", 3)
-    with pytest.raises(RecordingError, match="none of 3 simulated sessions"):
+    with refuses(RecordingError):
         make_recordings(tmp_path, protocol=protocol, seed=0)
 
 

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from palpate.experiment.errors import AudioError
 from palpate.experiment.rehearsal.wires import neighbour
 from palpate.experiment.rehearsal.wires.listener import Kept, Tap
+from tests.approved import Refuses
 
 KEPT = 20
 
@@ -47,22 +48,22 @@ BEGINS = "echo listening; read asked; "
 
 @pytest.mark.skipif(sys.platform == "win32", reason="the listener is a shell script")
 @pytest.mark.parametrize(
-    ("does", "patience_s", "told"),
+    ("does", "patience_s"),
     [
-        ("exit 1", 30.0, ""),
-        ("echo no such port", 30.0, r" \(no such port\)"),
-        ("exec sleep 60", 0.1, r" \(timed out\)"),
-        (BEGINS + "printf '0 25\\n'; head -c 48 /dev/zero", 30.0, r" \(its answer was cut off\)"),
-        (BEGINS + "printf '0 25\\n'; head -c 50 /dev/zero", 30.0, r" \(its answer was cut off\)"),
-        (BEGINS + "exit 1", 30.0, r" \(its answer was cut off\)"),
-        (BEGINS + "exec sleep 60", 3.0, r" \(timed out\)"),
+        ("exit 1", 30.0),
+        ("echo no such port", 30.0),
+        ("exec sleep 60", 0.1),
+        (BEGINS + "printf '0 25\\n'; head -c 48 /dev/zero", 30.0),
+        (BEGINS + "printf '0 25\\n'; head -c 50 /dev/zero", 30.0),
+        (BEGINS + "exit 1", 30.0),
+        (BEGINS + "exec sleep 60", 3.0),
     ],
 )
 def test_a_listener_that_does_not_begin_or_answer_is_told_of(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str, patience_s: float, told: str
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, does: str, patience_s: float, refuses: Refuses
 ) -> None:
     monkeypatch.setattr(neighbour, "PATIENCE_S", patience_s)
-    with pytest.raises(AudioError, match=rf"its listener has ended{told}; start again"):
+    with refuses(AudioError):
         scripted(monkeypatch, tmp_path, does).since(0)
 
 

@@ -15,6 +15,7 @@ from palpate.experiment.synthesis.contact import exact
 from palpate.experiment.synthesis.contact.block import ENTERING, FREE, Block, Motion, Switch
 from palpate.experiment.synthesis.contact.exact import advance, touch
 from palpate.experiment.synthesis.contact.path import Left, Trajectory, init, step, trajectory
+from tests.approved import Refuses
 
 DT = 400e-6
 
@@ -148,10 +149,10 @@ def test_a_chain_of_bounces_in_one_step_is_that_of_many() -> None:
     assert one.deep_m == pytest.approx(many.deep_m, rel=1e-9)
 
 
-def test_endless_bounces_in_one_step_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_endless_bounces_in_one_step_are_refused(monkeypatch: pytest.MonkeyPatch, refuses: Refuses) -> None:
     monkeypatch.setattr(exact, "MOST_SWITCHES", 500)
     block = Block((1e9, 0.0), (0.0, 0.0), (1e-6, 1e-6), force_n=(1.0, 0.0))
-    with pytest.raises(SynthesisError, match="more than 500 touches and releases; allowed: fewer; take shorter"):
+    with refuses(SynthesisError):
         advance(block, Motion(FREE, 0.0, 1e-3), 1.0)
 
 
@@ -170,7 +171,7 @@ def test_samples_that_are_none_are_refused(hand: tuple[float, float], dt: float,
         step([wall()], init([wall()], hand_m=(-1.0, 0.0)), hand_m=hand, dt_s=dt)
 
 
-def test_what_is_no_block_or_path_is_refused() -> None:
+def test_what_is_no_block_or_path_is_refused(refuses: Refuses) -> None:
     with pytest.raises(SynthesisError, match="a direction of length 1"):
         wall(into=(1.0, 1.0))
     with pytest.raises(SynthesisError, match="mass: got -1 kg"):
@@ -179,5 +180,5 @@ def test_what_is_no_block_or_path_is_refused() -> None:
         wall(nominal_s=-1.0)
     with pytest.raises(SynthesisError, match="inside block 1"):
         init([wall()], hand_m=(0.1, 0.0))
-    with pytest.raises(SynthesisError, match="path: got times of shape"):
+    with refuses(SynthesisError):
         trajectory([wall()], times_s=[0.0, 1.0], hand_m=[[0.0, 0.0]])

@@ -17,6 +17,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.stepping.impact import Collision, answer, closed_form, condition, in_steps
 from palpate.experiment.synthesis.stepping.steppers import STEPPERS
+from tests.approved import Refuses
 from tests.experiment.synthesis.collisions import Exact
 from tests.experiment.synthesis.contact.test_oscillator import RATIOS
 
@@ -125,12 +126,12 @@ def test_units_change_no_digit(of: Collision, kg: int, s: int, m: int) -> None:
         assert getattr(scaled, name) == (None if was is None else was * 2.0**power), name
 
 
-def test_a_result_that_no_number_holds_is_null_and_says_why(approved: SnapshotAssertion) -> None:
+def test_a_result_that_no_number_holds_is_null_and_says_why(approved: SnapshotAssertion, refuses: Refuses) -> None:
     made = closed_form(Collision(1.0, 0.1, 1.0, 1e-170))
     assert (made.dissipated_j, made.left_in_spring_j) == (None, None)
     assert made.rebound_m_s is not None
     assert made.why == approved
-    with pytest.raises(SynthesisError, match="acts some 1e150 times as fast as another"):
+    with refuses(SynthesisError):
         Collision(1e-300, 1e100, 1e-9, 1.0)
 
 
@@ -249,11 +250,11 @@ def test_everything_that_is_wrong_is_told_at_once() -> None:
     ]
 
 
-def test_a_rate_or_method_that_is_none_is_refused() -> None:
+def test_a_rate_or_method_that_is_none_is_refused(refuses: Refuses) -> None:
     of = Collision(4500.0, 8.0, 0.1, 0.2)
     with pytest.raises(SynthesisError, match="rate: got 0 Hz"):
         answer(of, rate_hz=0.0)
-    with pytest.raises(SynthesisError, match="method: got 'rk5'; allowed: euler, semi-implicit euler, rk4"):
+    with refuses(SynthesisError):
         answer(of, method="rk5", rate_hz=2500.0)
     with pytest.raises(SynthesisError, match="choose a lower rate"):
         answer(of, method="rk4", rate_hz=1e9)
