@@ -221,7 +221,8 @@ def of_t(
     sd_in_doubt: bool = False,
 ) -> Iterator[Mistake]:
     """Yield mistakes in a one-sample t, `printed`, with effect sizes `effects`; `sd_in_doubt`: the SD may be wrong."""
-    error, population = (f", or the SD is {one}" * sd_in_doubt for one in ("the standard error", "the population SD"))
+    wrong_sds = ("the standard error", "the population SD")
+    error, population = (f", or the SD is {one}" if sd_in_doubt else "" for one in wrong_sds)
     correct = tuple(t_of(one, n) for one in effects)
     yield Mistake("its sign is lost", tuple(one.times(Fraction(-1)) for one in correct))
     alike = [one.common(printed.either) for one in effects if one.meets(printed.either)]

@@ -35,6 +35,7 @@ class Table:
 
     A terminal breaks the cells of a `matrix` before ± or a bracket, where its columns then fit beside one another.
     `standing` says beside the title how far to trust the table, such as "planned". `records` are those of its rows.
+    A table in full and its brief form have the same `key`, if any.
     """
 
     title: str
@@ -46,6 +47,7 @@ class Table:
     matrix: bool = False
     standing: str = ""
     records: tuple[Record, ...] = ()
+    key: str = ""
 
     @property
     def heading(self) -> str:
@@ -120,6 +122,7 @@ def tabulate(
     brief: bool = False,
     standing: str = "",
     marked: frozenset[tuple[int, int]] = frozenset(),
+    key: str = "",
 ) -> Table:
     """Return the table of these records, a row each, with the columns, or `brief` columns, that have values."""
     rows = tuple(records)
@@ -136,6 +139,7 @@ def tabulate(
         tuple(notes),
         standing=standing,
         records=rows,
+        key=key,
     )
 
 

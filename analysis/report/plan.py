@@ -104,15 +104,16 @@ def alpha(study: Study, test: str, *tasks: str) -> float:
 
 
 def marked(section: Section, *marks: str) -> Section:
-    """Return the section with a mark at each table that lacks one: one for each, or the same for all."""
+    """Return the section with a mark at each table that lacks one: one for each, or the same for all.
+
+    A brief table has the mark of the table with its key, or else the first.
+    """
     wanted = marks if len(marks) == len(section.tables) else marks[:1] * len(section.tables)
     found = tuple(zip(section.tables, wanted, strict=True))
     tables = tuple(replace(table, standing=table.standing or mark) for table, mark in found)
-    named = {table.title: mark for table, mark in found}
-    brief = tuple(
-        replace(table, standing=table.standing or named.get(table.title, marks[0] if marks else ""))
-        for table in section.brief
-    )
+    by_key = {table.key: mark for table, mark in found if table.key}
+    first = marks[0] if marks else ""
+    brief = tuple(replace(table, standing=table.standing or by_key.get(table.key, first)) for table in section.brief)
     return replace(section, tables=tables, brief=brief)
 
 
@@ -273,6 +274,12 @@ def done_of_comparisons(results: Compared, plan: PlannedTest) -> str:
     return "; ".join(said)
 
 
+EXCLUSIONS = (
+    Column("participant", left=True), Column("task", left=True), Column("trial"), Column("attempt"),
+    Column("rule", left=True), Column("reason", left=True),
+)  # fmt: skip
+
+
 def exclusions_section(study: Study) -> Section:
     """Return everything that was left out: by rule with counts, those of the protocol that left out nothing too."""
     records = tuple({**asdict(one), "participant": f"sub-{one.participant}"} for one in study.exclusions)
@@ -289,11 +296,9 @@ def exclusions_section(study: Study) -> Section:
         # A table without a row could not say what the dataset is.
         none = {**dict.fromkeys(field.name for field in fields(Exclusion)), "reason": "nothing was left out"}
         return Section("exclusions", "Left out", (about, *_unasked(study)), shown, further=(none,))
-    rows = tuple(tuple("-" if cell is None else str(cell) for cell in asdict(one).values()) for one in study.exclusions)
-    each = Table("", ("participant", "task", "trial", "attempt", "rule", "reason"), rows, left=frozenset({0, 1, 4, 5}))
+    each = replace(tabulate("", EXCLUSIONS, map(asdict, study.exclusions)), records=records)
     brief = replace(brief, notes=("The report and exclusions.csv list each one.",))
-    said = (about, *_unasked(study))
-    section = Section("exclusions", "Left out", said, (each,), records, (brief,), folded=True)
+    section = Section("exclusions", "Left out", (about, *_unasked(study)), (each,), brief=(brief,), folded=True)
     return marked(section, _rules_standing(study))
 
 

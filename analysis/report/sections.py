@@ -127,7 +127,8 @@ def _components_table(reliability: ComponentReliability) -> Table:
     ]
     rows = tuple((str(k), number(value), meaning) for k, meaning, value in reliability.by_k)
     title = "Two-way ANOVA, task x material: variance-component ICC of the mean of k participants"
-    return Table(title, ("k", "ICC", "k is"), rows, frozenset({2}), notes=tuple(notes), records=tuple(records))
+    left, header = frozenset({2}), ("k", "ICC", "k is")
+    return Table(title, header, rows, left, notes=tuple(notes), records=tuple(records), key="components")
 
 
 def sections(
@@ -244,9 +245,10 @@ def tests_section(results: Results) -> Section:
             if lacks_a_limit(test.d)
         ]
         title = f"{task.task.title}: correct answers against chance, {task.chance:.4g}"
-        tables.append(replace(tabulate(title, TESTS, tests, notes), records=(*tests, *absent)))
+        key = task.task.id
+        tables.append(replace(tabulate(title, TESTS, tests, notes, key=key), records=(*tests, *absent)))
         said = f"Ours: the exact test by sign flips.{bracketed([task])}"
-        brief.append(tabulate(title, TESTS, tests, (*notes, said), brief=True))
+        brief.append(tabulate(title, TESTS, tests, (*notes, said), brief=True, key=key))
     about = (
         "These are two-tailed one-sample t-tests. The effect size d is Cohen's. BF10 is the JZS Bayes factor; above 1 "
         "it favours a mean that differs from chance. The exact test by sign flips is ours: participants are its unit, "

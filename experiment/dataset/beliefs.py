@@ -376,7 +376,7 @@ def _finish(root: Path, roster: Roster, participant: str) -> str:
     command = shlex.join(["withdraw", str(storage.protocol_path(root)), "-p", participant, *given])
     return (
         f"the withdrawal of participant {participant} is finished by the same command"
-        f"{'' if erased else ', with --erase if their data are to go'}: palpate {command}{' --erase' * erased}"
+        f"{'' if erased else ', with --erase if their data are to go'}: palpate {command}{' --erase' if erased else ''}"
     )
 
 

@@ -472,7 +472,7 @@ def raw_frames(journal_file: Path, steps: Sequence[FootStep | BrokenOff]) -> lis
 
 def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:
     count = len(protocol.presented(task))
-    what, answers = f"{count} material{'s' * (count > 1)}", None
+    what, answers = "1 material" if count == 1 else f"{count} materials", None
     if (compared := protocol.comparison) is not None:
         what = f"{len(protocol.presentations(task))} pairs of {what}, compared by their {compared.quality}"
         answers = {answer: comparison.ANSWERS[answer] for answer in compared.answers.values()}

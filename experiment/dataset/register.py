@@ -214,7 +214,7 @@ def append(path: Path, kept: Kept) -> None:
             size = file.seek(0, os.SEEK_END)
             file.seek(max(size - 1, 0))
             torn = size and file.read(1) != b"\n"
-            file.write(b"\n" * bool(torn) + kept.model_dump_json().encode() + b"\n")
+            file.write((b"\n" if torn else b"") + kept.model_dump_json().encode() + b"\n")
             file.flush()
             os.fsync(file.fileno())
         if not size:

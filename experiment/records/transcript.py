@@ -183,7 +183,8 @@ def _played(stimulus: Stimulus | None, onset: Onset | None) -> str:
         said += f", taken down to {stimulus.shaping.scale:.1%} as a whole"
     if stimulus.computed.left_out is not None:
         said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
-    said += ", at a speed beyond those recorded" * stimulus.extrapolated
+    if stimulus.extrapolated:
+        said += ", at a speed beyond those recorded"
     return said if onset and onset.delivered else f"{said}; delivery was not measured"
 
 

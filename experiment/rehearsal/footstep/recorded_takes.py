@@ -340,7 +340,7 @@ def note(drawn: RecordingSession) -> str:
     """Return what a manifest says of a session: its number, and what was fitted or chosen to agree with print."""
     if not _as_published(drawn.planned):
         fitted = any(material in CRACKLES for material in drawn.planned.materials)
-        origins = ("materials fitted to Table 3 of Okamoto et al." * fitted, generic(drawn.planned.materials))
+        origins = ("materials fitted to Table 3 of Okamoto et al." if fitted else "", generic(drawn.planned.materials))
         return "; ".join(filter(None, (f"session {drawn.number}", *origins)))
     return (
         f"session {drawn.number}, the first from 0 on within {TABLE_3_TOLERANCE} of Table 3 of Okamoto et al. as "
