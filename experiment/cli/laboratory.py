@@ -554,48 +554,37 @@ def review(
             typer.echo(str(one.file))
         return
     origin = origin_of(dataset)
-    if not as_json and (label := next((text for one, text in LABELS.items() if one == origin), "")):
-        typer.echo(label)
-    keys = {material.key: material.id for material in protocol.materials}
-    others = {
-        protocol.answers.no_answer_key: "no answer",
-        next(key for key in "?!.:" if key not in keys): "cannot be understood",
-        protocol.answers.redo_key: "play it again",
-        protocol.answers.pause_key: "go on later",
-    }
-    _, unclear, again, stop = others
-    offered = "  ".join(f"[{key}] {words}" for key, words in (keys | others).items())
-    asked = [] if as_json else left
-    for number, one in enumerate(asked, start=1):
-        typed = again
-        while typed == again or typed not in keys | others:
-            if typed == again:
-                typer.echo(f"Answer {number} of {len(left)}{f': {one.file}' if paths else ''}")
-                if not paths:
-                    reviews.play(one.file, player)
-            try:
-                typed = input(f"{offered}\nKey: ").strip().lower()
-            except EOFError:
-                typer.echo()
-                typed = stop
-        if typed == stop:
-            break
-        known[one.sha256] = reviews.put_on_record(one, by=by, answered=keys.get(typed), clear=typed != unclear)
-    told = {}
-    for what, flagged in (("drawn by chance", False), ("flagged", True)):
-        both = [(one.first, known[one.sha256]) for one in found if bool(one.flagged) is flagged and one.sha256 in known]
-        told[what] = reviews.agreement([(first, second.answered) for first, second in both if second.clear], protocol)
+    if not as_json:
+        if label := next((text for one, text in LABELS.items() if one == origin), ""):
+            typer.echo(label)
+
+        def present(number: int, one: reviews.Utterance) -> None:
+            typer.echo(f"Answer {number} of {len(left)}{f': {one.file}' if paths else ''}")
+            if not paths:
+                reviews.play(one.file, player)
+
+        known |= reviews.have_rated(left, protocol, by=by, present=present, ask=_typed)
+    agreed = reviews.agreements(found, known, protocol)
     if as_json:
         options.put(
             {
                 "origin": origin,
                 "by": by,
                 "left": len(left),
-                "agreement": {what: asdict(one) for what, one in told.items()},
+                "agreement": {what: asdict(one) for what, one in agreed.items()},
             }
         )
         return
     typer.echo(f"Second rater {by}: {len(found) - sum(one.sha256 in known for one in found)} of {len(found)} are left.")
-    for what, agreed in told.items():
-        typer.echo(f"Answers {what}: {agreed.told}.")
+    for what, agreement in agreed.items():
+        typer.echo(f"Answers {what}: {agreement.summary}.")
     typer.echo("Those drawn by chance tell of the study; flagged ones are harder than most.")
+
+
+def _typed(offered: str) -> str | None:
+    """Return the key that somebody types when these are offered; None where nothing more can be typed."""
+    try:
+        return input(f"{offered}\nKey: ").strip().lower()
+    except EOFError:
+        typer.echo()
+        return None

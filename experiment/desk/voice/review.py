@@ -8,7 +8,7 @@ import hashlib
 import os
 import subprocess
 import wave
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -65,8 +65,8 @@ class Agreement:
     high: float | None
 
     @property
-    def told(self) -> str:
-        """It in words."""
+    def summary(self) -> str:
+        """The agreement in words."""
         if self.kappa is None:
             return f"{self.alike} of {self.pairs} alike; kappa is not defined for them"
         return (
@@ -148,6 +148,51 @@ def put_on_record(one: Utterance, *, by: str, answered: str | None, clear: bool)
     except OSError as error:
         raise DatasetError(log, f"cannot be written ({error.strerror})", "make room, then do it again") from error
     return second
+
+
+def have_rated(
+    utterances: Sequence[Utterance], protocol: Protocol, *, by: str, present: Callable[[int, Utterance], None],
+    ask: Callable[[str], str | None],
+) -> dict[str, Second]:  # fmt: skip
+    """Ask for each utterance, put each answer on record, and return them by the hash of the sound.
+
+    `present` plays an utterance, with its number, again on request. `ask` returns the key for what is offered; None, or
+    the key of a pause, ends it. Raises `DatasetError`, and as `present`.
+    """
+    keys = {material.key: material.id for material in protocol.materials}
+    again, stop = protocol.answers.redo_key, protocol.answers.pause_key
+    unclear = next(key for key in "?!.:" if key not in keys)
+    others = {
+        protocol.answers.no_answer_key: "no answer",
+        unclear: "cannot be understood",
+        again: "play it again",
+        stop: "go on later",
+    }
+    choices = keys | others
+    offered = "  ".join(f"[{key}] {words}" for key, words in choices.items())
+    seconds: dict[str, Second] = {}
+    for number, one in enumerate(utterances, start=1):
+        typed: str | None = again
+        while typed == again or (typed is not None and typed not in choices):
+            if typed == again:
+                present(number, one)
+            typed = ask(offered)
+        if typed is None or typed == stop:
+            break
+        seconds[one.sha256] = put_on_record(one, by=by, answered=keys.get(typed), clear=typed != unclear)
+    return seconds
+
+
+def agreements(
+    utterances: Sequence[Utterance], seconds: Mapping[str, Second], protocol: Protocol
+) -> dict[str, Agreement]:
+    """Return how far both raters agree on the answers drawn by chance, and on the flagged ones."""
+    found = {}
+    for what, flagged in (("drawn by chance", False), ("flagged", True)):
+        these = [one for one in utterances if bool(one.flagged) is flagged and one.sha256 in seconds]
+        pairs = [(one.first, second.answered) for one in these if (second := seconds[one.sha256]).clear]
+        found[what] = agreement(pairs, protocol)
+    return found
 
 
 def agreement(pairs: Sequence[tuple[str | None, str | None]], protocol: Protocol) -> Agreement:

@@ -52,7 +52,7 @@ def test_kappa_is_that_of_the_textbook(protocol: Protocol) -> None:
     assert found.kappa == pytest.approx(0.68, abs=0.005)
     assert found.low == pytest.approx(0.68 - 1.96 * 0.087, abs=0.01)
     assert found.high == pytest.approx(0.68 + 1.96 * 0.087, abs=0.01)
-    assert "kappa 0.68, 95 % from 0.5" in found.told
+    assert "kappa 0.68, 95 % from 0.5" in found.summary
 
 
 def test_kappa_is_not_defined_where_all_is_one_answer(protocol: Protocol) -> None:
