@@ -269,10 +269,12 @@ class FromPrint:
         df = len(groups) - 1, values - len(cells)
         if min(df) < 1:
             return Variances(statement="an ANOVA needs two levels, and more values than cells")
-        means = ([level(group) for group in held] for level in (margin, unweighted))
-        first, third = (f_of(between(levels), within(cells), df) for levels in means)
+        # Of equally many values each, the mean of all values is the mean of the cells' means.
+        alike = all(len({one.n for one in group}) == 1 for group in held)
+        levels, residual = (margin,) if alike else (margin, unweighted), within(cells)
+        found = [f_of(between([level(group) for group in held]), residual, df) for level in levels]
         # The cells of a task have as many values each: an effect is the same whether it enters first or last but one.
-        return Variances(by_type(first, first, third), df, values)
+        return Variances(by_type(found[0], found[0], found[-1]), df, values)
 
     def beyond(self, cell: PrintedCell) -> tuple[Moments, ...]:
         """Return what the cell can be if its printed SD is a standard error, a population SD or the variance."""
