@@ -9,12 +9,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.optimize import linprog
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.special import log_softmax
-from statsmodels.genmod.families import Binomial, links
-from statsmodels.genmod.generalized_linear_model import GLM
 
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
 
@@ -70,6 +67,10 @@ def fit(data: Comparisons, law: Law) -> Scale:
     Raises `NotDefined` where there is none: some items were never chosen over the others (Ford 1957), items and order
     explain all choices, or ties and law do not match.
     """
+    # Whoever simulates comparisons fits none by this.
+    from statsmodels.genmod.families import Binomial, links
+    from statsmodels.genmod.generalized_linear_model import GLM
+
     _check(data, law)
     design = _design(data)
     observed = np.eye(3)[data.chosen]
@@ -122,6 +123,8 @@ def _check(data: Comparisons, law: Law) -> None:
 
 def _separated(data: Comparisons, design: Floats) -> bool:
     """Return whether going on and on in some direction fits ever better (Albert and Anderson 1984)."""
+    from scipy.optimize import linprog
+
     signs: dict[int, tuple[tuple[float, float], ...]] = {FIRST: ((1.0, 0.0),), SECOND: ((-1.0, 0.0),)}
     if (data.chosen == TIE).any():
         signs = {FIRST: ((1.0, 0.0), (0.5, -1.0)), SECOND: ((-1.0, 0.0), (-0.5, -1.0)), TIE: ((-0.5, 1.0), (0.5, 1.0))}
