@@ -10,6 +10,7 @@ from typing import Self
 
 from palpate.experiment.findings import Finding as Finding
 from palpate.experiment.findings import Remedy as Remedy
+from palpate.experiment.findings import Verdict as Verdict
 from palpate.experiment.findings import counted, summary
 from palpate.experiment.findings import mismatch as mismatch
 
@@ -157,7 +158,7 @@ class OtherFormat(PalpateError):
 
 
 def other_format(
-    file: object, what: str, got: object, known: int, *, software: str = "", remedy: str = ""
+    file: Path, what: str, got: object, known: int, *, line: int | None = None, software: str = "", remedy: str = ""
 ) -> OtherFormat | None:
     """Return the error of a file of this kind (`what`) whose format `got` is not the `known` one, None where it is.
 
@@ -170,8 +171,10 @@ def other_format(
     number = "has no number" if got is None else f"is {got!r:.20}"
     use = "install a newer palpate" if newer else "read it with the palpate that made it"
     return OtherFormat(
-        f"{file}: made by {by}{f' ({software:.80})' if software else ''}. The format of this {what} {number}; this "
-        f"palpate reads format {known}. The file is not damaged. To use it, {remedy or use}"
+        file,
+        f"made by {by}{f' ({software:.80})' if software else ''}. The format of this {what} {number}; this palpate "
+        f"reads format {known}. The file is not damaged. To use it, {remedy or use}",
+        line=line,
     )
 
 

@@ -57,12 +57,18 @@ class Finding:
             return self.where.relative_to(root).as_posix()
         return str(self.where)
 
+    def observation(self) -> str:
+        """Return where something was found, and what, without what may be and what to do."""
+        return ": ".join(part for part in (self.place(), self._found()) if part)
+
+    def _found(self) -> str:
+        line = "" if self.line is None else f"line {self.line}"
+        return ": ".join(part for part in (line, self.field, self.what) if part)
+
     def clause(self) -> str:
         """Return what was found, without the file or thing that it was found of."""
-        line = "" if self.line is None else f"line {self.line}"
-        found = ": ".join(part for part in (line, self.field, self.what) if part)
         allowed = f"allowed: {self.allowed}" if self.allowed else ""
-        return "; ".join(part for part in (found, allowed, str(self.remedy)) if part)
+        return "; ".join(part for part in (self._found(), allowed, str(self.remedy)) if part)
 
     def sentence(self, root: Path | None = None) -> str:
         """Return all of it as one line: the place, with files below `root` by their paths in there, and the clause."""

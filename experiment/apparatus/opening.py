@@ -13,7 +13,7 @@ from palpate.experiment.apparatus.ports import Accelerometer, Actuator, Micropho
 from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import ActuatorError, RigError, TrackerError
+from palpate.experiment.errors import ActuatorError, Finding, RigError, TrackerError
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.masker import MaskerNoise
@@ -25,8 +25,12 @@ if TYPE_CHECKING:
 def audio_of(rig: Rig) -> AudioRig:
     """Return the settings of the rig's audio device; `RigError` if the rig has none."""
     if rig.audio is None:
-        got = f"rig '{rig.rig.name}': got no table [audio]; allowed: one, for masker and loopback need it"
-        raise RigError(got, remedy="`palpate devices` lists what this machine has")
+        raise RigError(
+            f"rig '{rig.rig.name}'",
+            "got no table [audio]",
+            "`palpate devices` lists what this machine has",
+            allowed="one, for masker and loopback need it",
+        )
     return rig.audio
 
 
@@ -49,7 +53,7 @@ def open_audio(
 
     audio = audio_of(rig)
     if device is None and audio.device == REHEARSAL:
-        raise RigError(simulated_only(rig, "audio.device"))
+        raise RigError.at(simulated_only(rig, "audio.device"))
     if not rig.rig.simulated:
         rigs.check_age(audio.latency, today)
         rigs.check_age(audio.headphones, today)
@@ -119,11 +123,11 @@ def open_microphone(rig: Rig, *, stream: AudioStream) -> Microphone | None:
     return AudioMicrophone(stream, audio) if audio.channels.microphone is not None else None
 
 
-def simulated_only(rig: Rig, key: str) -> str:
-    """Return why a device that exists in simulation alone cannot be opened; `key` names it in the rig file."""
-    return (
-        f"rig '{rig.rig.name}' is simulated: its devices exist only inside `palpate rehearse`; "
-        f"give a rig file whose {key} names a real one"
+def simulated_only(rig: Rig, key: str) -> Finding:
+    """Return that a device exists in simulation alone and so cannot be opened; `key` names it in the rig file."""
+    return Finding(
+        f"rig '{rig.rig.name}' is simulated: its devices exist only inside `palpate rehearse`",
+        remedy=f"give a rig file whose {key} names a real one",
     )
 
 
@@ -167,7 +171,7 @@ def open_tracker(
     driver.
     """
     if port is None and rig.tracker.port == REHEARSAL:
-        raise TrackerError(simulated_only(rig, "tracker.port"))
+        raise TrackerError.at(simulated_only(rig, "tracker.port"))
     where = port or rig.tracker.port
     tracker: Tracker
     if rig.tracker.driver == FRAMES:
@@ -228,7 +232,7 @@ def open_servo(
     device = servo_of(rig)
     where, hand = address or device.address, port or rig.tracker.port
     if REHEARSAL in (where, hand):
-        raise RigError(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
+        raise RigError.at(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
     along = rig.tracker.along_calibration or ()
     orders = Orders(
         port=hand,
@@ -268,7 +272,7 @@ def open_actuator(
     settings = rig.actuator
     where = address or settings.address
     if where == REHEARSAL:
-        raise ActuatorError(simulated_only(rig, "actuator.address"))
+        raise ActuatorError.at(simulated_only(rig, "actuator.address"))
     if (drive is None) != (settings.shaping is None):
         got, allowed = ("no", "one") if drive is None else ("a", "none")
         raise RigError(
@@ -331,5 +335,5 @@ def open_accelerometer(
             field="accelerometer.rate_hz",
         )
     if address is None and settings.address == REHEARSAL:
-        raise RigError(simulated_only(rig, "accelerometer.address"))
+        raise RigError.at(simulated_only(rig, "accelerometer.address"))
     return PcmAccelerometer(settings.model_copy(update={"address": address or settings.address}), clock=clock)

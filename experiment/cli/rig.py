@@ -14,9 +14,9 @@ from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, StudyFolder
 
 if TYPE_CHECKING:
-    from palpate.experiment.apparatus.doctor.checks import Check
     from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
     from palpate.experiment.apparatus.rig import Rig
+    from palpate.experiment.errors import Finding
 
 commands = options.room()
 calibrate = typer.Typer(
@@ -107,8 +107,8 @@ def doctor(
         if not as_json:
             for line in lines(check):
                 typer.echo(line)
-    red = sum(check.verdict == "red" for check in found)
-    document = {"rig": str(rig), "ready": not red, "checks": [asdict(check) for check in found]}
+    red = sum(check.verdict == "refuses" for check in found)
+    document = {"rig": str(rig), "ready": not red, "checks": list(map(document_of, found))}
     told = f"{red} of {len(found)} checks {'is' if red == 1 else 'are'} red." if red else "Nothing is red."
     options.put(document if as_json else told)
     if red:
@@ -117,7 +117,7 @@ def doctor(
 
 def left_out(
     rig_file: Path, protocol_file: Path | None, dataset: Path | None, recordings: Path | None
-) -> Iterator["Check"]:
+) -> Iterator["Finding"]:
     """Yield what the rig leaves out of a footstep study's recordings, and whether the protocol allows that."""
     from palpate.experiment import storage
     from palpate.experiment.apparatus import rig as rigs
@@ -150,7 +150,7 @@ def left_out(
     except PalpateError as error:
         yield checks.refused(name, error)
         return
-    yield checks.Check(name, "green", told, allowed)
+    yield checks.passed(name, told, allowed)
 
 
 def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
@@ -182,11 +182,25 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
     return SimulatedPorts(port=line.url, address=address, device=DEVICE, force=force, wire=wire)
 
 
-def lines(check: "Check") -> Iterator[str]:
+def document_of(check: "Finding") -> dict[str, str]:
+    """Return a check for programs."""
+    from palpate.experiment.apparatus.doctor.checks import COLORS
+
+    return {
+        "name": check.check,
+        "verdict": COLORS[check.verdict],
+        "measured": check.observation(),
+        "allowed": check.allowed,
+        "remedy": f"{check.remedy}",
+    }
+
+
+def lines(check: "Finding") -> Iterator[str]:
     """Yield a check for the terminal: what was measured, and the remedy under it."""
+    shown = document_of(check)
     allowed = f" (allowed: {check.allowed})" if check.allowed else ""
-    heads = f"{check.verdict:11}  {check.name:19}  ", " " * 34
-    for head, text in zip(heads, (check.measured + allowed, check.remedy), strict=True):
+    heads = f"{shown['verdict']:11}  {shown['name']:19}  ", " " * 34
+    for head, text in zip(heads, (shown["measured"] + allowed, shown["remedy"]), strict=True):
         if text:
             yield textwrap.fill(text, options.columns(10_000), initial_indent=head, subsequent_indent=heads[1])
 

@@ -340,7 +340,7 @@ def from_session(text: bytes) -> View | Prompt | Reply:
     try:
         return _FROM_SESSION.validate_json(text)
     except ValidationError as error:
-        raise LinkError(_not_understood(text)) from error
+        raise _not_understood(text) from error
 
 
 def from_console(text: bytes) -> Hello | Command:
@@ -348,9 +348,11 @@ def from_console(text: bytes) -> Hello | Command:
     try:
         return _FROM_CONSOLE.validate_json(text)
     except ValidationError as error:
-        raise LinkError(_not_understood(text)) from error
+        raise _not_understood(text) from error
 
 
-def _not_understood(text: bytes) -> str:
+def _not_understood(text: bytes) -> LinkError:
     shown = characters.quoted(text.decode("utf-8", "replace"))
-    return f"the session and its console do not understand one another: got {shown}; use one version of palpate"
+    return LinkError(
+        "the session and its console do not understand one another", f"got {shown}", "use one version of palpate"
+    )

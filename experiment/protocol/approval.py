@@ -30,9 +30,6 @@ from palpate.experiment.storage import Place
 MOST_FIELDS = 5
 """So many changed fields are named."""
 
-APPROVED, MORE = ", as it was approved", "..."
-"""Ends what is told of a changed field; stands for those that are not told."""
-
 WHOLE, BEFORE = 55, 20
 """Characters of a text that is told whole; and of a longer one, before the place where it was changed."""
 
@@ -189,13 +186,9 @@ def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Se
     seal = read(protocol_path)
     if _changed(protocol_path, protocol, seal):
         version = f"{seal.protocol_sha256[:12]}..."
-        changed = _changed_fields(protocol, seal.protocol)
-        fields = "; ".join(
-            one.got
-            if one.field == MORE
-            else f"{one.field} is {one.got}, but {one.allowed.removesuffix(APPROVED)} was approved"
-            for one in changed
-        )
+        changed, more = _differences(protocol, seal.protocol)
+        named = [f"{field} is {now}, but {approved} was approved" for field, now, approved in changed]
+        fields = "; ".join([*named, *([f"{more} more changes"] if more else [])])
         told = f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one."
         return f"{told} What is not as approved: {fields}." if fields else told, seal
     if today < seal.approved_on:
@@ -213,23 +206,19 @@ def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Findin
             "undo the change, or have it approved and seal it again"
         )
         problems.append(mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
-        problems += _changed_fields(protocol, seal.protocol)
+        changed, more = _differences(protocol, seal.protocol)
+        problems += [mismatch(field, None, now, f"{approved}, as it was approved") for field, now, approved in changed]
+        problems += [mismatch("...", None, f"{more} more changes", "none")] if more else []
     return problems
 
 
-def _changed_fields(protocol: Protocol, approved: str) -> list[Finding]:
-    """Return what differs from the form that the seal holds, field by field, the first few."""
+def _differences(protocol: Protocol, approved: str) -> tuple[list[tuple[str, str, str]], int]:
+    """Return the first few fields that differ from the form in the seal, now and as approved, and how many more do."""
     forms = approved, canonical(protocol)
     sealed, found = (dict(_leaves(storage.json_of(form))) for form in forms)
     differing = [path for path in {**sealed, **found} if sealed.get(path, ...) != found.get(path, ...)]
-    problems = [
-        mismatch(written(path), None, got, f"{allowed}{APPROVED}")
-        for path in differing[:MOST_FIELDS]
-        for got, allowed in (_parted(found.get(path, ...), sealed.get(path, ...)),)
-    ]
-    if len(differing) > MOST_FIELDS:
-        problems.append(mismatch(MORE, None, f"{len(differing) - MOST_FIELDS} more changes", "none"))
-    return problems
+    few = [(written(path), *_parted(found.get(path, ...), sealed.get(path, ...))) for path in differing[:MOST_FIELDS]]
+    return few, len(differing) - len(few)
 
 
 def _leaves(value: object, at: Place = ()) -> Iterator[tuple[Place, object]]:

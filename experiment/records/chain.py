@@ -31,6 +31,10 @@ ENVELOPE = re.compile(
 """A line, whatever its entry is: its number, its time and the hash of the line before it."""
 
 
+COPY_FIRST = "keep a copy of it as it is, and restore it from a backup"
+"""What to do with a file of which a line was changed or is missing."""
+
+
 @dataclass(frozen=True)
 class Link:
     """One line: its time, ns since 1970-01-01T00:00Z, entry (or the `problem` with it), bytes, and SHA-256."""
@@ -90,28 +94,29 @@ def read(path: Path, error: type[PalpateError], *, strict: bool = True) -> Chain
         # Somebody appended meanwhile.
         head, data = now, _bytes(path, error)
     if data is None and head[0]:
-        raise error(f"{path}: the file is missing: it had {head[0]} lines; restore it from a backup")
+        raise error(path, f"the file is missing: it had {head[0]} lines", "restore it from a backup")
     lines, torn = split(data or b"")
     links, last = list[Link](), GENESIS
     for number, line in enumerate(lines):
         try:
-            links.append(_verified(f"{path}: line {number + 1}", number, line, last, error, strict=strict))
+            links.append(_verified(path, number, line, last, error, strict=strict))
         except error:
             # A line that does not follow an unreadable one shows that that one was changed.
             if links and links[-1].problem:
-                _verified(f"{path}: line {number}", number - 1, links[-1].line, GENESIS, error, strict=True)
+                _verified(path, number - 1, links[-1].line, GENESIS, error, strict=True)
             raise
         last = links[-1].sha256
     (known, named), file = head, head_path(path).name
-    remedy = "keep a copy of it as it is, and restore it from a backup"
     if len(links) < known:
-        raise error(f"{path}: the file is truncated: it had {known} lines and has {len(links)}; {remedy}")
+        raise error(path, f"the file is truncated: it had {known} lines and has {len(links)}", COPY_FIRST)
     if (links[known - 1].sha256 if known else GENESIS) != named:
-        raise error(f"{path}: line {known} is not the one that {file} names; {remedy}")
+        raise error(path, f"line {known} is not the one that {file} names", COPY_FIRST)
     if len(links) > known + 1:
         raise error(
-            f"{path}: got {len(links)} lines and {f'a {file} of {known}' if known else f'no {file}'}; allowed: one "
-            f"that names {len(links)}, or one less after a kill; restore both files from a backup"
+            path,
+            f"got {len(links)} lines and {f'a {file} of {known}' if known else f'no {file}'}",
+            "restore both files from a backup",
+            allowed=f"one that names {len(links)}, or one less after a kill",
         )
     return Chain(tuple(links), End(len(links), last, len(data or b"") - len(torn), torn))
 
@@ -133,7 +138,7 @@ def _bytes(path: Path, error: type[PalpateError]) -> bytes | None:
     except FileNotFoundError:
         return None
     except OSError as problem:
-        raise error(f"{path}: cannot be read ({problem.strerror}); restore it from a backup") from problem
+        raise error(path, f"cannot be read ({problem.strerror})", "restore it from a backup") from problem
 
 
 def _head(path: Path, error: type[PalpateError]) -> tuple[int, str]:
@@ -144,16 +149,16 @@ def _head(path: Path, error: type[PalpateError]) -> tuple[int, str]:
     except FileNotFoundError:
         return 0, GENESIS
     except (OSError, ValueError) as problem:
-        raise error(f"{file}: cannot be read; restore it and {path.name} from a backup") from problem
+        raise error(file, "cannot be read", f"restore it and {path.name} from a backup") from problem
     if not head:
         return 0, GENESIS
     if (found := re.fullmatch(r"([0-9]{12}) ([0-9a-f]{64})\n", head)) is None:
-        raise error(f"{file}: is no head of a file; restore it and {path.name} from a backup")
+        raise error(file, "is no head of a file", f"restore it and {path.name} from a backup")
     return int(found[1]), found[2]
 
 
-def _verified(where: str, number: int, line: bytes, last: str, error: type[PalpateError], *, strict: bool) -> Link:
-    remedy = "keep a copy of it as it is, and restore it from a backup"
+def _verified(path: Path, number: int, line: bytes, last: str, error: type[PalpateError], *, strict: bool) -> Link:
+    where = f"line {number + 1}"
     try:
         document = storage.json_of(line)
         n, t_ns, prev, entry = (document[key] for key in ("n", "t_ns", "prev", "entry"))
@@ -164,14 +169,14 @@ def _verified(where: str, number: int, line: bytes, last: str, error: type[Palpa
         envelope = None if strict else ENVELOPE.fullmatch(line)
         if envelope is None:
             older = "it was changed, or an older palpate wrote it"
-            raise error(f"{where} is no chained line: {older}; {remedy}") from refused
+            raise error(path, f"{where} is no chained line: {older}", COPY_FIRST) from refused
         n, t_ns, prev, entry = int(envelope[1]), int(envelope[2]), envelope[3].decode(), {}
         problem = str(refused)
     if (n, prev) != (number, last):
-        raise error(f"{where} does not follow the line before it: a line was changed or is missing; {remedy}")
+        raise error(path, f"{where} does not follow the line before it: a line was changed or is missing", COPY_FIRST)
     # JSON lets a line hold more than what it says, another line among it: blanks, or one key twice.
     if not problem and line != _line(number, t_ns, last, entry):
-        raise error(f"{where} is not as palpate writes it: it was changed; {remedy}")
+        raise error(path, f"{where} is not as palpate writes it: it was changed", COPY_FIRST)
     return Link(t_ns, entry, line, hashlib.sha256(line).hexdigest(), problem)
 
 
@@ -193,10 +198,8 @@ class Writer:
         # Without a buffer, which would be written after all once a full disk has room again.
         self._file = FileIO(path, "ab")
         try:
-            hold(
-                self._file.fileno(),
-                f"{path}: the file is being written by another runner; end it there, or wait until it ends",
-            )
+            running = "the file is being written by another runner"
+            hold(self._file.fileno(), SessionLocked(path, running, "end it there, or wait until it ends"))
             if os.fstat(self._file.fileno()).st_size != end.size + len(end.torn):
                 raise SessionLocked(path, "was written since it was read", "do the same again")
             self._cut()
@@ -269,8 +272,8 @@ def write_through(file: FileIO, content: bytes, *, wait: bool = True) -> None:
         os.fsync(file.fileno())
 
 
-def hold(file: int, refused: str) -> None:
-    """Lock an open file or folder until it is closed. Raises `SessionLocked(refused)`, and `OSError` without locks."""
+def hold(file: int, refused: SessionLocked) -> None:
+    """Lock an open file or folder until it is closed. Raises `refused` if another has it, `OSError` without locks."""
     if sys.platform == "win32":
         return
     import fcntl
@@ -278,4 +281,4 @@ def hold(file: int, refused: str) -> None:
     try:
         fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError as error:
-        raise SessionLocked(refused) from error
+        raise refused from error

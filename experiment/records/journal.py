@@ -118,13 +118,13 @@ def read_if_begun(path: Path, *, strict: bool = True) -> Contents:
     found = chain.read(path, JournalError, strict=False)
     lines, unreadable = list[Line](), list[Unreadable]()
     for number, link in enumerate(found.links, start=1):
-        where, first = f"{path}: line {number}", number == 1
+        first = number == 1
         try:
-            lines.append(Line(link.t_ns, _entry(where, link, first)))
+            lines.append(Line(link.t_ns, _entry(path, number, link)))
         except ValueError as error:
             why = _why(error)
             if first:
-                raise _refused(where, why, "keep a copy of it as it is, and restore it from a backup") from error
+                raise _refused(path, number, why, chain.COPY_FIRST) from error
             unreadable.append(Unreadable(number, link.t_ns, why))
     contents = Contents(tuple(lines), found.end, tuple(unreadable))
     if strict:
@@ -145,20 +145,20 @@ def refuse_unreadable(path: Path, contents: Contents) -> None:
         rest = f"These answers are confirmed: {answers}" if answers else "No answer is confirmed"
         show = shlex.join(["palpate", "journal", str(path)])
         remedy = f"{rest}. Show all other entries with {show}, and ask the maintainers for a version that reads it"
-        raise _refused(f"{path}: line {one.number}", one.why, f"no line is missing or changed. {remedy}")
+        raise _refused(path, one.number, one.why, f"no line is missing or changed. {remedy}")
 
 
-def _entry(where: str, link: chain.Link, first: bool) -> AnyEntry:
+def _entry(path: Path, number: int, link: chain.Link) -> AnyEntry:
     """Return the entry of a line. Raises `ValueError`, and `OtherFormat` for a header of another format."""
     if link.problem:
         raise ValueError(link.problem)
     # A journal of another format is refused in plain words, before its models refuse it in theirs.
     if link.entry.get("kind") == "header":
         got, by = link.entry.get("format"), str(link.entry.get("software", ""))
-        if (other := other_format(where, "journal", got, entries.FORMAT, software=by)) is not None:
+        if (other := other_format(path, "journal", got, entries.FORMAT, line=number, software=by)) is not None:
             raise other
     entry = ENTRY.validate_json(link.json)
-    if isinstance(entry, Header) != first:
+    if isinstance(entry, Header) != (number == 1):
         raise ValueError("a journal has one header, in its first line")
     return entry
 
@@ -171,8 +171,8 @@ def _why(error: ValueError) -> str:
     return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}" if problem["loc"] else "not of a known kind"
 
 
-def _refused(where: str, why: str, remedy: str) -> JournalError:
-    return JournalError(f"{where} is no journal entry that this palpate knows ({why})", remedy=remedy)
+def _refused(path: Path, number: int, why: str, remedy: str) -> JournalError:
+    return JournalError(path, f"line {number} is no journal entry that this palpate knows ({why})", remedy)
 
 
 class Journal:
@@ -226,7 +226,7 @@ class Journal:
         """Return the line of an entry. Raises `JournalError` if `read` would refuse it."""
         try:
             link = self._writer.next_link(t_ns, entry.model_dump(mode="json", warnings=False))
-            _entry(str(self._path), link, first=not self._begun)
+            _entry(self._path, 2 if self._begun else 1, link)
         except ValueError as error:
             raise JournalError(
                 self._path,
@@ -280,7 +280,7 @@ def check_place(file: int, path: Path) -> None:
 
 
 @contextmanager
-def _held_folder(folder: Path, refused: str) -> Iterator[None]:
+def _held_folder(folder: Path, refused: SessionLocked) -> Iterator[None]:
     """Hold a folder itself, so that nobody is let in by removing the file that is locked in it."""
     if not hasattr(os, "O_DIRECTORY"):
         yield
@@ -308,11 +308,13 @@ def check_free(folder: Path, participant: str) -> None:
 @contextmanager
 def locked(folder: Path, participant: str) -> Iterator[None]:
     """Lock a participant until this process ends. Raises `SessionLocked` if another runner has the lock."""
-    refused = f"a session of participant {participant} is running; end it at its console, or wait until it ends"
+    refused = SessionLocked(
+        f"a session of participant {participant} is running", remedy="end it at its console, or wait until it ends"
+    )
     with ExitStack() as held:
         try:
             held.enter_context(storage.locked(folder / f".sub-{participant}.lock", 0))
         except Timeout as error:
-            raise SessionLocked(refused) from error
+            raise refused from error
         held.enter_context(_held_folder(folder, refused))
         yield

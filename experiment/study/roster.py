@@ -237,7 +237,7 @@ class Roster:
         for number, link in enumerate(lines.links, start=1):
             if link.entry.get("kind") == "first":
                 got = link.entry.get("format")
-                if (other := other_format(f"{path}: line {number}", "roster", got, FORMAT)) is not None:
+                if (other := other_format(path, "roster", got, FORMAT, line=number)) is not None:
                     raise other
             try:
                 roster._apply(_ENTRY.validate_json(link.json))
@@ -280,8 +280,8 @@ class Roster:
             with storage.locked(self.path.with_name(f".{self.path.name}.lock")):
                 yield
         except OSError as error:
-            told = f"{self.path}: cannot write the roster ({error.strerror}); {storage.remedy(error)}, then try again"
-            raise RosterError(told) from error
+            what, remedy = f"cannot write the roster ({error.strerror})", f"{storage.remedy(error)}, then try again"
+            raise RosterError(self.path, what, remedy) from error
 
     def _apply(self, entry: AnyEntry) -> None:
         participant = entry.participant

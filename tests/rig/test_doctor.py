@@ -240,14 +240,14 @@ def test_frames_that_are_lost_spoilt_or_sent_twice_are_red(line: SerialLine, set
         faults = Faults(drop=frozenset({100, 101}), corrupt=frozenset({200}), repeat=frozenset({300}))
         foot.step(step, foot.free_us + 300_000, faults)
         found = devices.frames(devices.listen(tracker, clock=MonotonicClock(), seconds=HEARD_S))
-    assert found.verdict == "red"
-    assert found.measured.endswith("received, 2 lost, 1 damaged, 1 repeated")
+    assert found.verdict == "refuses"
+    assert found.what.endswith("received, 2 lost, 1 damaged, 1 repeated")
 
 
 def test_another_rate_than_the_rig_files_is_red(line: SerialLine, settings: TrackerRig) -> None:
     foot = Foot(line, settings.model_copy(update={"rate_hz": 2000}), real_time=True)
     found = devices.rate(heard(line, settings, foot), settings)
-    assert (found.verdict, found.measured) == ("red", "2000.0 Hz by the device's clock")
+    assert (found.verdict, found.what) == ("refuses", "2000.0 Hz by the device's clock")
     assert found.allowed == "990 to 1010 Hz"
 
 
@@ -265,21 +265,19 @@ class Fast(MonotonicClock):
 def test_a_clock_that_runs_off_is_red(line: SerialLine, settings: TrackerRig) -> None:
     foot = Foot(line, settings, real_time=True, clock=Fast())
     found = devices.drift(heard(line, settings, foot, devices.LISTEN_S))
-    assert (found.verdict, "drift -10000 ppm" in found.measured) == ("red", True)
+    assert (found.verdict, "drift -10000 ppm" in found.what) == ("refuses", True)
 
 
 def test_a_sensor_beyond_its_calibration_is_red(line: SerialLine, settings: TrackerRig) -> None:
     foot = Foot(line, settings, real_time=True, rest_mm=150.0)
     with listening(line, settings, foot) as tracker:
         found = devices.reading(tracker, settings)
-    assert (found.verdict, found.measured) == (
-        "red",
-        "tracker: got readings at or beyond 100 mm, where its calibration ends",
-    )
+    assert (found.verdict, found.where) == ("refuses", "tracker")
+    assert "at or beyond 100 mm" in found.what
     assert found.allowed.startswith("-5 to 100 mm")
 
 
-@pytest.mark.parametrize(("noise_mm", "verdict"), [(0.15, "green"), (0.3, "red")])
+@pytest.mark.parametrize(("noise_mm", "verdict"), [(0.15, "passes"), (0.3, "refuses")])
 def test_a_sensor_that_became_noisy_is_red(
     noise_mm: float, verdict: str, line: SerialLine, settings: TrackerRig
 ) -> None:
@@ -287,4 +285,4 @@ def test_a_sensor_that_became_noisy_is_red(
     at_rest = heard(line, settings, foot)
     assert devices.noise(at_rest, settings).verdict == verdict
     unknown = devices.noise(at_rest, settings.model_copy(update={"noise_mm": None}))
-    assert (unknown.verdict, unknown.remedy) == ("not checked", "run palpate calibrate tracker, which writes it")
+    assert (unknown.verdict, unknown.remedy) == ("unknown", "run palpate calibrate tracker, which writes it")

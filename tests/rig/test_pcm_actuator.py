@@ -427,18 +427,18 @@ def test_a_server_that_stands_still_is_not_reached(server: Server, monkeypatch: 
 
 def test_the_doctor_sees_what_a_server_does(server: Server) -> None:
     good = list(checks.server(server.address, RIG))
-    assert [(one.name, one.verdict) for one in good] == [
-        ("actuator", "green"),
-        ("actuator samples", "green"),
-        ("actuator turns", "green"),
-        ("actuator stop", "green"),
+    assert [(one.check, one.verdict) for one in good] == [
+        ("actuator", "passes"),
+        ("actuator samples", "passes"),
+        ("actuator turns", "passes"),
+        ("actuator stop", "passes"),
     ]
     eager = Server(close_at_once=True)
-    found = {one.name: one for one in checks.server(eager.address, RIG)}
+    found = {one.check: one for one in checks.server(eager.address, RIG)}
     eager.close()
     # Its last 50 ms cannot have been played.
-    assert found["actuator samples"].verdict == "red"
-    assert found["actuator stop"].verdict == "green"
+    assert found["actuator samples"].verdict == "refuses"
+    assert found["actuator stop"].verdict == "passes"
 
 
 @pytest.mark.parametrize("address", ["", "here", "127.0.0.1:", ":4711", "127.0.0.1:0", "127.0.0.1:99999", "a:b"])
@@ -490,12 +490,12 @@ def test_pulseaudio_plays_every_sample(pulseaudio: tuple[str, dict[str, str]]) -
 def test_pulseaudio_closes_before_it_has_played_and_the_doctor_sees_it(
     pulseaudio: tuple[str, dict[str, str]],
 ) -> None:
-    found = {one.name: one.verdict for one in checks.server(pulseaudio[0], RIG.model_copy(update={"rate_hz": 48_000}))}
+    found = {one.check: one.verdict for one in checks.server(pulseaudio[0], RIG.model_copy(update={"rate_hz": 48_000}))}
     assert found == {
-        "actuator": "green",
-        "actuator samples": "red",
-        "actuator turns": "red",
-        "actuator stop": "green",
+        "actuator": "passes",
+        "actuator samples": "refuses",
+        "actuator turns": "refuses",
+        "actuator stop": "passes",
     }
 
 

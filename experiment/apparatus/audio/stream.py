@@ -118,9 +118,10 @@ _left_alone = False
 """Whether PortAudio still waits for a stream that was to be closed."""
 
 _REMEDIES = (
-    ("unavailable", "another program holds it, or it was pulled out; close that program, then start again"),
-    ("sample rate", "it does not run at {rate_hz} Hz; set the device to it, or correct audio.rate_hz in the rig file"),
-    ("channels", "it has fewer channels; correct audio.channels in the rig file"),
+    ("unavailable", ": another program holds it, or it was pulled out", "close that program, then start again"),
+    ("sample rate", ": it does not run at {} Hz", "set the device to it, or correct audio.rate_hz in the rig file"),
+    ("channels", ": it has fewer channels", "correct audio.channels in the rig file"),
+    ("", "", "see to the device and its server"),
 )
 """What PortAudio's message holds, and what that means to an experimenter."""
 
@@ -249,8 +250,8 @@ def explained(name: str, *, rate_hz: int) -> Iterator[None]:
         yield
     except (sounddevice.PortAudioError, ValueError) as error:
         said = str(error)
-        remedy = next((text for sign, text in _REMEDIES if sign in said.lower()), "see to the device and its server")
-        raise AudioError(f"audio device '{name}'", f"{said}: {remedy.format(rate_hz=rate_hz)}") from error
+        why, remedy = next((why, remedy) for sign, why, remedy in _REMEDIES if sign in said.lower())
+        raise AudioError(f"audio device '{name}'", said + why.format(rate_hz), remedy) from error
 
 
 STIMULUS_S = 4.0

@@ -1,4 +1,4 @@
-"""A check's result, and the checks that need no driver: of rig file and calibrations, disk, clocks and the machine.
+"""Findings of checks, and the checks that need no driver: of rig file and calibrations, disk, clocks and the machine.
 
 A PCM server gets zeros alone, so nothing moves. Disks are checked for room and for how long an entry takes.
 """
@@ -9,13 +9,12 @@ import shutil
 import tempfile
 import textwrap
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 
@@ -28,44 +27,37 @@ from palpate.experiment.apparatus.rig import ActuatorRig, HeadphonesRig, Latency
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 from palpate.experiment.clock import Clock, day, wall_ns
-from palpate.experiment.errors import ActuatorError, PalpateError
+from palpate.experiment.errors import ActuatorError, Finding, PalpateError, Verdict
 from palpate.experiment.protocol.models import Step
 
-Verdict = Literal["green", "red", "not checked"]
+COLORS: Mapping[Verdict, str] = {"passes": "green", "unknown": "not checked", "refuses": "red"}
+"""How a verdict is shown, and its word in the document for programs."""
 
 
-@dataclass(frozen=True)
-class Check:
-    """One check: what was found and what is allowed, with units, the verdict, and what to do, empty if green."""
-
-    name: str
-    verdict: Verdict
-    measured: str
-    allowed: str = ""
-    remedy: str = ""
+def passed(name: str, measured: str, allowed: str = "") -> Finding:
+    """Return the finding of a check that found all in order."""
+    return Finding(measured, allowed=allowed, verdict="passes", check=name)
 
 
-def judged(name: str, good: bool, measured: str, *, allowed: str, remedy: str) -> Check:
-    """Return a check that is green if `good`, else red with the remedy."""
-    return Check(name, "green" if good else "red", measured, allowed, "" if good else remedy)
+def judged(name: str, good: bool, measured: str, *, allowed: str, remedy: str) -> Finding:
+    """Return a finding that passes if `good`, and else refuses with the remedy."""
+    if good:
+        return passed(name, measured, allowed)
+    return Finding(measured, allowed=allowed, remedy=remedy, check=name)
 
 
-def unchecked(name: str, reason: str, remedy: str = "") -> Check:
-    """Return a check of what could not be looked at, with the reason."""
-    return Check(name, "not checked", reason, remedy=remedy)
+def unchecked(name: str, reason: str, remedy: str = "") -> Finding:
+    """Return the finding of what could not be looked at, with the reason."""
+    return Finding(reason, remedy=remedy, verdict="unknown", check=name)
 
 
-def refused(name: str, error: PalpateError) -> Check:
-    """Return a red check with what an error says: what it got, what is allowed, and the remedy, which stands last."""
-    lines = str(error).splitlines()
-    if len(lines) > 1:
-        return Check(name, "red", " ".join(line.strip() for line in lines), remedy="correct that file")
-    rest, _, remedy = str(error).rpartition("; ")
-    measured, _, allowed = rest.partition("; allowed: ")
-    return Check(name, "red", measured or remedy, allowed, remedy)
+def refused(name: str, error: PalpateError) -> Finding:
+    """Return the finding that an error carries as that of a check."""
+    of_file = error.findings != (error.finding,)
+    return replace(error.finding, remedy="correct that file" if of_file else error.finding.remedy, check=name)
 
 
-def table(rig: Rig, folder: Path) -> Check | None:
+def table(rig: Rig, folder: Path) -> Finding | None:
     """Return whether the response table, if any, is usable, has the rig's hash and, on a real rig, is not SIMULATED."""
     shaping = rig.actuator.shaping
     if shaping is None:
@@ -86,7 +78,7 @@ def table(rig: Rig, folder: Path) -> Check | None:
     return judged(name, real, told + said, allowed="" if real else "a table that was measured", remedy=measure)
 
 
-def reach(rig: Rig, step: Step) -> Check:
+def reach(rig: Rig, step: Step) -> Finding:
     """Return whether the calibrated heights reach past a protocol's gate and panel."""
     name = "gate"
     try:
@@ -96,16 +88,16 @@ def reach(rig: Rig, step: Step) -> Check:
     heights_mm = [point.mm for point in rig.tracker.calibration]
     lowest, highest = rigs.reach_mm(rig, step)
     measured = f"calibrated from {min(heights_mm):g} to {max(heights_mm):g} mm"
-    return Check(name, "green", measured, f"from at most {lowest:g} to at least {highest:g} mm")
+    return passed(name, measured, f"from at most {lowest:g} to at least {highest:g} mm")
 
 
-def ages(rig: Rig, today: date) -> tuple[Check, ...]:
+def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
     """Return how old the calibrations are: of the tracker, of the audio device's latency, of the headphones."""
     tracker, audio = rig.tracker, rig.audio
 
     def age(
         name: str, check: Callable[[], None], made: LatencyRig | HeadphonesRig | TrackerRig, besides: str = ""
-    ) -> Check:
+    ) -> Finding:
         if rig.rig.simulated:
             return unchecked(name, "calibrations of a simulated rig do not age")
         try:
@@ -113,7 +105,7 @@ def ages(rig: Rig, today: date) -> tuple[Check, ...]:
         except PalpateError as error:
             return refused(name, error)
         days = (today - made.calibrated_on).days if made.calibrated_on is not None else 0
-        return Check(name, "green", f"{days} days old{besides}", f"0 to {made.calibration_days} days")
+        return passed(name, f"{days} days old{besides}", f"0 to {made.calibration_days} days")
 
     found = [age("tracker calibration", lambda: calibration.check_age(rig, today), tracker)]
     if audio is not None:
@@ -123,7 +115,7 @@ def ages(rig: Rig, today: date) -> tuple[Check, ...]:
     return tuple(found)
 
 
-def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Check]:
+def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Finding]:
     """Yield whether a rig's stops are named and were tried lately, and whether the participant has one."""
     try:
         rigs.check_stops(rig, peak_m_s2, today)
@@ -131,12 +123,12 @@ def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Check]:
         yield refused("stops", error)
     else:
         if (named := rig.stops) is not None:
-            yield Check("stops", "green", f"{named.emergency}; {named.limit}; tried on {named.tried_on}")
+            yield passed("stops", f"{named.emergency}; {named.limit}; tried on {named.tried_on}")
     name, word = "participant's stop", "no key: the participant stops by word of mouth alone"
     if rig.screen is None:
         yield unchecked(name, word, "add a table [screen], whose key screen.keys.stop stops everything")
     else:
-        yield Check(name, "green", f"the key {rig.screen.stop} at the participant's screen")
+        yield passed(name, f"the key {rig.screen.stop} at the participant's screen")
 
 
 SERVED_S, TIMES = 0.5, 3
@@ -146,14 +138,14 @@ CLOSES_MS = -10.0, 200.0
 """From when to when a server closes, after the last sample or after it was told to stop, ms."""
 
 
-def server(address: str, settings: ActuatorRig) -> Iterator[Check]:
+def server(address: str, settings: ActuatorRig) -> Iterator[Finding]:
     """Yield what the server of a raw PCM actuator does with zeros: takes them in their time, closes, waits, stops."""
     condition = Conditioner(full_scale=settings.full_scale, limit_m_s2=settings.full_scale)
     actuator, other = (PcmActuator(address, condition, rate_hz=settings.rate_hz) for _ in range(2))
     name = "actuator"
     try:
         actuator.reach()
-        yield Check(name, "green", f"{address} accepts a connection, and closes it at its end")
+        yield passed(name, f"{address} accepts a connection, and closes it at its end")
         name = "actuator samples"
         with ThreadPoolExecutor(1) as beside, closing(actuator):
             yield _closes(name, [actuator.play_silence(SERVED_S) for _ in range(TIMES)], "the last sample")
@@ -177,7 +169,7 @@ def _at(after_s: float, call: Callable[[], object]) -> float:
     return time.monotonic()
 
 
-def _closes(name: str, closed_ms: list[float], after: str) -> Check:
+def _closes(name: str, closed_ms: list[float], after: str) -> Finding:
     lowest, highest = CLOSES_MS
     return judged(
         name,
@@ -213,7 +205,7 @@ def mark(clock: Clock) -> Mark:
     return Mark(clock.now_ns(), wall_ns())
 
 
-def resolution(clock: Clock) -> Check:
+def resolution(clock: Clock) -> Finding:
     """Return how fine the session's clock is; it must go by itself."""
     steps_ns: list[int] = []
     before_ns = clock.now_ns()
@@ -232,7 +224,7 @@ def resolution(clock: Clock) -> Check:
     )
 
 
-def wall(begun: Mark, ended: Mark) -> Check:
+def wall(begun: Mark, ended: Mark) -> Finding:
     """Return whether the wall clock is set, and nobody set it between two marks."""
     today = day(ended.wall_ns)
     parted_ms = ((ended.wall_ns - begun.wall_ns) - (ended.clock_ns - begun.clock_ns)) / 1e6
@@ -246,7 +238,7 @@ def wall(begun: Mark, ended: Mark) -> Check:
     )
 
 
-def waking(clock: Clock) -> Check:
+def waking(clock: Clock) -> Finding:
     """Return how late sleeps end, and how loaded the machine is."""
     late_ms = []
     for _ in range(SLEEPS):
@@ -289,15 +281,15 @@ def session_bytes(*, trials: int, rate_hz: int, readings: int = 1) -> int:
     return math.ceil(trials * (COPIES * ARMED_S * rate_hz * FRAME_BYTES[readings] + JOURNAL_BYTES))
 
 
-def space(folder: Path, *, trials: int, rate_hz: int, readings: int = 1) -> Check:
+def space(folder: Path, *, trials: int, rate_hz: int, readings: int = 1) -> Finding:
     """Return whether the dataset's disk has room for a session; its folder need not exist yet."""
     name, there = "disk space", _there(folder)
     needed = session_bytes(trials=trials, rate_hz=rate_hz, readings=readings)
     try:
         free = shutil.disk_usage(there).free
     except OSError as error:
-        return Check(
-            name, "red", f"{there}: {error.strerror or error}", remedy="see to the disk, or name another folder"
+        return Finding(
+            error.strerror or f"{error}", there, remedy="see to the disk, or name another folder", check=name
         )
     return judged(
         name,
@@ -308,7 +300,7 @@ def space(folder: Path, *, trials: int, rate_hz: int, readings: int = 1) -> Chec
     )
 
 
-def writing(folder: Path, clock: Clock) -> Check:
+def writing(folder: Path, clock: Clock) -> Finding:
     """Return whether this user may write in the folder, or the nearest above it, and how long an entry takes."""
     name, there = "disk writing", _there(folder)
     took_ms = []
@@ -320,11 +312,11 @@ def writing(folder: Path, clock: Clock) -> Check:
                 os.fsync(file.fileno())
                 took_ms.append((clock.now_ns() - begun_ns) / 1e6)
     except OSError as error:
-        return Check(
-            name,
-            "red",
-            f"{there}: nothing can be written ({error.strerror or error})",
+        return Finding(
+            f"nothing can be written ({error.strerror or error})",
+            there,
             remedy="let this user write there, or name another folder with --dataset",
+            check=name,
         )
     median, worst = float(np.median(took_ms)), max(took_ms)
     return judged(
@@ -336,10 +328,10 @@ def writing(folder: Path, clock: Clock) -> Check:
     )
 
 
-def privacy(folder: Path) -> Iterator[Check]:
+def privacy(folder: Path) -> Iterator[Finding]:
     """Yield what others on this machine can read of a dataset's people, seed and roster; nothing where they cannot."""
     if shown := storage.readable_by_others(folder):
-        yield Check("privacy", "red", f"others can read {', '.join(map(str, shown))}", remedy=storage.CLOSING)
+        yield Finding(f"others can read {', '.join(map(str, shown))}", remedy=storage.CLOSING, check="privacy")
 
 
 def _there(folder: Path) -> Path:

@@ -9,14 +9,14 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus.audio import calibration as audio_calibration
 from palpate.experiment.apparatus.audio import microphone as microphones
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamHealth
-from palpate.experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
+from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import AudioRig, TrackerRig
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.clock_map import DRIFT_LIMIT_PPM, ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import AudioError, TrackerError
+from palpate.experiment.errors import AudioError, Finding, TrackerError
 
 LISTEN_S = 4.5
 """How long the tracker is listened to, s: three whole seconds tell the clock map drift to some ppm."""
@@ -73,7 +73,7 @@ def listen(tracker: Tracker, *, clock: Clock, seconds: float = LISTEN_S) -> Hear
     )
 
 
-def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Check, ...]:
+def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Finding, ...]:
     """Return everything that an opened tracker shows; the session's clock must go by itself."""
     try:
         heard = listen(tracker, clock=clock)
@@ -90,7 +90,7 @@ def checks(tracker: Tracker, settings: TrackerRig, *, clock: Clock) -> tuple[Che
     )
 
 
-def frames(heard: Heard) -> Check:
+def frames(heard: Heard) -> Finding:
     """Return whether the link loses or spoils frames."""
     link = heard.link
     return judged(
@@ -103,7 +103,7 @@ def frames(heard: Heard) -> Check:
     )
 
 
-def rate(heard: Heard, settings: TrackerRig) -> Check:
+def rate(heard: Heard, settings: TrackerRig) -> Finding:
     """Return whether the device samples as often as the rig file says, by its own clock."""
     steps_us = np.diff(heard.device_us)
     measured_hz = 0.0
@@ -121,7 +121,7 @@ def rate(heard: Heard, settings: TrackerRig) -> Check:
     )
 
 
-def drift(heard: Heard) -> Check:
+def drift(heard: Heard) -> Finding:
     """Return whether the device's clock runs as this machine's does."""
     ppm, more = heard.clock_map.drift_ppm, " or more" if _strays(heard) else ""
     off = f"; no crystal's but a resonator's: the foot's speed is off by {abs(ppm) * 1e-4:.1f} %"
@@ -141,7 +141,7 @@ def _strays(heard: Heard) -> bool:
     return abs(heard.clock_map.drift_ppm) >= DRIFT_LIMIT_PPM
 
 
-def arrival(heard: Heard, settings: TrackerRig) -> Check:
+def arrival(heard: Heard, settings: TrackerRig) -> Finding:
     """Return how late reads come, by a clock that can be relied on."""
     if _strays(heard):
         return unchecked("tracker arrival", "delays are told by the tracker's clock, which does not hold")
@@ -155,7 +155,7 @@ def arrival(heard: Heard, settings: TrackerRig) -> Check:
     )
 
 
-def reading(tracker: Tracker, settings: TrackerRig) -> Check:
+def reading(tracker: Tracker, settings: TrackerRig) -> Finding:
     """Return whether the sensor reads inside its calibration; as `palpate run` asks before a session."""
     name = "tracker reading"
     try:
@@ -163,10 +163,10 @@ def reading(tracker: Tracker, settings: TrackerRig) -> Check:
     except TrackerError as error:
         return refused(name, error)
     calibrated_mm = [point.mm for point in settings.calibration]
-    return Check(name, "green", "inside the calibration", f"{min(calibrated_mm):g} to {max(calibrated_mm):g} mm")
+    return passed(name, "inside the calibration", f"{min(calibrated_mm):g} to {max(calibrated_mm):g} mm")
 
 
-def noise(heard: Heard, settings: TrackerRig) -> Check:
+def noise(heard: Heard, settings: TrackerRig) -> Finding:
     """Return whether a sensor that sees nothing move is as quiet as when it was calibrated."""
     name = "tracker noise"
     measured_mm = float(np.std(heard.height_mm))
@@ -192,7 +192,7 @@ def noise(heard: Heard, settings: TrackerRig) -> Check:
     )
 
 
-def along(heard: Heard, settings: TrackerRig) -> tuple[Check, ...]:
+def along(heard: Heard, settings: TrackerRig) -> tuple[Finding, ...]:
     """Return whether a planar sensor reads inside its calibration along the face; nothing of others."""
     if heard.along_mm is None:
         return ()
@@ -220,13 +220,13 @@ RUN_S = 1.0
 LOOPBACK = "loopback"
 
 
-def opened(stream: AudioStream, audio: AudioRig) -> Check:
+def opened(stream: AudioStream, audio: AudioRig) -> Finding:
     """Return a stream that could be opened as a green check."""
     found = f"{audio.channels.inputs} inputs, {audio.channels.outputs} outputs, {stream.rate_hz} Hz"
-    return Check("audio device", "green", f"{audio.device}: {found}")
+    return passed("audio device", f"{audio.device}: {found}")
 
 
-def steady(stream: AudioStream, audio: AudioRig, *, since: StreamHealth, exact: bool) -> tuple[Check, ...]:
+def steady(stream: AudioStream, audio: AudioRig, *, since: StreamHealth, exact: bool) -> tuple[Finding, ...]:
     """Watch a stream for `RUN_S` or longer since `since`, which follows opening and wiring; see `health`."""
     try:
         stream.wait(since.frames + round(RUN_S * audio.rate_hz))
@@ -235,7 +235,7 @@ def steady(stream: AudioStream, audio: AudioRig, *, since: StreamHealth, exact: 
     return health(since, stream.health, audio, exact=exact)
 
 
-def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: bool) -> tuple[Check, ...]:
+def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: bool) -> tuple[Finding, ...]:
     """Return whether a stream had no gap between two states, and callbacks in time; `exact` servers lose nothing."""
     seconds = (until.frames - since.frames) / audio.rate_hz
     gaps, xruns = until.gaps - since.gaps, until.xruns - since.xruns
@@ -259,7 +259,7 @@ def health(since: StreamHealth, until: StreamHealth, audio: AudioRig, *, exact: 
     )
 
 
-def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Check, ...]:
+def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
     """Return whether the microphone hears anything, and not too much; nothing where the rig has none."""
     if audio.channels.microphone is None:
         return ()
@@ -275,7 +275,7 @@ def microphone(stream: AudioStream, audio: AudioRig) -> tuple[Check, ...]:
     )
 
 
-def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Check, ...]:
+def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
     """Return whether the running stream's loopback is on time, as loud and as clean as the rig's `delivered` asks.
 
     The actuator moves meanwhile, with up to `PEAK` on its channel.

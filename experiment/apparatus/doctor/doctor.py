@@ -12,10 +12,10 @@ from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.doctor import checks, devices, force
-from palpate.experiment.apparatus.doctor.checks import Check, refused, unchecked
+from palpate.experiment.apparatus.doctor.checks import passed, refused, unchecked
 from palpate.experiment.apparatus.rig import AudioRig, Rig
 from palpate.experiment.clock import Clock, day
-from palpate.experiment.errors import AudioError, PalpateError, RigError, TrackerError
+from palpate.experiment.errors import AudioError, Finding, PalpateError, RigError, TrackerError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.study import enrolment
@@ -47,7 +47,7 @@ Simulate = Callable[[Rig, ExitStack], SimulatedPorts]
 
 def examine(
     *, rig_path: Path, protocol_path: Path | None, root: Path | None, clock: Clock, simulate: Simulate
-) -> Iterator[Check]:
+) -> Iterator[Finding]:
     """Yield a check of everything, in order of dependence; `ProtocolError` for an unusable protocol.
 
     Without a protocol only the rig matters. `root` None is the protocol's own dataset, or `participants`. The session's
@@ -69,9 +69,10 @@ def examine(
     trials = max(map(protocol.trials, protocol.tasks)) if protocol is not None else TRIALS
     yield checks.space(folder, trials=trials, rate_hz=rate_hz, readings=readings)
     with host.raised() as got:
-        yield Check("priority", "green", f"{got}; as sessions have it")
+        yield passed("priority", f"{got}; as sessions have it")
         for check in _devices(rig, protocol, clock, simulate) if rig is not None else ():
-            yield replace(check, measured=f"SIMULATED: {check.measured}") if rig and rig.rig.simulated else check
+            simulated = ": ".join(part for part in ("SIMULATED", check.place()) if part)
+            yield replace(check, where=simulated) if rig and rig.rig.simulated else check
         yield checks.writing(folder, clock)
         yield from checks.privacy(folder)
         yield checks.resolution(clock)
@@ -79,9 +80,9 @@ def examine(
     yield checks.wall(begun, checks.mark(clock))
 
 
-def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Iterator[Check]:
+def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Iterator[Finding]:
     label = "SIMULATED: " if rig.rig.simulated else ""
-    yield Check("rig file", "green", f"{label}{path}: rig '{rig.rig.name}', sha256 {rigs.sha256(rig)[:12]}")
+    yield passed("rig file", f"{label}{path}: rig '{rig.rig.name}', sha256 {rigs.sha256(rig)[:12]}")
     table = checks.table(rig, path.parent)
     if table is not None:
         yield table
@@ -95,7 +96,7 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
     yield from checks.stops(rig, peak_m_s2, today)
 
 
-def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simulate) -> Iterator[Check]:
+def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simulate) -> Iterator[Finding]:
     with ExitStack() as opened:
         try:
             ends = simulate(rig, opened) if rig.rig.simulated else SimulatedPorts()
@@ -117,7 +118,7 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
             yield unchecked("accelerometer", "only palpate record listens to it")
 
 
-def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Check]:
+def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Finding]:
     """Yield what the protocol asks for, and the rig has nothing for."""
     if protocol is None:
         return
@@ -132,7 +133,7 @@ def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Check]:
         yield unchecked("undelivered", told)
 
 
-def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Check]:
+def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
     name = "tracker port"
     try:
         device = opening.open_tracker(rig, clock=clock, port=ends.port)
@@ -141,7 +142,7 @@ def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Check]:
         return
     try:
         with closing(device):
-            yield Check(name, "green", f"{ends.port or rig.tracker.port} is open")
+            yield passed(name, f"{ends.port or rig.tracker.port} is open")
             try:
                 yield from devices.checks(device, rig.tracker, clock=clock)
             except TrackerError as error:
@@ -150,7 +151,7 @@ def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Check]:
         yield refused("tracker closing", error)
 
 
-def _audio(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock) -> Iterator[Check]:
+def _audio(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
     try:
         stream = opening.open_probing(rig, peak=devices.PEAK, clock=clock, device=ends.device)
     except PalpateError as error:
@@ -165,7 +166,7 @@ def _audio(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock) -> 
         yield refused("audio closing", error)
 
 
-def _stream(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock, stream: AudioStream) -> Iterator[Check]:
+def _stream(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock, stream: AudioStream) -> Iterator[Finding]:
     """Check the tracker while a stream runs, then the stream."""
     name = "audio stream"
     try:

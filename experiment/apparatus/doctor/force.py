@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import opening
-from palpate.experiment.apparatus.doctor.checks import Check, judged, refused, unchecked
+from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
 from palpate.experiment.apparatus.servo.device import ForceDevice
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import PalpateError, RigError
+from palpate.experiment.errors import Finding, PalpateError, RigError
 from palpate.experiment.protocol.models import Protocol
 
 ASKS_S = 1.0
@@ -24,7 +24,7 @@ MISSED_PART = 0.01
 """Part of the cycles that may be missed; each of them holds the force before for one more. Ours."""
 
 
-def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: Clock) -> Iterator[Check]:
+def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: Clock) -> Iterator[Finding]:
     """Yield everything that a rig's device shows, at an `address` of its own or the rig's; the clock goes by itself.
 
     A rig without one is red for a virtual task. Without such a protocol the device is asked at the tracker's rate.
@@ -41,7 +41,7 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
     where = address or device.address
     try:
         with closing(ForceDevice(where, limit_n=0.0)) as line:
-            yield Check("force device", "green", f"{where} accepts a connection; no force was sent")
+            yield passed("force device", f"{where} accepts a connection; no force was sent")
             yield from answers(_measure_waits(line, device, rate_hz, clock), device, rate_hz=rate_hz)
     except PalpateError as error:
         yield refused("force device", error)
@@ -49,14 +49,12 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
         yield unchecked("force limit", "no protocol with a virtual task was given", "add --protocol")
         return
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
-    yield Check(
-        "force limit", "green", f"nothing above {limit_n:g} N is sent; the device makes {device.full_scale_n:g} N"
-    )
+    yield passed("force limit", f"nothing above {limit_n:g} N is sent; the device makes {device.full_scale_n:g} N")
     fits, why = settings.judged(virtual, device)
     yield judged("block", fits, why, allowed="passive", remedy="take a softer block, or a device with more damping")
 
 
-def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -> tuple[Check, ...]:
+def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -> tuple[Finding, ...]:
     """Return whether a device answers in time and often enough: `waited_ms`, shape (n,), of the cycles of `ASKS_S`."""
     due, made = round(rate_hz * ASKS_S), waited_ms.size
     median, worst = (float(np.median(waited_ms)), float(waited_ms.max())) if made else (np.inf, np.inf)

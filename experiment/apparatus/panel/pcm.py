@@ -67,8 +67,9 @@ def _connected(device: str, address: str, refused: type[PalpateError], timeout_s
         return socket.create_connection((host.strip("[]"), int(port)), timeout=timeout_s)
     except OSError as error:
         raise refused(
-            f"{device} at {address}: nothing answers there ({error.strerror or error}); start its server, or correct "
-            f"{device}.address in the rig file"
+            f"{device} at {address}",
+            f"nothing answers there ({error.strerror or error})",
+            f"start its server, or correct {device}.address in the rig file",
         ) from error
 
 

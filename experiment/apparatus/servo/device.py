@@ -60,6 +60,10 @@ def decode(message: bytes) -> tuple[int, Pair, bool] | None:
     return sequence, (out_n, along_n), bool(flags & FAST)
 
 
+RUNS = "see that it runs, then go on"
+"""What to do with a device that no longer answers."""
+
+
 class ForceDevice:
     """What pushes the hand; it holds a force until the next one, but no longer than 2 ms."""
 
@@ -72,7 +76,7 @@ class ForceDevice:
             self._line = socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S)
         except OSError as error:
             why = f"nothing answers there ({error.strerror or error})"
-            raise self._trouble(f"{why}; start its server, or correct servo.address in the rig file") from error
+            raise self._trouble(why, "start its server, or correct servo.address in the rig file") from error
         self._line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._line.setblocking(False)
         self._sequence = 0
@@ -92,7 +96,7 @@ class ForceDevice:
         except OSError as error:
             raise self._gone(error) from error
         if sent != len(message) or len(self._unanswered) >= MOST_OPEN:
-            raise self._trouble("it reads nothing more; see that it runs, then go on")
+            raise self._trouble("it reads nothing more", RUNS)
         self._unanswered.append((self._sequence % _SEQUENCES, now_ns))
         self._sequence += 1
 
@@ -109,7 +113,8 @@ class ForceDevice:
         for sequence, dropped in ANSWER.iter_unpack(self._heard[:whole]):
             if not self._unanswered or self._unanswered.popleft()[0] != sequence:
                 got = f"got an answer to message {sequence}, which was not the next"
-                raise self._trouble(f"{got}; allowed: one answer to each message, in order; see to the device")
+                allowed = "one answer to each message, in order"
+                raise self._trouble(got, "see to the device", allowed=allowed)
             self.dropped += dropped == DROPPED
         self._heard = self._heard[whole:]
         if not heard:
@@ -123,7 +128,7 @@ class ForceDevice:
         """
         while len(self._unanswered) > behind:
             if not select.select([self._line], [], [], CATCHES_UP_S)[0]:
-                raise self._trouble(f"no answer for {CATCHES_UP_S:g} s; see that it runs, then go on")
+                raise self._trouble(f"no answer for {CATCHES_UP_S:g} s", RUNS)
             self.late_ns(0)
 
     def close(self) -> None:
@@ -134,7 +139,7 @@ class ForceDevice:
         self._line.close()
 
     def _gone(self, error: OSError) -> ServoError:
-        return self._trouble(f"the connection broke ({error.strerror or error}); see that it runs, then go on")
+        return self._trouble(f"the connection broke ({error.strerror or error})", RUNS)
 
-    def _trouble(self, what: str) -> ServoError:
-        return ServoError(f"force device at {self._address}", what)
+    def _trouble(self, what: str, remedy: str, *, allowed: str = "") -> ServoError:
+        return ServoError(f"force device at {self._address}", what, remedy, allowed=allowed)

@@ -66,8 +66,11 @@ class ServoProcess:
                 break
         else:
             self.close()
-            got = f"servo: no frame of the tracker at {self._orders.port} for {STARTS_S:g} s"
-            raise ServoError(got, remedy=f"see that it is powered, connected and sampling, {self._decoder.kind}")
+            raise ServoError(
+                "servo",
+                f"no frame of the tracker at {self._orders.port} for {STARTS_S:g} s",
+                f"see that it is powered, connected and sampling, {self._decoder.kind}",
+            )
         self._ask()
 
     def is_live(self) -> bool:

@@ -240,9 +240,12 @@ class Servo:
         self._pulse[0] = now_ns if self._at.state is not None and part == 1 else 0
         waited_ns = self._device.late_ns(now_ns)
         if waited_ns > self._orders.answer_ms * 1e6:
-            got = f"force device at {self._orders.address}: no answer for {waited_ns / 1e6:.1f} ms"
-            allowed = f"{self._orders.answer_ms:g} ms (servo.answer_ms in the rig file)"
-            raise ServoError(got, remedy="see to the device and its line", allowed=allowed)
+            raise ServoError(
+                f"force device at {self._orders.address}",
+                f"no answer for {waited_ns / 1e6:.1f} ms",
+                "see to the device and its line",
+                allowed=f"{self._orders.answer_ms:g} ms (servo.answer_ms in the rig file)",
+            )
 
     def _share(self, now_ns: int) -> float:
         """Return which part of the force the session allows now; none before its first heartbeat."""

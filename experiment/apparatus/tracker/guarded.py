@@ -145,15 +145,15 @@ def _driver(rig: Rig) -> Callable[..., Tracker]:
         found = importlib.import_module(module) if file is None else _beside(file)
         driver: Callable[..., Tracker] = getattr(found, name)
     except (Exception, SystemExit) as error:  # a module may raise anything while it is imported, and end nothing
-        raise RigError(_not_a_driver(rig, error)) from error
+        raise _not_a_driver(rig, error) from error
     missing = [name for name in ("read", "drain", "reconnect", "close") if not hasattr(driver, name)]
     if missing:
-        raise RigError(_not_a_driver(rig, AttributeError(f"it has no {', '.join(missing)}")))
+        raise _not_a_driver(rig, AttributeError(f"it has no {', '.join(missing)}"))
     with suppress(ValueError):  # compiled classes may not say what they are called with
         try:
             inspect.signature(driver).bind("", rig.tracker, clock=None, clock_map=None)
         except TypeError as error:
-            raise RigError(_not_a_driver(rig, error)) from error
+            raise _not_a_driver(rig, error) from error
     return driver
 
 
@@ -173,11 +173,14 @@ def _beside(file: Path) -> ModuleType:
     return module
 
 
-def _not_a_driver(rig: Rig, error: BaseException) -> str:
+def _not_a_driver(rig: Rig, error: BaseException) -> RigError:
     remedy = "put its file beside the rig file, install its package, or correct the rig file"
     if isinstance(error, ImportError) and error.name is not None and error.name.partition(".")[0] == "experiment":
         remedy = "have it import from palpate.experiment.apparatus"
-    return (
-        f"rig '{rig.rig.name}': tracker.driver: got '{rig.tracker.driver}' ({_said(error)}); allowed: {FRAMES}, or a "
-        f"class that implements Tracker; {remedy}"
+    return RigError(
+        f"rig '{rig.rig.name}'",
+        f"got '{rig.tracker.driver}' ({_said(error)})",
+        remedy,
+        allowed=f"{FRAMES}, or a class that implements Tracker",
+        field="tracker.driver",
     )

@@ -224,13 +224,14 @@ def _opened(port: str, baud: int) -> serial.Serial:
     try:
         return serial.serial_for_url(port, baudrate=baud, timeout=0, exclusive=True)
     except OSError as error:
-        busy = f"{', '.join(holders(port)) or 'another program'} holds it; close that program"
-        remedy = {
-            errno.ENOENT: f"no such port; {present()}",
-            errno.EACCES: "not permitted; let this user open serial ports (on Linux: group dialout)",
+        busy = f"{', '.join(holders(port)) or 'another program'} holds it", "close that program"
+        unknown = reason(error), f"see that it is a serial port and in order; {present()}"
+        what, remedy = {
+            errno.ENOENT: ("no such port", present()),
+            errno.EACCES: ("not permitted", "let this user open serial ports (on Linux: group dialout)"),
             errno.EBUSY: busy,
             errno.EAGAIN: busy,
-        }.get(error.errno or 0, f"{reason(error)}; see that it is a serial port and in order; {present()}")
-        raise TrackerError(f"tracker at {port}", remedy) from error
+        }.get(error.errno or 0, unknown)
+        raise TrackerError(f"tracker at {port}", what, remedy) from error
     except ValueError as error:
         raise TrackerError(f"tracker at {port}", str(error), "correct [tracker] in the rig file") from error

@@ -86,7 +86,7 @@ class Enroller:
             try:
                 return self._said()
             except VoiceError as error:
-                said = str(error).removeprefix("enrolment: ")
+                said = error.finding.clause()
                 why = f"{said[:1].upper()}{said[1:]}."
         return None
 

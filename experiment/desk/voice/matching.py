@@ -80,9 +80,11 @@ def enrolled(takes: Mapping[str, Sequence[Take]]) -> Enrolment:
     same = np.array(answers)[:, None] == np.array(answers)
     if mistaken := _mistaken(answers, apart):
         raise VoiceError(
-            "enrolment: got "
-            + ", ".join(f"a take of {one!r} that is nearest to one of {other!r}" for one, other in mistaken.items())
-            + "; allowed: takes of an answer nearest to one another; have these answers said twice again"
+            "enrolment",
+            "got "
+            + ", ".join(f"a take of {one!r} that is nearest to one of {other!r}" for one, other in mistaken.items()),
+            "have these answers said twice again",
+            allowed="takes of an answer nearest to one another",
         )
     own = float(np.mean(apart[same & np.isfinite(apart)]))
     return Enrolment(answers, every, own, float(np.mean(apart[~same])))

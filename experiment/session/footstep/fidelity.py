@@ -21,7 +21,7 @@ import numpy as np
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
-from palpate.experiment.errors import RigError
+from palpate.experiment.errors import Finding, RigError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
 
@@ -144,8 +144,8 @@ def judged(
     of = None if protocol.footsteps.synthesis.left_out_max is not None else task_ids
     given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
     worst = most_left_out([given(scene=one, beside=False) for one in scenes.played(protocol, of)], carries_hz)
-    if told := refusal(protocol, rig, worst, carries_hz):
-        raise RigError(told)
+    if (refused := refusal(protocol, rig, worst, carries_hz)) is not None:
+        raise RigError.at(refused)
     known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
     known += " of these SIMULATED recordings" * manifest.is_simulated(recordings)
     known += f"; {worst.weaker}" if worst.weaker else ""
@@ -154,23 +154,21 @@ def judged(
 
 def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
     """Raise `RigError` if a real rig would make and limit voltages by the response of a panel that nobody measured."""
-    if told := _unmeasured(rig_file.parent, rig):
-        raise RigError(rig_file, told)
+    if (simulated := _unmeasured(rig_file, rig_file.parent, rig)) is not None:
+        raise RigError.at(simulated)
 
 
-def _unmeasured(rig_folder: Path, rig: Rig) -> str:
-    """Return what is wrong with a real rig whose response table is SIMULATED, or nothing."""
+def _unmeasured(where: Path | str, rig_folder: Path, rig: Rig) -> Finding | None:
+    """Return what is wrong with a real rig, named by `where`, whose response table is SIMULATED; None otherwise."""
     from palpate.experiment.apparatus.panel import response_table
 
     shaping = rig.actuator.shaping
     if rig.rig.simulated or shaping is None:
-        return ""
+        return None
     if not response_table.is_simulated(rigs.response_table(rig_folder, shaping)):
-        return ""
-    return (
-        f"{shaping.response} says that it is SIMULATED; allowed: a table that was measured; measure the loaded panel, "
-        "and name that table"
-    )
+        return None
+    what, remedy = f"{shaping.response} says that it is SIMULATED", "measure the loaded panel, and name that table"
+    return Finding(what, where, allowed="a table that was measured", remedy=remedy)
 
 
 UNKNOWN = "nobody measured which frequencies its actuator carries"
@@ -210,19 +208,17 @@ def most_left_out(scenes_found: Sequence[dict[str, Fidelity]], carries_hz: tuple
     return MostLeftOut(budget.left_out, told, tuple((remedy, share) for share, _, remedy in counting), weaker)
 
 
-def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> str:
-    """Return why no participant is run on a rig that leaves out so much; empty where the protocol allows it."""
+def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> Finding | None:
+    """Return why no participant is run on a rig that leaves out so much; None where the protocol allows it."""
     most = protocol.footsteps.synthesis.left_out_max
     if most is None or (worst.share <= most and carries_hz is not None):
-        return ""
-    allowed = f"allowed: {most * 100:.6g}%, by footstep.synthesis.left_out_max"
+        return None
+    what, remedy = UNKNOWN, "measure the panel, and write actuator.low_hz and high_hz into the rig file"
     if worst.share > most:
-        whole = "palpate plan has the whole budget"
-        return f"rig '{rig.rig.name}': got {worst.told} left out; {allowed}; get {_remedy(worst, most)} ({whole})"
-    return (
-        f"rig '{rig.rig.name}': {UNKNOWN}; {allowed}; measure the panel, and write actuator.low_hz and high_hz into "
-        "the rig file"
-    )
+        what = f"got {worst.told} left out"
+        remedy = f"get {_remedy(worst, most)} (palpate plan has the whole budget)"
+    allowed = f"{most * 100:.6g}%, by footstep.synthesis.left_out_max"
+    return Finding(what, f"rig '{rig.rig.name}'", allowed=allowed, remedy=remedy)
 
 
 def _remedy(worst: MostLeftOut, most: float) -> str:
@@ -419,9 +415,8 @@ def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path
     worst = most_left_out([found, *(given(scene=one, beside=False) for one in others)], carries_hz)
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"
-    unmeasured = _unmeasured(rig_folder, rig)
-    refused = f"rig '{rig.rig.name}': {unmeasured}" if unmeasured else refusal(protocol, rig, worst, carries_hz)
-    return ErrorBudget(found, aims_ms, carries_hz, schedules, refused)
+    refused = _unmeasured(f"rig '{rig.rig.name}'", rig_folder, rig) or refusal(protocol, rig, worst, carries_hz)
+    return ErrorBudget(found, aims_ms, carries_hz, schedules, refused.sentence() if refused else "")
 
 
 WIDTH = 100

@@ -15,10 +15,9 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 from typer.testing import CliRunner, Result
 
-from palpate.experiment.apparatus.doctor.checks import Check
 from palpate.experiment.cli.app import app
 from palpate.experiment.cli.rig import left_out, lines
-from palpate.experiment.errors import RecordingError, RigError
+from palpate.experiment.errors import Finding, RecordingError, RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep import recorded_takes
@@ -154,35 +153,35 @@ def test_check_of_a_rig_without_recordings_says_that_there_are_none(tmp_path: Pa
     assert "name another folder" in str(result.exception)
 
 
-def looked(protocol: Path | None, recordings: Path | None, dataset: Path | None = None) -> list[Check]:
+def looked(protocol: Path | None, recordings: Path | None, dataset: Path | None = None) -> list[Finding]:
     return list(left_out(RIG, protocol, dataset, recordings))
 
 
 def test_the_doctor_is_red_for_it(tmp_path: Path, recordings: Path) -> None:
     (red,) = looked(allowing(tmp_path, 0.3), recordings)
-    assert (red.name, red.verdict) == ("left out", "red")
-    assert re.search(TOLD.partition("; allowed")[0], red.measured)
+    assert (red.check, red.verdict) == ("left out", "refuses")
+    assert re.search(TOLD.partition("; allowed")[0], red.what)
     assert red.allowed.startswith("30%, by ")
-    assert "below 10 Hz (then 21." in red.remedy
+    assert "below 10 Hz (then 21." in str(red.remedy)
     (green,) = looked(allowing(tmp_path, 0.5), recordings)
-    assert (green.verdict, green.allowed) == ("green", "50%")
-    assert green.measured.startswith("at most 34.")
+    assert (green.verdict, green.allowed) == ("passes", "50%")
+    assert green.what.startswith("at most 34.")
 
 
 def test_the_doctor_tells_the_share_or_why_it_is_not_known(
     tmp_path: Path, recordings: Path, approved: SnapshotAssertion
 ) -> None:
     (unasked,) = looked(None, None)
-    assert unasked.verdict == "not checked"
+    assert unasked.verdict == "unknown"
     (free,) = looked(allowing(tmp_path, None), recordings)
-    assert free.verdict == "green"
-    assert [unasked.measured, free.allowed] == approved
-    assert free.measured.startswith("at most 34.")
+    assert free.verdict == "passes"
+    assert [unasked.what, free.allowed] == approved
+    assert free.what.startswith("at most 34.")
     for most, told in ((None, "a rig may leave out anything"), (0.3, "a rig may leave out 30%")):
         (unknown,) = looked(allowing(tmp_path, most), None, tmp_path)
-        assert told in unknown.measured
-        assert unknown.verdict == "not checked"
-        assert "with --recordings" in unknown.remedy
+        assert told in unknown.what
+        assert unknown.verdict == "unknown"
+        assert "with --recordings" in str(unknown.remedy)
 
 
 def test_the_doctor_writes_in_the_width_of_a_terminal_and_without_control_characters(
@@ -190,7 +189,9 @@ def test_the_doctor_writes_in_the_width_of_a_terminal_and_without_control_charac
     approved: SnapshotAssertion,
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
-    long = Check("response table", "red", "words " * 30, "other words " * 20, "measure the loaded panel " * 10)
+    long = Finding(
+        "words " * 30, allowed="other words " * 20, remedy="measure the loaded panel " * 10, check="response table"
+    )
     shown = [line for one in lines(long) for line in one.split("\n")]
     assert max(map(len, shown)) <= 80
     assert all(line.isprintable() for line in shown)

@@ -24,9 +24,9 @@ Usage = namedtuple("Usage", "total used free")
 def test_this_disk_takes_a_session_and_nothing_is_left_behind(tmp_path: Path) -> None:
     folder = tmp_path / "participants" / "study"
     room = checks.space(folder, trials=40, rate_hz=1000)
-    assert (room.verdict, f"free at {tmp_path}" in room.measured) == ("green", True)
-    assert checks.writing(folder, ManualClock(0)).verdict == "green"
-    measured = checks.writing(folder, MonotonicClock()).measured
+    assert (room.verdict, f"free at {tmp_path}" in room.what) == ("passes", True)
+    assert checks.writing(folder, ManualClock(0)).verdict == "passes"
+    measured = checks.writing(folder, MonotonicClock()).what
     assert re.fullmatch(rf"an entry is on disk in \S+ ms \(median\), \S+ ms \(worst of 20\) at {tmp_path}", measured)
     assert list(tmp_path.iterdir()) == []
 
@@ -36,21 +36,21 @@ def test_a_session_takes_its_frames_twice_and_its_journal() -> None:
     assert checks.session_bytes(trials=40, rate_hz=1000) == 2 * 40 * 60 * 1000 * 12 + 40 * 2000
 
 
-@pytest.mark.parametrize(("short", "verdict"), [(0, "green"), (1, "red")])
+@pytest.mark.parametrize(("short", "verdict"), [(0, "passes"), (1, "refuses")])
 def test_a_disk_without_room_is_red(short: int, verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     free = checks.session_bytes(trials=40, rate_hz=1000) - short
     monkeypatch.setattr(shutil, "disk_usage", lambda _: Usage(free, 0, free))
     found = checks.space(tmp_path, trials=40, rate_hz=1000)
-    assert (found.verdict, "make room" in found.remedy) == (verdict, verdict == "red")
+    assert (found.verdict, "make room" in str(found.remedy)) == (verdict, verdict == "refuses")
 
 
-@pytest.mark.parametrize(("late_ms", "verdict"), [(49, "green"), (51, "red")])
+@pytest.mark.parametrize(("late_ms", "verdict"), [(49, "passes"), (51, "refuses")])
 def test_one_slow_entry_is_red(late_ms: int, verdict: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = ManualClock(0)
     took_ms = iter([1] * 7 + [late_ms] + [1] * 12)
     monkeypatch.setattr(os, "fsync", lambda _: clock.sleep_ns(next(took_ms) * 1_000_000))
     found = checks.writing(tmp_path, clock)
-    assert (found.verdict, found.measured.startswith(f"an entry is on disk in 1.00 ms (median), {late_ms}.00 ms")) == (
+    assert (found.verdict, found.what.startswith(f"an entry is on disk in 1.00 ms (median), {late_ms}.00 ms")) == (
         verdict,
         True,
     )
@@ -63,8 +63,12 @@ def test_a_folder_that_this_user_may_not_write_is_red(tmp_path: Path, monkeypatc
 
     monkeypatch.setattr(tempfile, "TemporaryFile", forbidden)
     found = checks.writing(tmp_path, ManualClock(0))
-    assert (found.verdict, found.measured) == ("red", f"{tmp_path}: nothing can be written (Permission denied)")
-    assert found.remedy.startswith("let this user write there")
+    assert (found.verdict, found.where, found.what) == (
+        "refuses",
+        tmp_path,
+        "nothing can be written (Permission denied)",
+    )
+    assert str(found.remedy).startswith("let this user write there")
 
 
 def test_a_disk_that_fills_up_meanwhile_is_red(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -72,7 +76,7 @@ def test_a_disk_that_fills_up_meanwhile_is_red(tmp_path: Path, monkeypatch: pyte
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    assert "No space left on device" in checks.writing(tmp_path, ManualClock(0)).measured
+    assert "No space left on device" in checks.writing(tmp_path, ManualClock(0)).what
     assert list(tmp_path.iterdir()) == []
 
 
@@ -80,4 +84,4 @@ def test_what_others_can_read_is_red(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert list(checks.privacy(tmp_path)) == []
     monkeypatch.setattr(storage, "readable_by_others", lambda folder: (folder / "sourcedata",))
     (found,) = checks.privacy(tmp_path)
-    assert (found.verdict, str(tmp_path / "sourcedata") in found.measured) == ("red", True)
+    assert (found.verdict, str(tmp_path / "sourcedata") in found.what) == ("refuses", True)

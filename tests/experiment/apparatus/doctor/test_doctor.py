@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import pytest
 
 from palpate.experiment.apparatus import opening, rig
 from palpate.experiment.apparatus import opening as opening_audio
 from palpate.experiment.apparatus.doctor import devices, doctor
-from palpate.experiment.apparatus.doctor.checks import Check
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.errors import AudioError, PalpateError, TrackerError
+from palpate.experiment.errors import AudioError, Finding, PalpateError, TrackerError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 
@@ -39,8 +39,8 @@ class Part:
             raise self._error
 
 
-def red(checks: Iterator[Check]) -> list[tuple[str, str]]:
-    return [(check.name, check.measured) for check in checks if check.verdict == "red"]
+def red(checks: Iterator[Finding]) -> list[Finding]:
+    return [check for check in checks if check.verdict == "refuses"]
 
 
 def test_what_a_study_asks_for_and_the_rig_has_nothing_for_is_told_and_not_red() -> None:
@@ -49,40 +49,42 @@ def test_what_a_study_asks_for_and_the_rig_has_nothing_for_is_told_and_not_red()
     assert any(rule.when == "undelivered" for rule in study.exclusion)
     bare = RIG.model_copy(update={"audio": None})
     found = list(doctor._elsewhere(bare, listens))
-    assert [(check.name, check.verdict) for check in found] == [
-        ("masker", "not checked"),
-        ("microphone", "not checked"),
-        ("undelivered", "not checked"),
+    assert [(check.check, check.verdict) for check in found] == [
+        ("masker", "unknown"),
+        ("microphone", "unknown"),
+        ("undelivered", "unknown"),
     ]
-    assert found[0].measured.endswith("by other means")
+    assert found[0].what.endswith("by other means")
     whole = rig.load(shipped("rigs/laboratory.toml"))
-    assert [check.name for check in doctor._elsewhere(whole, listens)] == ["microphone"]
+    assert [check.check for check in doctor._elsewhere(whole, listens)] == ["microphone"]
     assert [*doctor._elsewhere(whole, study), *doctor._elsewhere(bare, None)] == []
 
 
 @pytest.mark.parametrize(("failing", "name"), [("checks", "tracker"), ("close", "tracker closing")])
 def test_a_tracker_that_fails_is_named_by_what_failed(monkeypatch: pytest.MonkeyPatch, failing: str, name: str) -> None:
-    part = Part(failing, TrackerError("tracker: got no device; see to it"))
+    error = TrackerError("tracker", "got no device", "see to it")
+    part = Part(failing, error)
 
-    def checks(device: Part, *_: object, **__: object) -> tuple[Check, ...]:
+    def checks(device: Part, *_: object, **__: object) -> tuple[Finding, ...]:
         device._fails("checks")
         return ()
 
     monkeypatch.setattr(opening, "open_tracker", lambda *_, **__: part)
     monkeypatch.setattr(devices, "checks", checks)
-    assert red(doctor._tracker(RIG, ENDS, ManualClock(0))) == [(name, "tracker: got no device")]
+    assert red(doctor._tracker(RIG, ENDS, ManualClock(0))) == [replace(error.finding, check=name)]
 
 
 @pytest.mark.parametrize(("failing", "name"), [("health", "audio stream"), ("close", "audio closing")])
 def test_audio_that_fails_is_named_by_what_failed_and_the_tracker_is_looked_at_all_the_same(
     monkeypatch: pytest.MonkeyPatch, failing: str, name: str
 ) -> None:
-    part = Part(failing, AudioError("audio: the stream broke; start again"))
+    error = AudioError("audio", "the stream broke", "start again")
+    part = Part(failing, error)
     monkeypatch.setattr(opening_audio, "open_probing", lambda *_, **__: part)
     monkeypatch.setattr(opening, "open_tracker", lambda *_, **__: Part("", TrackerError("")))
     for module, check in ((devices, "checks"), (devices, "steady"), (devices, "loopback")):
         monkeypatch.setattr(module, check, lambda *_, **__: ())
     assert RIG.audio is not None
     found = list(doctor._audio(RIG, RIG.audio, ENDS, ManualClock(0)))
-    assert red(iter(found)) == [(name, "audio: the stream broke")]
-    assert "tracker port" in [check.name for check in found]
+    assert red(iter(found)) == [replace(error.finding, check=name)]
+    assert "tracker port" in [check.check for check in found]

@@ -1,24 +1,24 @@
-"""An error of palpate as a red check: what it got, what is allowed, what to do."""
+"""An error of palpate as the finding of a check: its parts, under the name of the check."""
 
-from __future__ import annotations
+from pathlib import Path
 
-import pytest
-
-from palpate.experiment.apparatus.doctor.checks import Check, refused
-from palpate.experiment.errors import PalpateError
+from palpate.experiment.apparatus.doctor.checks import refused
+from palpate.experiment.errors import Finding, RigError, mismatch
 
 
-@pytest.mark.parametrize(
-    ("said", "found"),
-    [
-        (
-            "audio.latency: got 40 days; allowed: 0 to 30 days; run it; or not",
-            ("audio.latency: got 40 days", "0 to 30 days; run it", "or not"),
-        ),
-        ("tracker at COM3: cat (7) holds it; close it", ("tracker at COM3: cat (7) holds it", "", "close it")),
-        ("nothing to be done", ("nothing to be done", "", "nothing to be done")),
-        ("rig.toml: 1 error\n  line 3: bad", ("rig.toml: 1 error line 3: bad", "", "correct that file")),
-    ],
-)
-def test_an_error_is_taken_apart(said: str, found: tuple[str, str, str]) -> None:
-    assert refused("part", PalpateError(said)) == Check("part", "red", *found)
+def test_a_check_takes_over_the_parts_of_an_error() -> None:
+    error = RigError("audio.latency", "got 40 days", "run it; or not", allowed="0 to 30 days; no more")
+    assert refused("part", error) == Finding(
+        "got 40 days", "audio.latency", allowed="0 to 30 days; no more", remedy="run it; or not", check="part"
+    )
+
+
+def test_what_cannot_be_put_right_has_no_remedy() -> None:
+    assert refused("part", RigError("nothing to be done")) == Finding("nothing to be done", check="part")
+
+
+def test_of_a_file_with_errors_the_file_is_to_be_corrected() -> None:
+    file = Path("rig.toml")
+    found = refused("part", RigError.in_file(file, [mismatch("audio.block", 3, "0", "1 or more")]))
+    assert (found.where, found.remedy, found.verdict) == (file, "correct that file", "refuses")
+    assert "audio.block" in found.what
