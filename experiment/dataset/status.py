@@ -370,8 +370,9 @@ def _due(keep_until: Mapping[str, date], today: date) -> Iterator[str]:
 
 def _people(labels: Mapping[str, date]) -> str:
     """Return whom a sentence is about: a few by their labels, more by their number."""
-    few = len(labels) <= SHOWN
-    return f"participant{'s' * (len(labels) > 1)} {', '.join(labels)}" if few else f"{len(labels)} participants"
+    if len(labels) > SHOWN:
+        return f"{len(labels)} participants"
+    return f"{'participant' if len(labels) == 1 else 'participants'} {', '.join(labels)}"
 
 
 def _listed(heading: str, sentences: list[str] | tuple[str, ...]) -> Iterator[str]:

@@ -159,7 +159,7 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
         yield Finding("note", "sessions", f"{none}: headers, seed and tables were not compared")
         return
     of = "protocol and the plan beside it" if held.roster is None else "sealed protocol, seed and roster"
-    yield Finding("holds", "headers", f"each journal{' that holds' * bool(refused)} is of its path, the {of}")
+    yield Finding("holds", "headers", f"each journal{' that holds' if refused else ''} is of its path, the {of}")
     if held.roster and enrolment.seed_is_proven(root):
         by_roster = held.roster.path.relative_to(root).as_posix() in refused
         text = "its hash stands in the roster, which is refused: it is not shown when it was drawn"
@@ -177,7 +177,7 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
     if unmade:
         yield Finding("note", "tables", f"were not compared: {build.UNMADE}")
         return
-    others = "but for those refused, " * bool(tables)
+    others = "but for those refused, " if tables else ""
     given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
     text = f"{others}are what the journals {given} traces of the foot's height were not compared"
     yield Finding("holds", "tables", text)
@@ -340,7 +340,7 @@ def _without_session(people: Roster, files: set[str]) -> Iterator[Finding]:
     """Tell who is enrolled, has not withdrawn, and has none of these `files`."""
     there = {*people.withdrawn, *(Path(file).parent.name.removeprefix("sub-") for file in files)}
     if labels := [label for label in people.consent_on if label not in there]:
-        who = f"participant{'s' * (len(labels) > 1)} {', '.join(labels)}"
+        who = f"{'participant' if len(labels) == 1 else 'participants'} {', '.join(labels)}"
         text = f"no session of {who} is here: none has begun, or they were deleted with the log of anchors"
         yield Finding("note", "roster", text)
 
