@@ -45,6 +45,7 @@ LONGEST = (
     "tests/analysis/documents/test_figures.py",
     "tests/analysis/numerics/test_numerics.py",
     "tests/experiment/synthesis/test_bounds.py",
+    "tests/rig/test_firmware.py",
     "tests/rig/test_tapping.py",
 )
 """Modules that take a quarter of a minute or more, longest first: one that began last would run alone at the end."""
