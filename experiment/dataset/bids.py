@@ -282,6 +282,6 @@ def _cell(value: object) -> str:
     text = str(value)
     if not text or re.search(r"[\t\r\n]", text):
         raise DatasetError(
-            f"got the text {text[:60]!r}; allowed in a table: one line without tabs", remedy="correct its source"
+            "a table", f"got the text {text[:60]!r}", "correct its source", allowed="one line without tabs"
         )
     return text

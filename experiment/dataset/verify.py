@@ -117,8 +117,7 @@ def verify(
     unlike += [Finding("refused", place.place, FOREIGN) for place in foreign]
     if named := {header.recordings_sha256 for header in headers} - {None}:
         findings.append(_file_finding(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
-    texts = {finding.text for finding in findings}
-    findings += _together(root, texts, evidence, refused) if beliefs.has_journals(root) else _tables_alone(root)
+    findings += _together(root, set(findings), evidence, refused) if beliefs.has_journals(root) else _tables_alone(root)
     findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
     findings += _leftovers(root)
     if (root / "derivatives").exists():
@@ -131,10 +130,11 @@ def verify(
     return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(root, findings, files, evidence)))
 
 
-def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused: set[str]) -> Iterator[Finding]:
+def _together(root: Path, told: set[Finding], evidence: Sequence[Evidence], refused: set[str]) -> Iterator[Finding]:
     """Tell what several files show together, but for what is `told` already; those that are `refused` show nothing."""
     held: Believed | None = None
-    unmade = False
+    unmade = stopped = False
+    roster = storage.roster_path(root)
     doubts: list[PalpateError] = []
     tables: list[PalpateError] = []
     try:
@@ -146,13 +146,13 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
             tables = [*build.edited(root, held, held.under_way, whole=not refused), *_lost_traces(root, held)]
             unmade = bool(tables) and build.unmade(root, dataset)
     except PalpateError as error:
-        doubts = [*doubts, error]
+        doubts, stopped = [*doubts, error], True
     for doubt in (*doubts, *(() if unmade else tables)):
         # A roster that was cut is told once, and not for each session that began under it.
-        by_roster = isinstance(doubt.__cause__, RosterError) and str(doubt.__cause__).startswith(f"{root}/")
-        finding = _refused(root, doubt.__cause__ if by_roster else doubt)
-        if finding.text not in told:
-            told.add(finding.text)
+        cause = doubt.__cause__
+        finding = _refused(root, cause if isinstance(cause, RosterError) and cause.finding.where == roster else doubt)
+        if finding not in told:
+            told.add(finding)
             yield finding
     if held is None or not held.sessions:
         none = "no journal holds, or what they are held against does not" if refused or doubts else "there is none"
@@ -176,6 +176,9 @@ def _together(root: Path, told: set[str], evidence: Sequence[Evidence], refused:
         yield Finding("note", path.relative_to(root).as_posix(), beliefs.OPEN)
     if unmade:
         yield Finding("note", "tables", f"were not compared: {build.UNMADE}")
+        return
+    if stopped:
+        yield Finding("note", "tables", "were not compared: comparing them stopped at what is refused")
         return
     others = "but for those refused, " if tables else ""
     given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
@@ -223,10 +226,8 @@ def _file_finding(root: Path, path: Path, check: Callable[[], str]) -> Finding:
 
 
 def _refused(root: Path, error: PalpateError) -> Finding:
-    """Return an error as a finding of the file inside the dataset that it begins with."""
-    text = "; ".join(line.strip() for line in str(error).splitlines()).removeprefix(f"{root}/")
-    item, _, rest = text.partition(": ")
-    return Finding("refused", item, rest)
+    """Return an error as a finding of the file inside the dataset that it names."""
+    return Finding("refused", error.finding.place(root), error.finding.clause())
 
 
 def _session(path: Path, headers: list[Header]) -> str:
