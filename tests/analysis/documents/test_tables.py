@@ -8,6 +8,7 @@ import io
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.documents.tables import (
     Section,
@@ -83,7 +84,9 @@ def test_rows_that_take_two_names_have_both_in_every_part() -> None:
     ]
 
 
-def test_names_wider_than_half_of_the_width_stand_in_every_part_and_are_wrapped_where_they_leave_no_room() -> None:
+def test_names_wider_than_half_of_the_width_stand_in_every_part_and_are_wrapped_where_they_leave_no_room(
+    approved: SnapshotAssertion,
+) -> None:
     of = "aluminum foil, sign flips (ours)"
     rows = (("t against chance", of, "0.685", "24"), ("t against chance", "sand", "0.080", "more than 24"))
     table = Table("", ("test", "of", "power", "n for 0.8"), rows, left=frozenset({0, 1}))
@@ -92,12 +95,7 @@ def test_names_wider_than_half_of_the_width_stand_in_every_part_and_are_wrapped_
         f"t against chance  {of}  0.685",
         f"t against chance  {of}            24",
     ]
-    assert [line for line in narrow if "aluminum" in line or "flips" in line] == [
-        "t against chance  aluminum foil, sign     0.685",
-        "                  flips (ours)",
-        "t against chance  aluminum foil, sign               24",
-        "                  flips (ours)",
-    ]
+    assert [line for line in narrow if "aluminum" in line or "flips" in line] == approved
 
 
 def test_an_empty_column_is_no_trouble() -> None:

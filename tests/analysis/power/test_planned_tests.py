@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from statsmodels.stats.multitest import multipletests
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import published
 from palpate.analysis.identification.results import Results, compute
@@ -182,12 +183,12 @@ def test_alpha_may_be_changed_for_all(protocol: Protocol) -> None:
     assert {test.alpha for test in planned_tests.design(protocol, {}).tests} == {0.05, 0.01}
 
 
-def test_a_form_nobody_knows_is_stated() -> None:
+def test_a_form_nobody_knows_is_stated(approved: SnapshotAssertion) -> None:
     protocol = files.load(shipped("okamoto2012.toml"))
     plan = ICC_FORM.model_copy(update={"form": "the usual one"})
     design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
     (sentence,) = planned_tests.not_simulated(design)
-    assert "form 'the usual one'" in sentence
+    assert sentence == approved
     drawn = {task.id: np.ones((4, 5, 1, 3), dtype=np.int64) for task in design.tasks}
     assert planned_tests.answer(design, drawn) == {}
 

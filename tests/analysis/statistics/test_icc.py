@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.icc import icc
@@ -142,13 +143,13 @@ def test_the_reason_is_that_of_the_mean_squares(table: list[list[int]], name: st
     assert bool(icc(table).form(name).statement) == bool(why)
 
 
-def test_limits_that_fall_together_beside_the_estimate_are_none() -> None:
+def test_limits_that_fall_together_beside_the_estimate_are_none(approved: SnapshotAssertion) -> None:
     table = [[20, 0, 3, 3, 9], [10, 8, 8, 0, 9], [7, 6, 10, 7, 4], [10, 7, 10, 2, 6]]
     agreement = next(form for form in icc(table).forms if form.mcgraw_wong == "ICC(A,1)")
     # pingouin 0.7.0 gives the same estimate, and [-0.1744, -0.1744] for its interval.
     assert agreement.value == pytest.approx(-0.173859, abs=1e-6)
     assert (agreement.low, agreement.high) == (None, None)
-    assert agreement.statement.startswith("the degrees of freedom of its interval come near zero")
+    assert agreement.statement == approved
 
 
 def test_perfect_agreement_is_one_without_an_interval() -> None:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus.audio.actuator import LEAST_DB, Alignment, align, objection, silence_objection
 from palpate.experiment.apparatus.rig import DeliveredRig
@@ -116,11 +117,9 @@ def test_a_silence_counts_where_little_was_heard(loudest: float, said: str) -> N
     assert silence_objection(heard, gain=2.0, tolerance=TOLERANCE) == said
 
 
-def test_objections_stand_in_order_of_what_explains_most() -> None:
+def test_objections_stand_in_order_of_what_explains_most(approved: SnapshotAssertion) -> None:
     whole = Alignment(onset=0, gain=1.0, residual_db=-60.0)
     assert objection(whole, onset_error_ms=0.5, contact_error_ms=-5.0, gain=1.0, tolerance=TOLERANCE) == ""
-    assert "+5.01 ms from contact; allowed: 5 ms" in objection(
-        whole, onset_error_ms=0.5, contact_error_ms=5.01, gain=1.0, tolerance=TOLERANCE
-    )
+    assert objection(whole, onset_error_ms=0.5, contact_error_ms=5.01, gain=1.0, tolerance=TOLERANCE) == approved
     assert "ms off" in objection(whole, onset_error_ms=-1.5, contact_error_ms=9.0, gain=1.0, tolerance=TOLERANCE)
     assert "level" in objection(whole, onset_error_ms=-1.5, contact_error_ms=9.0, gain=2.0, tolerance=TOLERANCE)
