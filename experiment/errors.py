@@ -103,6 +103,10 @@ class ActuatorError(PalpateError):
     """The stimulus could not be handed to the device."""
 
 
+class PedalError(PalpateError):
+    """The participant's pedal cannot be opened, or is silent: nobody could stop with it."""
+
+
 class ServoError(PalpateError):
     """The device that pushes the hand cannot be used, or the process that drives it has ended."""
 

@@ -1,6 +1,7 @@
-"""The participant's screen in a rig file: which display it is, the keys beside it, and its own sentences."""
+"""The participant's screen and pedal in a rig file: display, keys, the screen's own sentences, and the pedal's port."""
 
 from collections.abc import Iterator
+from datetime import date
 from itertools import combinations
 from typing import Annotated, Any, ClassVar
 
@@ -139,3 +140,19 @@ class ScreenRig(Confined):
     def stop(self) -> str:
         """The key with which the participant stops everything."""
         return (self.keys or ScreenKeys()).stop
+
+
+class PedalRig(Confined):
+    """The participant's pedal, or button, on a serial line of its own: pressed, it silences everything at once.
+
+    Attributes:
+        port: a device path, or a URL that pyserial opens.
+        baud: the speed of the line, bits a second.
+        tried_on: when it was pressed last, and everything fell silent.
+        tried_days: for how many days that holds.
+    """
+
+    port: Line
+    baud: Annotated[int, Field(ge=1200, le=12_000_000)]
+    tried_on: date
+    tried_days: Annotated[int, Field(ge=1, le=3650)]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Servo, Tracker
+from palpate.experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Pedal, Servo, Tracker
 from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
@@ -189,6 +189,20 @@ def open_tracker(
 
     samples = round(REST_S * rig.tracker.rate_hz)
     return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)
+
+
+def open_pedal(rig: Rig, *, port: str | None = None) -> Pedal | None:
+    """Return the rig's pedal once it is there, at its port or another; None where the rig has none.
+
+    Raises `RigError` for one that exists in simulation alone, and `PedalError`.
+    """
+    from palpate.experiment.apparatus.tracker import pedal
+
+    if rig.pedal is None:
+        return None
+    if port is None and rig.pedal.port == REHEARSAL:
+        raise RigError(simulated_only(rig, "pedal.port"))
+    return pedal.Pedal(port or rig.pedal.port, rig.pedal.baud)
 
 
 def servo_of(rig: Rig) -> ServoRig:

@@ -56,6 +56,15 @@ class Rester(Protocol):
         return
 
 
+class Pedal(Protocol):
+    """With what the participant stops everything."""
+
+    def pressed(self) -> bool:
+        """Return within 0.1 s whether it was pressed. Raises `PedalError` if nobody could stop with it any more."""
+
+    def close(self) -> None: ...
+
+
 class Actuator(Protocol):
     """What shakes the panel: one stimulus at a time, prepared while the foot falls.
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus.display import ScreenRig
+from palpate.experiment.apparatus.display import PedalRig, ScreenRig
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 from palpate.experiment.errors import ProtocolError, RigError
@@ -30,7 +30,8 @@ from palpate.experiment.settings.load import ONE_LINE, Address, Broken, Confined
 REHEARSAL = "rehearsal"
 """Stands for a port or an address that `palpate rehearse` fills in; only simulated rigs may say it."""
 
-PLACES = {"tracker": "port", "actuator": "address", "accelerometer": "address", "audio": "device", "servo": "address"}
+PLACES = dict.fromkeys(("actuator", "accelerometer", "servo"), "address") | {"audio": "device"}
+PLACES |= {"tracker": "port", "pedal": "port"}
 """Where each device of a rig is found, by its table: the key that a simulated rig leaves to the rehearsal."""
 
 
@@ -530,18 +531,22 @@ class StopsRig(Confined):
 
 
 def check_stops(rig: "Rig", peak_m_s2: float | None, today: date) -> None:
-    """Raise `RigError` for a real rig with unnamed or untested stops, for force or above `peak_m_s2`, if known."""
+    """Raise `RigError` for a real rig with unnamed or untested stops, for force or above `peak_m_s2`, if known.
+
+    The participant's pedal has to be tried as well.
+    """
     full_m_s2 = rig.actuator.full_scale_m_s2
     strong = peak_m_s2 is not None and (full_m_s2 is None or full_m_s2 > peak_m_s2)
-    if rig.rig.simulated or not (strong or rig.servo is not None):
-        return
-    got, allowed = "no table [stops]", "the emergency stop and the amplifier's own limit"
-    if rig.stops is not None:
-        got, allowed = f"stops.tried_on = {rig.stops.tried_on}", f"0 to {rig.stops.tried_days} days before {today}"
-        if 0 <= (today - rig.stops.tried_on).days <= rig.stops.tried_days:
-            return
-    remedy = "try both, and write the day into stops.tried_on of the rig file"
-    raise RigError(f"rig '{rig.rig.name}'", f"got {got}", remedy, allowed=allowed)
+    needed: list[tuple[str, StopsRig | PedalRig | None]] = [("stops", rig.stops)] if strong or rig.servo else []
+    needed += [("pedal", rig.pedal)] if rig.pedal is not None else []
+    for table, tried in needed if not rig.rig.simulated else ():
+        got, allowed = "no table [stops]", "the emergency stop and the amplifier's own limit"
+        if tried is not None:
+            got, allowed = f"{table}.tried_on = {tried.tried_on}", f"0 to {tried.tried_days} days before {today}"
+            if 0 <= (today - tried.tried_on).days <= tried.tried_days:
+                continue
+        remedy = f"try {'it' if table == 'pedal' else 'both'}, and write the day into {table}.tried_on of the rig file"
+        raise RigError(f"rig '{rig.rig.name}'", f"got {got}", remedy, allowed=allowed)
 
 
 class Rig(Confined):
@@ -561,11 +566,12 @@ class Rig(Confined):
         anchors: where each session's end is anchored.
         stops: the emergency stop and the amplifier's own limit; a real rig needs them for a force device, and for an
             actuator that may exceed the board's limit.
+        pedal: the participant's pedal or button, where there is one.
     """
 
     RULES: ClassVar[Rules] = _rig_rules
 
-    format: Literal[1, 2]
+    format: Literal[1, 2, 3]
     rig: Identity
     tracker: TrackerRig
     actuator: ActuatorRig
@@ -575,6 +581,7 @@ class Rig(Confined):
     screen: ScreenRig | None = None
     anchors: AnchorsRig | None = None
     stops: StopsRig | None = Field(None, json_schema_extra={"since": 2})
+    pedal: PedalRig | None = Field(None, json_schema_extra={"since": 3})
 
     _folder: Path | None = PrivateAttr(None)
 
@@ -611,10 +618,10 @@ def sha256(rig: Rig) -> str:
     """Return the SHA-256 of the RFC 8785 JSON of what the rig file states, 64 hexadecimal digits.
 
     A tracker's driver beside the file counts with its own hash; `RigError` if it is unreadable. Ports, addresses,
-    anchors, stops and the participant's screen are omitted, since they measure nothing.
+    anchors, stops, the participant's screen and pedal are omitted, since they measure nothing.
     """
     where = {device: {key} for device, key in PLACES.items()}
-    unmeasured = {"screen": True, "anchors": True, "stops": True}
+    unmeasured = {"screen": True, "anchors": True, "stops": True, "pedal": True}
     stated = rig.model_dump(mode="json", exclude_none=True, exclude={**where, **unmeasured})
     if (driver := rig.driver_file) is not None:
         try:

@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -159,7 +159,7 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
     from palpate.experiment.rehearsal.footstep.panel import Panel
     from palpate.experiment.rehearsal.session import foot
     from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
-    from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+    from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
     from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 
     line = opened.enter_context(SerialLine())
@@ -170,8 +170,10 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
         opened.callback(panel.close)
         address = panel.address
     force = opened.enter_context(ForceDeviceProcess()).address if rig.servo is not None else None
+    pedal = opened.enter_context(SimulatedPedal()).url if rig.pedal is not None else None
+    ends = SimulatedPorts(port=line.url, address=address, force=force, pedal=pedal)
     if rig.audio is None:
-        return SimulatedPorts(port=line.url, address=address, force=force)
+        return ends
     card, heard = opened.enter_context(WiredCard(rig)), rig.audio.channels.microphone is not None
 
     def wire() -> None:
@@ -179,7 +181,7 @@ def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
         if heard:
             card.mouth()
 
-    return SimulatedPorts(port=line.url, address=address, device=DEVICE, force=force, wire=wire)
+    return replace(ends, device=DEVICE, wire=wire)
 
 
 def document_of(check: "Finding") -> dict[str, str]:

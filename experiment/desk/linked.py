@@ -71,8 +71,6 @@ EARLY = (Choice(key=ENTER, words="end the break"), Choice(key=ESCAPE, words="go 
 NEXT = "── Task {step} ──"
 """The line between what was told of one task and what is told of the next."""
 
-STOPPED = "The participant stopped everything: the session pauses."
-
 UNWRITABLE = "The text {}, which cannot go on record; write it without that character."
 
 NO_SESSION = (
@@ -323,11 +321,15 @@ class LinkedConsole:
                 self._pausing, self._paused_by = deed, by
             if before is None and by == port.BY_PARTICIPANT:
                 # The reply goes to the participant's screen alone, and the session may wait for a disk.
-                self.show(STOPPED)
+                self.show(port.STOPPED)
             self._changed.notify_all()
         if session is not None:
             session.pause(by)
         return True, "The session pauses as soon as nothing can be felt any more."
+
+    def stopped(self) -> None:
+        self._pause(Pause(), port.BY_PARTICIPANT)
+        self.wake()
 
     def _repeat(self, wanted: Repeat, session: port.Attended) -> tuple[bool, str]:
         with self._changed:

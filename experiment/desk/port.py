@@ -63,6 +63,10 @@ class Console(Rester, Protocol):
     def show(self, text: str) -> None:
         """Show the experimenter a line."""
 
+    def stopped(self) -> None:
+        """Take note, in any thread, that the participant stopped everything with the pedal."""
+        self.show(STOPPED)
+
     def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
         """Return a key of `handled`, of a material that the participant handled, or "" once they know them all."""
 
@@ -130,6 +134,9 @@ def laid_out(presented: tuple[str, ...]) -> str:
 
 BY_EXPERIMENTER, BY_PARTICIPANT = "by the experimenter", "by the participant"
 """Why a session pauses that was asked to."""
+
+STOPPED = "The participant stopped everything: the session pauses."
+"""What is shown then, and is on record of the pedal."""
 
 LAB_BOOK, NOT_ANCHORED = "For the lab book: ", "NOT ANCHORED: "
 """How lines begin that are told again at the program's end: they are to be copied, or acted on."""

@@ -9,6 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -229,6 +230,10 @@ class Screen:
         self._font = self.folder / self.settings.font if self.settings.font else None
         self._page: Page | None = None
         self._prompt: Prompt | None = None
+        # Letters take a while to be drawn, and whoever stops everything must not wait for them.
+        self._artist = ThreadPoolExecutor(1, "artist")
+        self._drawing: tuple[Page, Heard, Future[Image]] | None = None
+        self._shown = Heard(None, None)
         self._since_ns = self._drawn_ns = 0
         self._told: tuple[Line, int] | None = None
         self._gone_ns: int | None = None
@@ -260,13 +265,19 @@ class Screen:
         page, hand_mm = pages.page(prompt, self.settings, wall_ns()), prompt.hand_mm if prompt else None
         moved = hand_mm != (self._prompt.hand_mm if self._prompt else None)
         if page != self._page:
-            self.window.put(self._picture(page))
+            self._drawing = self._drawing or (page, heard, self._artist.submit(self._picture, page))
+            if not self._drawing[2].done():
+                return
+            # It is shown although another may be due meanwhile, so that one that changes all the time is seen.
+            (page, heard, drawn), self._drawing = self._drawing, None
+            prompt = heard.prompt
+            self.window.put(drawn.result())
             self._since_ns = self._drawn_ns = self.window.show(hand_mm)
             # What was pressed before the page was seen answers nothing on it.
             self._pressed(heard)
         elif moved or monotonic_ns() - self._drawn_ns > REDRAW_NS:
             self._drawn_ns = self.window.show(hand_mm)
-        self._page, self._prompt = page, prompt
+        self._page, self._prompt, self._shown = page, prompt, heard
 
     def _picture(self, page: Page) -> Image:
         font, missing = pages.font_for(page.letters, self._font)
@@ -280,10 +291,11 @@ class Screen:
 
     def _tell(self, heard: Heard) -> None:
         """Tell the session what is shown, once for each prompt that looks otherwise."""
-        if heard.line is None or heard.prompt is None or self._told == (heard.line, heard.prompt.number):
+        line, prompt = self._shown.line, self._shown.prompt
+        if line is None or line is not heard.line or prompt is None or self._told == (line, prompt.number):
             return
-        self._told = heard.line, heard.prompt.number
-        _send(heard.line, Shown(number=heard.prompt.number, t_ns=self._since_ns))
+        self._told = line, prompt.number
+        _send(line, Shown(number=prompt.number, t_ns=self._since_ns))
 
     def _over(self, heard: Heard) -> bool:
         """Return whether the session has been gone for long enough: after its thanks, or for good."""

@@ -37,7 +37,8 @@ STOPS = (
     "Software alone keeps all of these limits, and software is no safety function. In hardware, a laboratory limits "
     "what its amplifier can deliver, and an emergency stop cuts the power. palpate runs nobody on a force device, or "
     "an actuator that can exceed the limit of vibration, unless its rig file names both and the day on which they were "
-    "tried. The participant stops everything with a key at the screen; without a screen, by word of mouth alone."
+    "tried. The participant stops everything with a pedal, or a key at the screen, within 0.2 s; where a rig has "
+    "neither, by word of mouth alone."
 )
 """What the board reads below the limits of a protocol that renders something."""
 

@@ -136,7 +136,7 @@ class Practised:
         self.agree, self.write, self.wait, self.goes_on = desk.agree, desk.write, desk.wait, desk.goes_on
         self.familiarise, self.waiting, self.debrief = desk.familiarise, desk.waiting, desk.debrief
         self.chosen_ago_ns, self.ignored = desk.chosen_ago_ns, desk.ignored
-        self.confirm, self.confirmed = desk.confirm, desk.confirmed
+        self.confirm, self.confirmed, self.stopped = desk.confirm, desk.confirmed, desk.stopped
 
     def heard(self, *, words: str) -> None:
         self._proposed = words

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,6 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
-from palpate.experiment.dataset.beliefs import Each
 from palpate.experiment.desk.port import Console
 from palpate.experiment.errors import Interrupted
 from palpate.experiment.protocol import files
@@ -39,7 +39,7 @@ from palpate.experiment.rehearsal.tapping import hand
 from palpate.experiment.rehearsal.tapping.participant import Fingers, SimulatedTapper
 from palpate.experiment.rehearsal.voice import Speaker
 from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
-from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import runner, scene
 from palpate.experiment.session.kind import Stimuli
@@ -212,6 +212,9 @@ class SimulatedEnds:
         # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
         return line.url, None if self.real_time else ClockMap(anchor_us=0, anchor_ns=self._powered_ns)
 
+    def pedal(self, opened: ExitStack) -> str | None:
+        return opened.enter_context(SimulatedPedal()).url if self.rig.pedal is not None else None
+
     def check(self, tracker: Tracker, rig: rigs.Rig) -> None:
         """Check nothing: in simulated time the foot sends no frame before its first step."""
 
@@ -290,7 +293,7 @@ _queue: multiprocessing.SimpleQueue[None] | None = None
 
 
 def rehearse_at_once(
-    todo: Sequence[Job], jobs: int, tick: Tick, finish: Callable[[Each], None], begun: Callable[[], object]
+    todo: Sequence[Job], jobs: int, tick: Tick, finish: Callable[[Any], None], begun: Callable[[], object]
 ) -> None:
     """Rehearse every participant of `todo`, `jobs` at a time; `tick` is called here after each confirmed answer.
 

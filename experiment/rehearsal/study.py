@@ -25,7 +25,6 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.rehearsal.participant import Tick
 from palpate.experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
 from palpate.experiment.rehearsal.tapping import surfaces
 from palpate.experiment.session.remarks import paused
@@ -57,7 +56,7 @@ def rehearse(
     real_time: bool = False,
     jobs: int = 1,
     total: Callable[[int, int], None] = lambda _, __: None,
-    tick: Tick = lambda: None,
+    tick: Callable[[], None] = lambda: None,
     screen: Console | None = None,
 ) -> Path:
     """Rehearse a study, or what remains of an interrupted rehearsal, and return the complete dataset's folder.

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from palpate.experiment.apparatus.ports import Masker, Microphone
+from palpate.experiment.apparatus.ports import Masker, Microphone, Pedal
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk import interrupts
 from palpate.experiment.desk.messages import Repeat
@@ -96,7 +96,7 @@ class Devices:
 
     `kind` are the devices of the task's kind of trial. A session waits `reconnect_s` for a device that fell silent,
     then pauses. `priority` is that of its threads in words, and is empty in simulated time. `microphone` hears answers,
-    and `computing` computes what it heard; both are None where nobody listens.
+    and `computing` computes what it heard; both are None where nobody listens. `pedal` is the participant's, if any.
     """
 
     kind: KindDevices
@@ -108,6 +108,7 @@ class Devices:
     priority: str = ""
     microphone: Microphone | None = None
     computing: Executor | None = None
+    pedal: Pedal | None = None
 
 
 class Attempts:

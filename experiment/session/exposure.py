@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import interrupts
-from palpate.experiment.desk.port import INTERRUPTED
+from palpate.experiment.desk.port import BY_PARTICIPANT, INTERRUPTED, STOPPED
 from palpate.experiment.errors import PalpateError, ScreenGone
-from palpate.experiment.records.entries import Exposure, Footer, Header, MaskerSet, Resumed
+from palpate.experiment.records.entries import Commanded, Exposure, Footer, Header, MaskerSet, Resumed
 from palpate.experiment.session.kind import nothing_more
 
 if TYPE_CHECKING:
@@ -69,20 +69,25 @@ class Exposed:
         clock: Clock,
         log: Log,
         stream: AudioStream | None = None,
+        pressed: Callable[[], bool] | None = None,
     ) -> None:
-        """Begin with nothing watched; from the session time `ends_ns` on nothing may be felt, and `ended` says why."""
+        """Begin with nothing watched; from the session time `ends_ns` on nothing may be felt, and `ended` says why.
+
+        `pressed` is the participant's pedal, as `Pedal` has it.
+        """
         self.ends_ns = ends_ns
         """The session time from which on nothing may be felt, ns."""
         self._ended = ended
         self._masking = masking
         self._stream = stream
+        self._pressed = pressed
         self._console = console
         self._clock = clock
         self._log = log
         self._kind: Kind | None = None
         self._over = self._asked = self._skipped = ""
         self._failed: Exception | None = None
-        self._told = self._slow = False
+        self._told = self._slow = self._stopped = False
         self._due_ns = self._looked_ns = clock.now_ns()
         self.free_bytes: int | None = None
         """The free space on the disk when an exposure was written last, bytes; None if the disk did not say."""
@@ -104,6 +109,8 @@ class Exposed:
         self._opened.callback(wakes.close)
         # A signal is seen while the main thread is in a call that does not return.
         self._opened.callback(interrupts.report_to, interrupts.report_to(wakes.fileno()))
+        if self._pressed is not None:
+            self._opened.callback(self._start("pedal", self._follow, self._pressed).join)
         self._writer = self._start("exposure", self._write)
 
     def settle(self) -> None:
@@ -188,6 +195,9 @@ class Exposed:
 
     def record(self) -> None:
         """Put what nobody waits for on disk: what the masker did, and the exposure if that is due."""
+        if self._stopped:
+            self._stopped = False
+            self._log.write(Commanded(by="pedal", command="pause", taken=True, reply=STOPPED))
         if self._masking is not None:
             self._masking.record()
         now_ns = self._clock.now_ns()
@@ -240,9 +250,20 @@ class Exposed:
                     self._tell(f"\n{nothing_more(INTERRUPTED)} The session pauses.")
         self._silence()
 
+    def _follow(self, pressed: Callable[[], bool]) -> None:
+        """Stop everything once the participant's pedal is pressed; a pedal that fails is a part that failed."""
+        while not self._closing:
+            if pressed():
+                self.pause(BY_PARTICIPANT)
+                self._stopped = True
+                self._opened.callback(self._start("lines", self._console.stopped).join, 1.0)
+                return
+
     def _write(self) -> None:
         while not self._settled.wait(LOOK_S):
             self.record()
+        # What came since the last look.
+        self.record()
 
 
 def spent_ns(contents: Contents) -> int:

@@ -246,6 +246,10 @@ class FarEnds(Protocol):
         """Return the tracker's port, None for the one that the rig names, and its clock where that is known."""
         return None, None
 
+    def pedal(self, opened: ExitStack) -> str | None:  # noqa: ARG002
+        """Return the port of the participant's pedal, None for the one that the rig names."""
+        return None
+
     @abstractmethod
     def check(self, tracker: Tracker, rig: Rig) -> None:
         """Refuse a tracker that cannot be used, before anybody is on the panel. Raises `TrackerError`."""

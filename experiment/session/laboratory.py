@@ -71,6 +71,9 @@ def open_laboratory(
             ends=ends,
             opened=opened,
         )
+        pedal = opening.open_pedal(rig, port=ends.pedal(opened)) if ends.real_time else None
+        if pedal is not None:
+            opened.callback(pedal.close)
         console = ends.console()
         if priority and not rig.rig.simulated:
             console.show(f"Priority: {priority}.")
@@ -93,6 +96,7 @@ def open_laboratory(
             stream=sound.stream if sound is not None else None,
             reconnect_s=ends.reconnect_s,
             priority=priority,
+            pedal=pedal,
             microphone=microphone,
             computing=computing,
         )

@@ -65,10 +65,7 @@ class Masking:
         """
         if probe is None:
             criterion += " Nothing is played for that: have the participant touch it as in a trial, and listen."
-        with self._lock:
-            if not self._silenced:
-                self._go(self._masker.start, begin_db_a or FIRST_DB_A)
-        self.record()
+        self._rise(self._masker.start, begin_db_a or FIRST_DB_A)
         while not self._silenced:
             level_db_a, limit_db_a = self.exposure.level_db_a or FIRST_DB_A, self.limit_db_a
             keys = KEYS | ({} if probe is None else {PROBE_KEY: "play the probe"})
@@ -105,7 +102,11 @@ class Masking:
             level_db_a, soon = self._masker.level_db_a, louder and now_ns < self._rises_ns
             if level_db_a is not None and not soon:
                 self._rises_ns = now_ns + RISE_NS if louder else self._rises_ns
-                level_db_a = self._go(self._masker.set_level, level_db_a + (STEP_DB if louder else -STEP_DB))
+                if not louder:
+                    level_db_a = self._masker.set_level(level_db_a - STEP_DB)
+                    self._note(level_db_a)
+        if louder and not soon and level_db_a is not None:
+            level_db_a = self._rise(self._masker.set_level, level_db_a + STEP_DB)
         self.record()
         if level_db_a is None:
             said = "The masker is silent."
@@ -141,7 +142,7 @@ class Masking:
         with self._lock:
             self._masker.stop()
             if self._noted_db_a is not None:
-                self._note()
+                self._note(None)
 
     def record(self) -> None:
         """Put every change of the level on disk, in order; this waits for the disk. Raises `JournalError`."""
@@ -150,23 +151,32 @@ class Masking:
                 self._write(self._unwritten[0])
                 self._unwritten.popleft()
 
-    def _go(self, play: Callable[[float], float], level_db_a: float) -> float | None:
-        """Return the level in force; None where the dose is used up."""
-        try:
-            return play(level_db_a)
-        except DoseUsedUp:
-            self._silenced = self._used_up = True
-            return None
-        finally:
-            self._note()
+    def _rise(self, play: Callable[[float], float], level_db_a: float) -> float | None:
+        """Play louder once that is on disk, so that what is heard is on record however long a disk takes.
 
-    def _note(self) -> None:
-        """Have the level in force recorded."""
-        told = self._masker.exposure()
-        self._noted_db_a = told.level_db_a
-        self._unwritten.append(
-            MaskerSet(level_db_a=told.level_db_a, dose=told.dose, daily_level_db_a=told.daily_level_db_a)
-        )
+        Return the level in force; None where the masker was silenced meanwhile, or the dose is used up.
+        """
+        with self._lock:
+            if self._silenced:
+                return None
+            self._note(min(level_db_a, self.limit_db_a))
+        self.record()
+        in_force = None
+        with self._lock:
+            try:
+                if not self._silenced:
+                    in_force = play(level_db_a)
+            except DoseUsedUp:
+                self._silenced = self._used_up = True
+            if in_force != self._noted_db_a:
+                self._note(in_force)
+        self.record()
+        return in_force
+
+    def _note(self, level_db_a: float | None) -> None:
+        """Have a level recorded, beside the exposure until now."""
+        told, self._noted_db_a = self._masker.exposure(), level_db_a
+        self._unwritten.append(MaskerSet(level_db_a=level_db_a, dose=told.dose, daily_level_db_a=told.daily_level_db_a))
 
 
 @dataclass(frozen=True)

@@ -241,6 +241,7 @@ class _Session:
             clock=devices.clock,
             log=log,
             stream=devices.stream,
+            pressed=devices.pedal.pressed if devices.pedal is not None else None,
         )
         if devices.stream is not None:
             devices.stream.end(self._exposed.ends_ns)

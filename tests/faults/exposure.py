@@ -272,6 +272,9 @@ class Dawdler:
         self._machine, self._dice = machine, dice
         self._presses = ["+"] * dice.choice([12, 15, 18])
 
+    def stopped(self) -> None:
+        pass
+
     def show(self, text: str) -> None:
         pass
 

@@ -127,6 +127,27 @@ PATCHES = (
         (f"{_T}apparatus/servo/test_process.py",),
     ),
     Patch(
+        "the participant's pedal pauses and silences nothing",
+        "experiment/session/exposure.py",
+        "                self.pause(BY_PARTICIPANT)\n",
+        "                self._asked = BY_PARTICIPANT\n",
+        (f"{_SESSION}test_stalls.py",),
+    ),
+    Patch(
+        "a pedal that fell silent is believed",
+        "experiment/apparatus/tracker/pedal.py",
+        "        if self._empty >= SILENT_LOOKS:\n",
+        "        if self._empty >= 1 << 30:\n",
+        ("tests/rig/test_pedal.py",),
+    ),
+    Patch(
+        "a masker that rises before that is on record",
+        "experiment/session/masker.py",
+        "            self._note(min(level_db_a, self.limit_db_a))\n        self.record()\n",
+        "            self._note(min(level_db_a, self.limit_db_a))\n",
+        (f"{_SESSION}test_stalls.py",),
+    ),
+    Patch(
         "heartbeat ignored",
         "experiment/apparatus/servo/process.py",
         "        if self._block is not None and self._until_ns > allowed_ns and now_ns > allowed_ns:\n",

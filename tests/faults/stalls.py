@@ -72,6 +72,7 @@ EVENTS = {
     "pause": "a pause is asked for",
     "stop": "a stop is asked for",
     "escape": "the participant stops",
+    "pedal": "the participant presses the pedal",
 }
 """On lines the participant has no key."""
 
@@ -115,7 +116,7 @@ def every(steps: int | None = None) -> Iterator[Case]:
         for (place, event), (number, what) in product(enumerate(events), enumerate(whats)):
             if (event, what) == ("escape", "screen"):
                 continue
-            taken = len(all_steps) if steps is None else 1 if event == "escape" else steps
+            taken = len(all_steps) if steps is None else 1 if event in ("escape", "pedal") else steps
             for n in range(taken):
                 yield Case(face, kind, all_steps[(2 * place + number + n) % len(all_steps)], event, what)
         for step in all_steps:
@@ -130,11 +131,15 @@ SUBSET = (
     Case("lines", "taps", "question", "end", "fsync"),
     Case("console", "steps", "question", "escape", "fsync"),
     Case("console", "taps", "question", "stop", "servo"),
+    Case("lines", "taps", "question", "pedal", "fsync"),
     Case("console", "steps", "armed", "stop", "write"),
 )
 
 
-def write_study(folder: Path, kind: str, *, lasts_s: float) -> tuple[Path, Path]:
+PEDAL = '[pedal]\nport = "rehearsal"\nbaud = 9600\ntried_on = 2026-11-27\ntried_days = 30\n'
+
+
+def write_study(folder: Path, kind: str, *, lasts_s: float, pedal: bool) -> tuple[Path, Path]:
     """Write a study with sound and its rig into a folder, and return both files."""
     folder.mkdir()
     audio = shipped("rigs/headless.toml").read_text("utf-8").partition("\n[audio]")[2]
@@ -159,7 +164,8 @@ def write_study(folder: Path, kind: str, *, lasts_s: float) -> tuple[Path, Path]
     ):
         study = re.sub(pattern, new, study, flags=re.MULTILINE)
     (folder / "study.toml").write_text(study, "utf-8")
-    (folder / "rig.toml").write_text(f"{rig}\n[audio]{audio}", "utf-8")
+    rig = rig.replace("format = 2", "format = 3")
+    (folder / "rig.toml").write_text(f"{rig}\n[audio]{audio}\n{PEDAL if pedal else ''}", "utf-8")
     shutil.copy(shipped("rigs/rehearsal-response.csv"), folder)
     return folder / "study.toml", folder / "rig.toml"
 
@@ -196,7 +202,8 @@ class Laboratory:
         """Return whether the step was reached, the figures, what was wrong, and how many answers were lost."""
         self._number += 1
         ends = case.event == "end"
-        study, rig = write_study(self._folder / f"study-{self._number}", case.kind, lasts_s=lasts_s if ends else 600.0)
+        folder, most_s = self._folder / f"study-{self._number}", lasts_s if ends else 600.0
+        study, rig = write_study(folder, case.kind, lasts_s=most_s, pedal=case.event == "pedal")
         place = self._folder / "below" / str(self._number)
         with closing(FACES[case.face](place, study, rig, taps=case.kind == "taps")) as one:
             if not one.reach(case.step, lasts_s if ends else visited.PATIENCE_S):
@@ -226,7 +233,9 @@ class Laboratory:
         _sleep_until(ends_s if ends else begun_s + BEFORE_S)
         # The answer may come before the call is over.
         asked_s = ends_s if ends else time.monotonic()
-        if not ends:
+        if case.event == "pedal":
+            one.pedal.press()
+        elif not ends:
             one.ask(case.event)
         _sleep_until(asked_s + (1.2 * LIMITS_S["disk shown"] if case.hangs else 1.5 * LIMITS_S["shown"]))
         figures = _felt(case, one, begun_s, asked_s) | _shown(case, one, begun_s, asked_s)

@@ -31,7 +31,7 @@ from palpate.experiment.desk import link
 from palpate.experiment.desk.messages import Choose, Pause, Reply, Stop, TakeNote, View
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
-from palpate.experiment.rehearsal.wires.serial_line import SerialLine
+from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
 from tests.faults.live import KEYS, SCREEN
 from tests.rig import visited
 
@@ -71,9 +71,9 @@ def pushes_file(folder: Path) -> Path:
     return folder.parents[1] / f"pushes-{folder.name}"
 
 
-def give(folder: Path, words: tuple[str, ...], port: str, terminal: str) -> None:
-    """Give the command in this process, on a card that waits for nobody and with the hand at `port`; at a `terminal`
-    if one is named.
+def give(folder: Path, words: tuple[str, ...], port: str, pedal: str, terminal: str) -> None:
+    """Give the command in this process, on a card that waits for nobody, with the hand at `port` and a pedal at
+    another; at a `terminal` if one is named.
     """
     # A session that stands still must not outlive whoever watches it.
     ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
@@ -93,6 +93,7 @@ def give(folder: Path, words: tuple[str, ...], port: str, terminal: str) -> None
     vars(session)["ForceDeviceProcess"] = lambda: force_device.ForceDeviceProcess(pushes_file(folder))
     # It is no worker here: a signal is for the session to take.
     vars(interrupts)["multiprocessing"] = SimpleNamespace(parent_process=lambda: None)
+    session.SimulatedEnds.pedal = lambda *_: pedal  # type: ignore[method-assign]
     sound_card.SoundCard.__init__ = card  # type: ignore[method-assign]
     session.SimulatedEnds.tracker = tracker  # type: ignore[method-assign]
     visited.give_command(folder, words, simulated=False, terminal=terminal)
@@ -199,6 +200,7 @@ class Session:
         # As the session's own clock is anchored.
         self._anchor_ns = time.time_ns() - time.monotonic_ns()
         folder.mkdir(parents=True)
+        self.pedal = self.opened.enter_context(SimulatedPedal())
         self._hand = Hand(rig) if taps else None
         if self._hand is not None:
             self.opened.callback(self._hand.close)
@@ -316,7 +318,7 @@ class AtDesk(Session):
     def begin(self, words: tuple[str, ...], port: str) -> BaseProcess:
         at = self.folder / "s"
         process = visited.servers.Process(
-            target=give, args=(self.folder, (*words, "--session-at", str(at)), port, ""), daemon=False
+            target=give, args=(self.folder, (*words, "--session-at", str(at)), port, self.pedal.url, ""), daemon=False
         )
         process.start()
         ends_s = time.monotonic() + visited.PATIENCE_S
@@ -396,7 +398,7 @@ class OnLines(Session):
         self._text, self._at, self._step, self._key, self._confirmed = "", 0, "", "", 0
         name = os.ttyname(theirs)
         process = visited.servers.Process(
-            target=give, args=(self.folder, (*words, "--lines"), port, name), daemon=False
+            target=give, args=(self.folder, (*words, "--lines"), port, self.pedal.url, name), daemon=False
         )
         process.start()
         self.opened.callback(os.close, theirs)

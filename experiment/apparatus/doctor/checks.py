@@ -124,11 +124,13 @@ def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Finding]:
     else:
         if (named := rig.stops) is not None:
             yield passed("stops", f"{named.emergency}; {named.limit}; tried on {named.tried_on}")
-    name, word = "participant's stop", "no key: the participant stops by word of mouth alone"
-    if rig.screen is None:
-        yield unchecked(name, word, "add a table [screen], whose key screen.keys.stop stops everything")
+    name, word = "participant's stop", "no key or pedal: the participant stops by word of mouth alone"
+    there = [f"the key {rig.screen.stop} at the participant's screen"] if rig.screen is not None else []
+    there += [f"a pedal, tried on {rig.pedal.tried_on}"] if rig.pedal is not None else []
+    if there:
+        yield passed(name, "; ".join(there))
     else:
-        yield passed(name, f"the key {rig.screen.stop} at the participant's screen")
+        yield unchecked(name, word, "add a table [pedal], or [screen], whose key screen.keys.stop stops everything")
 
 
 SERVED_S, TIMES = 0.5, 3

@@ -38,6 +38,7 @@ class SimulatedPorts:
     address: str | None = None
     device: str | None = None
     force: str | None = None
+    pedal: str | None = None
     wire: Callable[[], None] = lambda: None
 
 
@@ -111,11 +112,23 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         if address is not None:
             yield from checks.server(address, rig.actuator)
         yield from force.checks(rig, ends.force, protocol=protocol, clock=clock)
+        yield from _pedal(rig, ends.pedal)
         yield from _elsewhere(rig, protocol)
         if rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
         if rig.accelerometer is not None:
             yield unchecked("accelerometer", "only palpate record listens to it")
+
+
+def _pedal(rig: Rig, port: str | None) -> Iterator[Finding]:
+    """Yield whether the participant's pedal is there; nothing where the rig has none."""
+    name = "pedal"
+    try:
+        if (pedal := opening.open_pedal(rig, port=port)) is not None:
+            pedal.close()
+            yield passed(name, "it sends its heartbeat, and nobody presses")
+    except PalpateError as error:
+        yield refused(name, error)
 
 
 def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Finding]:

@@ -10,12 +10,12 @@ import os
 import select
 import socket
 import threading
+import time
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import TrackerError
 
 if TYPE_CHECKING:
@@ -57,10 +57,10 @@ def port_of(identity: str) -> str | None:
     return next((found.device for found in comports() if identity and _identity(found) == identity), None)
 
 
-def present() -> str:
-    """Return what is connected, as part of a message."""
+def present(table: str) -> str:
+    """Return what is connected, as part of a message for who corrects a table of the rig file."""
     found = ", ".join(device.port for device in devices())
-    return f"connected are {found}; set tracker.port in the rig file" if found else "no serial port is connected"
+    return f"connected are {found}; set {table}.port in the rig file" if found else "no serial port is connected"
 
 
 def holders(port: str) -> tuple[str, ...]:
@@ -108,8 +108,8 @@ CALM_BYTES = 512
 CALM_LOOKS = 2
 """Emptying a URL's port ends after this many calm looks one after the other."""
 
-SETTLE_NS = 1_000_000
-"""How long the operating system gets between two looks to pass on what it holds, ns."""
+SETTLE_S = 0.001
+"""How long the operating system gets between two looks to pass on what it holds, s."""
 
 MOST_LOOKS = 1000
 """Emptying ends after this many looks, even if bytes still come."""
@@ -133,9 +133,9 @@ if find_spec("termios"):
 class SerialPort:
     """An open port."""
 
-    def __init__(self, name: str, baud: int) -> None:
-        """Open a device path, pseudo-terminal or pyserial URL, exclusively if possible. Raises `TrackerError`."""
-        self._port = _opened(name, baud)
+    def __init__(self, name: str, baud: int, *, device: str) -> None:
+        """Open a path or pyserial URL, alone if possible; `device` is its table in the rig. Raises `TrackerError`."""
+        self._port = _opened(name, baud, device)
         self._is_device = "://" not in name
         self._selectable = hasattr(self._port, "fileno")
         self._woken = threading.Event()
@@ -185,7 +185,7 @@ class SerialPort:
             calm_looks = calm_looks + 1 if len(self.take()) <= CALM_BYTES else 0
             if calm_looks == CALM_LOOKS:
                 return
-            MonotonicClock().sleep_ns(SETTLE_NS)
+            time.sleep(SETTLE_S)
 
     def _ready(self, timeout_s: float) -> bool:
         woken = self._wakes.fileno()
@@ -218,20 +218,20 @@ def reason(error: BaseException) -> str:
     return " ".join(str(error).split())
 
 
-def _opened(port: str, baud: int) -> serial.Serial:
+def _opened(port: str, baud: int, device: str) -> serial.Serial:
     import serial
 
     try:
         return serial.serial_for_url(port, baudrate=baud, timeout=0, exclusive=True)
     except OSError as error:
         busy = f"{', '.join(holders(port)) or 'another program'} holds it", "close that program"
-        unknown = reason(error), f"see that it is a serial port and in order; {present()}"
+        unknown = reason(error), f"see that it is a serial port and in order; {present(device)}"
         what, remedy = {
-            errno.ENOENT: ("no such port", present()),
+            errno.ENOENT: ("no such port", present(device)),
             errno.EACCES: ("not permitted", "let this user open serial ports (on Linux: group dialout)"),
             errno.EBUSY: busy,
             errno.EAGAIN: busy,
         }.get(error.errno or 0, unknown)
-        raise TrackerError(f"tracker at {port}", what, remedy) from error
+        raise TrackerError(f"{device} at {port}", what, remedy) from error
     except ValueError as error:
-        raise TrackerError(f"tracker at {port}", str(error), "correct [tracker] in the rig file") from error
+        raise TrackerError(f"{device} at {port}", str(error), f"correct [{device}] in the rig file") from error

@@ -160,10 +160,10 @@ class Ear:
             self._now = None
 
     def close(self) -> None:
-        """Put on record what is still being computed, and nothing more."""
+        """Put on record what is computed within `ENDS_S`, and nothing more."""
         self.stop()
         if self._thread is not None:
-            self._thread.join(PATIENCE_S)
+            self._thread.join(ENDS_S)
         with self._lock:
             self._open = False
 

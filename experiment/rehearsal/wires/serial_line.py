@@ -1,9 +1,13 @@
-"""A serial line on this machine: a raw pseudo-terminal, or on Windows a TCP server on the loopback interface."""
+"""A serial line on this machine: a raw pseudo-terminal, or on Windows a TCP server on the loopback interface.
+
+A participant's pedal is the simplest device at the end of one.
+"""
 
 import os
 import select
 import socket
 import threading
+import time
 from contextlib import suppress
 from typing import Literal, Self
 
@@ -65,6 +69,27 @@ class SerialLine:
 
     def __exit__(self, *_: object) -> None:
         self.unplug()
+
+
+class SimulatedPedal(SerialLine):
+    """A pedal that nobody presses until `press`: it sends what the guide on rigs asks of a board."""
+
+    def __init__(self) -> None:
+        """Lay the line, and send heartbeats until it is unplugged."""
+        super().__init__()
+        self.sends = True
+        """Whether its board is alive."""
+        threading.Thread(target=self._send, name="pedal's board", daemon=True).start()
+
+    def press(self) -> None:
+        """Press and release it."""
+        self.write(b"!")
+
+    def _send(self) -> None:
+        with suppress(UnpluggedError):
+            while self.sends:
+                self.offer(b".")
+                time.sleep(0.1)
 
 
 class PseudoTerminal:

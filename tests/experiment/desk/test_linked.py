@@ -527,7 +527,7 @@ def test_the_participant_stops_while_another_deed_waits_for_the_disk(
     bench.linked._recorder.shutdown()
     bench.linked._recorder = Inline()
     assert bench.attending.pauses == [port.BY_PARTICIPANT]
-    assert linked_module.STOPPED in shown(bench.linked).lines
+    assert port.STOPPED in shown(bench.linked).lines
     assert [one[:3] for one in bench.attending.record][-1] == ("the participant's screen", "pause", True)
     with pytest.raises(PauseAsked) as paused:
         bench.linked.agree(text="Go on?", yes="yes", no="no")

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import socket
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from pathlib import Path
+from typing import Any
 
 import pytest
 from PIL.Image import Image
@@ -82,9 +86,18 @@ class Told:
         return self.rest.pop(0) if len(self.rest) > 1 else self.rest[0]
 
 
+class Inline(ThreadPoolExecutor):
+    """Draws before the next round."""
+
+    def submit(self, fn: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        wait([drawing := super().submit(fn, *args, **kwargs)])
+        return drawing
+
+
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(screen, "POLL_S", 0.0)
+    monkeypatch.setattr(screen, "ThreadPoolExecutor", Inline)
 
 
 MASKER = Prompt(number=4, show="masker", question=9, keys=("+", "-", ENTER))
@@ -269,3 +282,19 @@ def test_the_participants_key_stops_at_any_moment(prompt: Prompt | None) -> None
     pedal = ScreenRig(keys=ScreenKeys(stop="e"))
     run(Told(heard(sent, prompt)), Window([], ["escape"], ["e"]), pedal)
     assert sum(isinstance(deed, Pause) for deed in sent.deeds) == 3
+
+
+def test_a_stop_waits_for_no_page_that_is_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(screen, "ThreadPoolExecutor", ThreadPoolExecutor)
+    goes_on, drawn = threading.Event(), pages.drawn
+
+    def slowly(*asked: Any) -> Image:
+        assert goes_on.wait(60)
+        return drawn(*asked)
+
+    monkeypatch.setattr(pages, "drawn", slowly)
+    sent, window = Sent(), Window([], ["escape"], [])
+    run(Told(heard(sent, Prompt(number=3, show="answer"))), window)
+    goes_on.set()
+    # Nothing was seen, so nothing is told of a page.
+    assert (sent.deeds, window.pictures) == ([Pause()], [])

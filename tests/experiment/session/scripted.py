@@ -12,7 +12,7 @@ from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.clock import Clock, ManualClock
-from palpate.experiment.desk.port import Attended, Remark
+from palpate.experiment.desk.port import STOPPED, Attended, Remark
 from palpate.experiment.errors import PalpateError, TrackerStopped
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.synthesis.waveforms import Ring, Stimulus
@@ -201,6 +201,9 @@ class ScriptedConsole:
 
     def attend(self, session: Attended | None) -> None:
         self.attended.append(session)
+
+    def stopped(self) -> None:
+        self.show(STOPPED)
 
     def show(self, text: str) -> None:
         self.shown.append(text)

@@ -18,9 +18,10 @@ from palpate.experiment.apparatus.audio.masker import left_s
 from palpate.experiment.apparatus.ports import MaskerExposure
 from palpate.experiment.clock import ManualClock, MonotonicClock
 from palpate.experiment.desk import interrupts
-from palpate.experiment.desk.port import BY_EXPERIMENTER, INTERRUPTED
+from palpate.experiment.desk.port import BY_EXPERIMENTER, BY_PARTICIPANT, INTERRUPTED, STOPPED
+from palpate.experiment.errors import PalpateError, PedalError
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Exposure, MaskerSet, Note
+from palpate.experiment.records.entries import Commanded, Exposure, MaskerSet, Note
 from palpate.experiment.records.journal import Contents
 from palpate.experiment.records.progress import progress
 from palpate.experiment.session import exposure
@@ -102,6 +103,7 @@ class Watched:
 
     def __init__(self, path: Path, *, lasts_s: float = 600.0) -> None:
         self.path, self.clock = path, MonotonicClock()
+        self.steps: bool | PalpateError = False
         header = HEADER.model_copy(update={"purpose": "STUDY"})
         self.log = SessionLog(path, self.clock, Contents(()), progress((header,)), None)
         self.log.write(header)
@@ -117,9 +119,17 @@ class Watched:
             console=self.console,
             clock=self.clock,
             log=self.log,
+            pressed=self.press,
         )
         self.exposed.begin(self.felt)
         self.masking.choose("", 60.0)
+
+    def press(self) -> bool:
+        """Be a pedal, which is pressed once `steps` is set, or fails."""
+        time.sleep(0.01)
+        if isinstance(steps := self.steps, PalpateError):
+            raise steps
+        return steps
 
     def silent_s(self) -> float:
         """Wait until nothing is felt or heard, and return when that was."""
@@ -250,3 +260,51 @@ def test_a_signal_silences_everything_while_the_main_thread_is_in_a_call_that_do
         assert watched.silent_s() - signalled_s[0] < SILENT_S
         assert watched.exposed.over() == INTERRUPTED
     assert signal.set_wakeup_fd(-1) == -1
+
+
+def test_the_participants_pedal_silences_everything_while_the_disk_hangs_and_goes_on_record(
+    disk: Disk, aside: list[threading.Thread], tmp_path: Path
+) -> None:
+    with closing(Watched(tmp_path / "a.jsonl")) as watched:
+        disk.stop()
+        aside.append(threading.Thread(target=watched.log.write, args=(Note(trial=None, text="a note"),)))
+        aside[-1].start()
+        assert disk.asked.wait(10)
+        begun_s, watched.steps = time.monotonic(), True
+        assert watched.silent_s() - begun_s < 0.2
+        wait_until(lambda: STOPPED in watched.console.shown)
+        assert watched.exposed.over() == BY_PARTICIPANT
+        disk.answers.set()
+        aside[-1].join(10)
+    written = [line.entry for line in journal.read(tmp_path / "a.jsonl").lines]
+    assert [(one.by, one.taken) for one in written if isinstance(one, Commanded)] == [("pedal", True)]
+
+
+def test_a_pedal_that_fails_ends_what_is_felt(disk: Disk, tmp_path: Path) -> None:
+    with closing(Watched(tmp_path / "a.jsonl")) as watched:
+        begun_s, watched.steps = time.monotonic(), PedalError("pedal", "was silent")
+        assert watched.silent_s() - begun_s < 0.2
+        wait_until(lambda: any("was silent" in line for line in watched.console.shown))
+        with pytest.raises(PedalError):
+            watched.exposed.over()
+
+
+@pytest.mark.parametrize("begins", [True, False])
+def test_no_level_is_heard_before_it_is_on_record_and_none_after_silence(
+    disk: Disk, aside: list[threading.Thread], tmp_path: Path, begins: bool
+) -> None:
+    with closing(Watched(tmp_path / "a.jsonl")) as watched:
+        watched.noise.level_db_a = None if begins else 60.0
+        wait_until(lambda: not watched.log.waiting_s)
+        disk.stop()
+        louder = (watched.masking.choose, ("", 60.0)) if begins else (watched.masking.change, ("+",))
+        watched.console.levels.append(".")
+        aside.append(threading.Thread(target=louder[0], args=louder[1]))
+        aside[-1].start()
+        assert disk.asked.wait(10)
+        time.sleep(0.05)
+        assert watched.noise.level_db_a == (None if begins else 60.0)
+        watched.exposed.pause("it is asked for")
+        disk.answers.set()
+        aside[-1].join(10)
+        assert watched.noise.level_db_a is None
