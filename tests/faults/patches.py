@@ -34,6 +34,9 @@ class Patch:
 
 _T = "tests/experiment/"
 _SESSION = f"{_T}session/"
+_CORRECTIONS = (
+    "    answers, corrections = _by_attempt(recorded, entries.Answer), _by_attempt(recorded, entries.Correction)\n"
+)
 _ANSWERED = "        answered = None if key == spoken.no_answer_key else answers[key].answer\n"
 
 AWAITED: tuple[str, ...] = ()
@@ -312,10 +315,10 @@ PATCHES = (
     Patch(
         "a correction edits in place",
         "experiment/dataset/build.py",
-        "            corrections[entry.trial, entry.attempt] = entry\n",
-        "            was = answers[entry.trial, entry.attempt]\n"
-        "            changed = was.model_copy(update={'answered': entry.answered})\n"
-        "            answers[entry.trial, entry.attempt] = changed\n",
+        _CORRECTIONS,
+        _CORRECTIONS
+        + "    for at in tuple(corrections):\n"
+        + "        answers[at] = answers[at].model_copy(update={'answered': corrections.pop(at).answered})\n",
         (f"{_SESSION}test_remarks.py",),
     ),
     Patch(
