@@ -201,7 +201,7 @@ def open_pedal(rig: Rig, *, port: str | None = None) -> Pedal | None:
     if rig.pedal is None:
         return None
     if port is None and rig.pedal.port == REHEARSAL:
-        raise RigError(simulated_only(rig, "pedal.port"))
+        raise RigError.at(simulated_only(rig, "pedal.port"))
     return pedal.Pedal(port or rig.pedal.port, rig.pedal.baud)
 
 

@@ -77,8 +77,8 @@ PATCHES = (
         "chain not verified on read",
         "experiment/records/chain.py",
         "    if (n, prev) != (number, last):\n"
-        '        raise error(f"{where} does not follow the line before it: '
-        'a line was changed or is missing; {remedy}")\n'
+        '        raise error(path, f"{where} does not follow the line before it: '
+        'a line was changed or is missing", COPY_FIRST)\n'
         "    # JSON lets a line hold more than what it says, another line among it: blanks, or one key twice.\n"
         "    if not problem and line != _line(number, t_ns, last, entry):\n",
         "    if not problem and line != _line(n, t_ns, prev, entry):\n",
