@@ -5,6 +5,8 @@ Against a dataset it is one value. Where a number disagrees, the simplest mistak
 for a printed number, a row of the section for a printed cell or test.
 """
 
+from __future__ import annotations
+
 import statistics
 import textwrap
 from collections import Counter
@@ -12,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from itertools import groupby
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palpate.analysis import published
 from palpate.analysis.audit.checks import Checks
@@ -27,6 +29,9 @@ from palpate.analysis.published.paper import Stated
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import nothing_left
 from palpate.experiment.errors import DatasetError, PublishedError
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PRINT = "PRINT"
 """Stands for an origin where printed numbers are compared with one another, not with a dataset."""
@@ -112,6 +117,16 @@ class Audit:
     label: str
     comparison: Comparison
     passed_over: tuple[str, ...] = ()
+
+    def __repr__(self) -> str:
+        counts = Counter(line.verdict for line in self.comparison.lines)
+        return f"<Audit {self.study}: {', '.join(f'{count} {verdict}' for verdict, count in counts.most_common())}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each printed number: its place, the recomputed one with its bounds, and the verdict."""
+        import pandas as pd
+
+        return pd.DataFrame([{**asdict(line), "agrees": line.agrees} for line in self.comparison.lines])
 
     def text(self, width: int = 80) -> str:
         """Return every line by its place in print, then again those that disagree, then those that are undecided.

@@ -3,9 +3,12 @@
 The right choice comes later among the study's materials, ordered from least to most. No answer counts in no share.
 """
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +21,9 @@ from palpate.analysis.statistics.inference import CONFIDENCE, ConfidenceInterval
 from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
 from palpate.experiment.records import tapping
 from palpate.experiment.records.events import NO_ANSWER
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 CHOSEN = {tapping.FIRST: FIRST, tapping.SECOND: SECOND, tapping.TIE: TIE}
 
@@ -132,6 +138,39 @@ class Compared:
     quality: str
     tasks: tuple[TaskComparisons, ...]
 
+    def __repr__(self) -> str:
+        return f"<Compared {self.quality}: {'; '.join(map(_summary, self.tasks))}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each task and pair, the lower material first, with the exact 95 % interval of the share.
+
+        `right` are choices of the higher material; of two that are the same, of the first.
+        """
+        import pandas as pd
+
+        rows = [
+            {
+                "task": task.task.id,
+                "lower": self.materials[pair.low],
+                "higher": self.materials[pair.high],
+                "right": pair.right.count,
+                "trials": pair.right.trials,
+                "ties": pair.ties,
+                "share": pair.right.value,
+                "low": pair.right.interval.low if pair.right.interval else None,
+                "high": pair.right.interval.high if pair.right.interval else None,
+            }
+            for task in self.tasks
+            for pair in task.pairs
+        ]
+        return pd.DataFrame(rows).astype(dict.fromkeys(("share", "low", "high"), "float64"))
+
+
+def _summary(task: TaskComparisons) -> str:
+    different = [pair.right for pair in task.pairs if not pair.same]
+    right, trials = sum(one.count for one in different), sum(one.trials for one in different)
+    return f"{task.task.id}, {right} of {trials} right by {len(task.participants)}"
+
 
 def compute(study: Study, printed: Published | None = None) -> Compared:
     """Return every result of a study of comparisons, beside what was `printed` of it."""
@@ -211,7 +250,7 @@ def scaled(data: Comparisons, law: Law) -> Scaled:
         law=law,
         scale=scale,
         statement="",
-        values=tuple(_estimate(*pair, people) for pair in zip(scale.values.tolist(), errors.tolist(), strict=False)),
+        values=tuple(_estimate(*pair, people) for pair in zip(scale.values.tolist(), errors.tolist(), strict=False)),  # noqa: PD011
         steps=tuple(_estimate(*step, people) for step in steps),
         order=_estimate(scale.order, float(errors[data.items]), people),
         p=float(chdtrc(scale.df, scale.deviance)) if scale.df > 0 else None,

@@ -1,9 +1,12 @@
 """Study -> every number of the analysis: matrices, tests against chance, analyses of variance and reliabilities."""
 
+from __future__ import annotations
+
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +25,9 @@ from palpate.analysis.statistics import inference
 from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.icc import Icc, icc
 from palpate.analysis.statistics.participants import SignFlip, sign_flip
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 TASK, MATERIAL = "task", "material"
 
@@ -131,6 +137,34 @@ class Results:
     trials: TrialLevel
     course: TimeCourse
 
+    def __repr__(self) -> str:
+        return f"<Results: {'; '.join(map(_right, self.tasks))}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each task, presented and answered material ("" for none).
+
+        `mean` and `sd` (n - 1) are those of the `participants`' ratios; of right answers `t` (df = participants - 1), P
+        of the two-tailed test against `chance`, and Holm's within the task. What is not defined is NaN.
+        """
+        import pandas as pd
+
+        rows: list[dict[str, object]] = [
+            {
+                "task": task.task.id,
+                "presented": test.material,
+                "answered": answered,
+                "participants": task.confusion.n(i),
+                "mean": task.confusion.mean(i, j),
+                "sd": task.confusion.sd(i, j),
+                "chance": task.chance,
+                **(_t(test) if i == j else {}),
+            }
+            for task in self.tasks
+            for i, test in zip(task.confusion.presented, task.tests, strict=True)
+            for j, answered in enumerate((*task.confusion.materials, ""))
+        ]
+        return pd.DataFrame(rows).astype(dict.fromkeys(("mean", "sd", "chance", "t", "p", "p_holm"), "float64"))
+
     def task(self, task: str) -> TaskResult | None:
         """Return the result of one task, or None if the dataset has no such task."""
         return next((result for result in self.tasks if result.task.id == task), None)
@@ -174,6 +208,15 @@ def compute(
         trials=trials,
         course=course,
     )
+
+
+def _t(test: MaterialTest) -> dict[str, float | None]:
+    return {"t": test.result.t, "p": test.result.p, "p_holm": test.p_holm}
+
+
+def _right(task: TaskResult) -> str:
+    means = [f"{test.material} {test.result.mean:.2f}" for test in task.tests if test.result.mean is not None]
+    return f"{task.task.id}, right by {len(task.confusion.participants)}: {', '.join(means)}, chance {task.chance:.2f}"
 
 
 def _tasks(study: Study) -> tuple[TaskResult, ...]:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from importlib import metadata
 from itertools import chain
-from typing import Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,9 @@ from palpate.analysis.statistics.inference import wilson
 from palpate.experiment import storage
 from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol.models import Protocol
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 LABEL = "SIMULATED studies"
 """The label on everything: no participant took part in any of these studies."""
@@ -127,6 +130,38 @@ class Power:
     target: float
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
+
+    def __repr__(self) -> str:
+        sizes = f"{self.participants[0]} to {self.participants[-1]} participants"
+        asked = f"{len(self.questions)} questions, {sizes}, {self.studies} studies each"
+        return f"<Power, SIMULATED, of {self.study}: {asked}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each question, model and number of participants; SIMULATED.
+
+        `model` is "model", or "guessing" for the control, whose power is the type I error. `power` has Wilson's 95 %
+        limits, its Monte Carlo error; NaN where an estimate is wanted, of which the median is given.
+        """
+        import pandas as pd
+
+        rows = [
+            {
+                "test": row.question.test,
+                "tasks": ", ".join(row.question.tasks),
+                "subject": row.question.subject,
+                "alpha": row.question.alpha,
+                "model": row.kind,
+                "participants": row.participants,
+                "studies": row.tally.studies,
+                "power": row.power,
+                "low": row.interval[0] if row.interval else None,
+                "high": row.interval[1] if row.interval else None,
+                "undefined": row.tally.undefined,
+                "median": row.quantiles[1] if row.quantiles else None,
+            }
+            for row in self.rows
+        ]
+        return pd.DataFrame(rows).astype(dict.fromkeys(("alpha", "power", "low", "high", "median"), "float64"))
 
     @property
     def label(self) -> str:

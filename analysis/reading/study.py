@@ -204,6 +204,18 @@ class Study:
     answers: tuple[str, ...] | None = None
     ordered: bool = True
 
+    def __repr__(self) -> str:
+        counted, tasks = int(self.attempts["included"].sum()), ", ".join(task.id for task in self.tasks)
+        people = plural(len(self.participants), "participant")
+        return (
+            f"<Study {self.id}, {self.origin}: {people}; {tasks}; {plural(counted, 'trial')}, "
+            f"{len(self.attempts) - counted} left out>"
+        )
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each trial that counts, with the columns of `attempts` but counted and included."""
+        return self.attempts[self.attempts["included"]].drop(columns=["counted", "included"]).reset_index(drop=True)
+
     @property
     def title(self) -> str:
         """The name without the label before it."""

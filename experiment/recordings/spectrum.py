@@ -8,9 +8,12 @@ A peak is a local maximum with a prominence of at least `PROMINENCE` of the high
 amplitude are those of the continuous spectrum's maximum between the neighboring bins.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +21,9 @@ from scipy import fft, optimize, signal
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.readers import Recording, read
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 PROMINENCE = 0.1
 MOST_PEAKS = 10
@@ -47,6 +53,16 @@ class AmplitudeSpectrum:
     frequencies_hz: NDArray[np.float64]
     amplitudes: NDArray[np.float64]
     peaks: tuple[Peak, ...]
+
+    def __repr__(self) -> str:
+        strongest = ", ".join(f"{peak.frequency_hz:.1f} Hz" for peak in self.peaks[:3]) or "none"
+        return f"<AmplitudeSpectrum of {self.recording.file}, {self.recording.channel}: peaks at {strongest}>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each frequency: frequency_hz, and amplitude in the recording's unit."""
+        import pandas as pd
+
+        return pd.DataFrame({"frequency_hz": self.frequencies_hz, "amplitude": self.amplitudes})
 
     def as_dict(self) -> dict[str, object]:
         """Return everything but the spectrum itself, for JSON."""

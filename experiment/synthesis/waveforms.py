@@ -23,12 +23,16 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from math import log2, sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed, at_speed, foot_speed
 from palpate.experiment.synthesis.spectra import Bins, Grid, inverse_on, rms, transformable
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 ROUNDING = float(np.finfo(np.float64).eps) / 2
 """u, the largest relative error of one rounding of a float64."""
@@ -106,6 +110,18 @@ class Stimulus:
     nearer: int
     of_difference: float
     held: bool
+
+    def __repr__(self) -> str:
+        beyond = ", extrapolated" if self.extrapolated else ""
+        samples, hz = len(self.waveform_m_s2), self.basis.output_rate_hz
+        return f"<Stimulus {self.basis.material} at {self.speed_mm_s:g} mm/s{beyond}: {samples} samples at {hz} Hz>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return the waveform: time_s from the first sample, and acceleration_m_s2."""
+        import pandas as pd
+
+        times_s = np.arange(len(self.waveform_m_s2)) / self.basis.output_rate_hz
+        return pd.DataFrame({"time_s": times_s, "acceleration_m_s2": self.waveform_m_s2})
 
     @property
     def extrapolated(self) -> bool:

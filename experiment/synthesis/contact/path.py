@@ -3,10 +3,12 @@
 Between samples the hand moves straight at constant speed. Untouched blocks take no steps.
 """
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +16,9 @@ from numpy.typing import ArrayLike, NDArray
 from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.contact.block import ENTERING, FREE, Block, Motion, Pair, Switch, new, pull_m_s2
 from palpate.experiment.synthesis.contact.exact import advance
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 
 class Left(NamedTuple):
@@ -47,11 +52,25 @@ class Stepped(NamedTuple):
 class Trajectory:
     """A path of the hand through n samples, with the force on it, (x, y), N, shape (n, 2).
 
-    `switches` are the time from the first sample, s, the block's place, and what happened.
+    `times_s` and `hand_m` are the path, shapes (n,) and (n, 2). `switches` are the time from the first sample, s, the
+    block's place, and what happened.
     """
 
+    times_s: NDArray[np.float64]
+    hand_m: NDArray[np.float64]
     force_n: NDArray[np.float64]
     switches: tuple[tuple[float, int, Switch], ...]
+
+    def __repr__(self) -> str:
+        strongest = float(np.hypot(*self.force_n.T).max())
+        return f"<Trajectory: {self.times_s.size} samples, switches: {len(self.switches)}, at most {strongest:.4g} N>"
+
+    def to_frame(self) -> pd.DataFrame:
+        """Return a row for each sample: time_s, the hand's x_m and y_m, and the force on it, x_n and y_n."""
+        import pandas as pd
+
+        columns = np.column_stack([self.times_s, self.hand_m, self.force_n])
+        return pd.DataFrame(columns, columns=["time_s", "x_m", "y_m", "x_n", "y_n"])
 
 
 def init(blocks: Sequence[Block], *, hand_m: Pair) -> State:
@@ -133,7 +152,7 @@ def trajectory(blocks: Sequence[Block], *, times_s: ArrayLike, hand_m: ArrayLike
     for n in range(1, times.size):
         state, forces[n], seen = step(blocks, state, hand_m=path[n], dt_s=at[n] - at[n - 1])
         switches += [(at[n - 1] - at[0] + one.after_s, i, one) for i, one in seen]
-    return Trajectory(forces, tuple(switches))
+    return Trajectory(times, places, forces, tuple(switches))
 
 
 def _joined(block: Block, at: Left, state: State) -> Motion:

@@ -1,0 +1,363 @@
+"""What `import palpate` hands out: functions for notebooks and scripts, each of which returns one value.
+
+Nothing here draws a figure or writes a file. A value has `to_frame()`, a pandas DataFrame, and a short `repr`.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike
+
+    from palpate.analysis.audit.audit import Audit
+    from palpate.analysis.comparison.results import Compared
+    from palpate.analysis.identification.results import Results
+    from palpate.analysis.power.simulate import Power
+    from palpate.analysis.reading.study import Study
+    from palpate.experiment.recordings.spectrum import AmplitudeSpectrum
+    from palpate.experiment.synthesis.contact.path import Trajectory
+    from palpate.experiment.synthesis.waveforms import Stimulus
+
+    PathLike = str | os.PathLike[str]
+
+
+def read(*datasets: PathLike) -> Study:
+    """Read a dataset, or several as one.
+
+    Parameters
+    ----------
+    *datasets
+        Folders of datasets that palpate made. Those with journals are verified first, as `palpate analyse` does.
+
+    Returns
+    -------
+    Study
+        Materials, tasks and participants; `to_frame()` has one row for each trial that counts.
+
+    Raises
+    ------
+    DatasetError
+        A folder is no dataset, or something in it is missing, damaged or changed.
+
+    Examples
+    --------
+    >>> import palpate
+    >>> study = palpate.read("participants/okamoto2012")
+    >>> study
+    <Study okamoto2012, RECONSTRUCTION: 15 participants; virtual, real; 1000 trials, 0 left out>
+    >>> trials = study.to_frame()
+    >>> (trials["presented"] == trials["answered"]).groupby(trials["task"], sort=False).mean().round(3).to_dict()
+    {'virtual': 0.53, 'real': 0.648}
+    """
+    from palpate.analysis.reading.dataset import read_pooled
+    from palpate.experiment.dataset import beliefs, build
+
+    folders = [Path(one) for one in datasets]
+    for folder in folders:
+        if beliefs.has_journals(folder):
+            build.check_tables(folder)
+    return read_pooled(folders)
+
+
+def identify(study: Study | PathLike) -> Results:
+    """Analyze the answers of an identification study: Tables 1 and 2, their tests and models.
+
+    Parameters
+    ----------
+    study
+        What `read` returned, or a dataset's folder.
+
+    Returns
+    -------
+    Results
+        `to_frame()` has one row for each task, presented and answered material: the mean ratio among participants,
+        their standard deviation (n - 1), and of right answers the t-test against chance, P unadjusted and by Holm's
+        method.
+
+    Raises
+    ------
+    DatasetError
+        As `read`; the study has no trial that counts, or consists of comparisons.
+
+    Examples
+    --------
+    >>> import palpate
+    >>> results = palpate.identify("participants/okamoto2012")
+    >>> cells = results.to_frame().set_index(["task", "presented", "answered"])
+    >>> cells.loc[("virtual", "aluminum foil", "aluminum foil"), ["t", "p"]].round(3).to_dict()  # as printed
+    {'t': 2.753, 'p': 0.016}
+    """
+    from palpate.analysis import published
+    from palpate.analysis.identification.results import compute
+    from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, printed_dissimilarities
+
+    given = _study(study, comparisons=False)
+    printed = published.load(given.id)
+    return compute(
+        given, printed.pairs() if printed else {}, printed_dissimilarities() if printed else NO_DISSIMILARITIES
+    )
+
+
+def compare(study: Study | PathLike) -> Compared:
+    """Analyze the answers of a study of paired comparisons: shares of right choices, and scales.
+
+    Parameters
+    ----------
+    study
+        What `read` returned, or a dataset's folder.
+
+    Returns
+    -------
+    Compared
+        `to_frame()` has one row for each task and pair of materials: right choices, trials, ties, and the exact 95 %
+        interval of their share.
+
+    Raises
+    ------
+    DatasetError
+        As `read`; the study has no trial that counts, or identifies materials.
+    """
+    from palpate.analysis import published
+    from palpate.analysis.comparison.results import compute
+
+    given = _study(study, comparisons=True)
+    return compute(given, published.load(given.id))
+
+
+def audit(target: PathLike, against: PathLike | None = None) -> Audit:
+    """Hold a paper's printed numbers against one another, or against a dataset.
+
+    Parameters
+    ----------
+    target
+        The id of a study that palpate brings along, a file of printed numbers (TOML), a paper's tables (HTML, CSV), or
+        a dataset's folder.
+    against
+        The file of a dataset's paper; by default it is found by the study's id.
+
+    Returns
+    -------
+    Audit
+        `to_frame()` has one row for each printed number, with the recomputed one and the verdict.
+
+    Raises
+    ------
+    PublishedError
+        A file cannot be used.
+    DatasetError
+        A dataset cannot be read, or no paper belongs to it.
+
+    Examples
+    --------
+    >>> import palpate
+    >>> palpate.audit("okamoto2012")
+    <Audit okamoto2012: 117 agrees, 10 differs, 4 agrees if truncated, 1 impossible, 1 cannot be decided>
+    """
+    from palpate.analysis.audit import audit as audits
+
+    return audits.audit(str(target), None if against is None else Path(against))
+
+
+def power(
+    protocol: PathLike,
+    *,
+    participants: Sequence[int] = (5, 10, 15, 20, 30),
+    model: str = "published",
+    studies: int = 1000,
+    alpha: float | None = None,
+    target: float = 0.8,
+    seed: int = 1,
+    jobs: int = 1,
+) -> Power:
+    """Simulate whole studies, and count how often each planned test shows what it asks.
+
+    Parameters
+    ----------
+    protocol
+        A protocol file, or the id of a shipped one.
+    participants
+        Numbers of participants to try.
+    model
+        How simulated participants answer: "published" (as in the tables of this study), another study's id, a
+        dataset's folder, or a TOML file.
+    studies
+        Simulated studies of each size.
+    alpha
+        Level of every test; by default each test's own.
+    target
+        The power to reach, between 0 and 1.
+    seed
+        Names every random draw.
+    jobs
+        Processes; 0 means one for each core.
+
+    Returns
+    -------
+    Power
+        SIMULATED. `to_frame()` has one row for each question, model and number of participants: power with the limits
+        of its Monte Carlo error (95 %, Wilson).
+
+    Raises
+    ------
+    PowerError
+        A number is out of bounds, or the model does not fit the protocol.
+    ProtocolError
+        The protocol is broken.
+    """
+    from palpate.analysis import published
+    from palpate.analysis.power import choice_models, comparisons, planned_tests, simulate
+    from palpate.experiment.protocol import files
+
+    study = files.load(files.named(str(protocol)))
+    chosen = (choice_models if study.comparison is None else comparisons).find(model, study)
+    printed = published.load(model) or published.load(study.study.id)
+    return simulate.run(
+        study,
+        planned_tests.design(study, printed.pairs() if printed else {}, alpha),
+        chosen,
+        participants=participants,
+        studies=studies,
+        seed=seed,
+        target=target,
+        runner=partial(simulate.on_cores, jobs=jobs),
+    )
+
+
+def spectrum(file: PathLike, *, channel: str | None = None) -> AmplitudeSpectrum:
+    """Read one channel of a recording, and return its amplitude spectrum.
+
+    Parameters
+    ----------
+    file
+        A WAV file, a text file with a time column, or a LabVIEW file (.lvm).
+    channel
+        Its name, or its number from 1; needed where there are several.
+
+    Returns
+    -------
+    AmplitudeSpectrum
+        `to_frame()` has the columns frequency_hz and amplitude, the latter in the recording's unit.
+
+    Raises
+    ------
+    RecordingError
+        The file cannot be read, has no such channel, or is too short.
+    """
+    from palpate.experiment.recordings.spectrum import of_file
+
+    return of_file(Path(file), channel=channel)
+
+
+def crinkle(recordings: PathLike, material: str, speed_mm_s: float, *, rate_hz: int | None = None) -> Stimulus:
+    """Synthesize the vibration of a material that is stepped on: Okamoto et al., section 3.1, equations (2) to (4).
+
+    Parameters
+    ----------
+    recordings
+        A folder of takes, as `palpate record` writes it.
+    material
+        The material's id.
+    speed_mm_s
+        The foot's speed, mm/s, zero or more.
+    rate_hz
+        Sampling rate of the waveform; by default that of the recordings.
+
+    Returns
+    -------
+    Stimulus
+        `waveform_m_s2`, shape (n,); `to_frame()` has the columns time_s and acceleration_m_s2.
+
+    Raises
+    ------
+    RecordingError
+        The folder cannot be read, or has no takes of the material.
+    SynthesisError
+        The speed or the rate is not allowed.
+    """
+    from palpate.experiment.errors import RecordingError
+    from palpate.experiment.recordings import manifest
+    from palpate.experiment.synthesis import waveforms
+    from palpate.experiment.synthesis.crinkle import subtract
+
+    takes = manifest.load_all(Path(recordings))
+    if material not in takes.objects:
+        known = ", ".join(takes.objects)
+        raise RecordingError(Path(recordings), f"got material {material!r}", "name one", allowed=known)
+    spectra = subtract(
+        speeds_mm_s=takes.speeds_mm_s,
+        rate_hz=takes.rate_hz,
+        panel_object_takes=takes.objects[material],
+        panel_takes=takes.panel,
+    )
+    return waveforms.prepare(spectra, material=material, output_rate_hz=rate_hz or takes.rate_hz).at(speed_mm_s)
+
+
+def contact(
+    times_s: ArrayLike,
+    height_m: ArrayLike,
+    *,
+    stiffness_n_m: float,
+    damping_n_s_m: float = 0.0,
+    mass_kg: float | None = None,
+) -> Trajectory:
+    """Push a hand into a visco-elastic block, and return the force that it feels: Wellman and Howe, equation (6).
+
+    Parameters
+    ----------
+    times_s
+        Times of the samples, s, rising, shape (n,). Between them the hand moves straight at constant speed.
+    height_m
+        The hand's height above the block's face, m, shape (n,); it begins at zero or above.
+    stiffness_n_m, damping_n_s_m
+        K, N/m, and C, N s/m, along the normal.
+    mass_kg
+        The block's mass, kg; None for a block that is held.
+
+    Returns
+    -------
+    Trajectory
+        `to_frame()` has the columns time_s, x_m (the height), y_m, x_n (the force that pushes the hand out) and y_n.
+
+    Raises
+    ------
+    SynthesisError
+        Shapes differ, times do not rise, or a number is not allowed.
+
+    Examples
+    --------
+    A hand that goes 1 mm deep at 0.1 m/s into a spring of 500 N/m feels 0.5 N there.
+
+    >>> import palpate
+    >>> touch = palpate.contact([0.0, 0.01, 0.02], [0.001, 0.0, -0.001], stiffness_n_m=500.0)
+    >>> touch.to_frame()["x_n"].round(12).to_list()
+    [0.0, 0.0, 0.5]
+    """
+    import numpy as np
+
+    from palpate.experiment.synthesis.contact.block import Block
+    from palpate.experiment.synthesis.contact.path import trajectory
+
+    heights = np.asarray(height_m, dtype=np.float64)
+    mass = float("inf") if mass_kg is None else mass_kg
+    block = Block((stiffness_n_m, 0.0), (damping_n_s_m, 0.0), (mass, mass), into=(-1.0, 0.0))
+    return trajectory((block,), times_s=times_s, hand_m=np.stack([heights, np.zeros_like(heights)], axis=-1))
+
+
+def _study(study: Study | PathLike, *, comparisons: bool) -> Study:
+    """Return a study of the kind that is analyzed. Raises `DatasetError`."""
+    from palpate.analysis.reading.study import Study, nothing_left
+    from palpate.experiment.errors import DatasetError
+
+    given = study if isinstance(study, Study) else read(study)
+    if (given.answers is not None) != comparisons:
+        what, better = ("identifications", "identify") if comparisons else ("comparisons", "compare")
+        raise DatasetError(f"study {given.id}", f"its trials are {what}", f"give it to palpate.{better}")
+    if not given.attempts["included"].any():
+        raise nothing_left(given.id, given.exclusions)
+    return given
