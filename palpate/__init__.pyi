@@ -8,3 +8,4 @@ from palpate.library import read as read
 from palpate.library import spectrum as spectrum
 
 __version__: str
+__all__: list[str]
