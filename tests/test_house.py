@@ -121,7 +121,8 @@ def test_types(repository_root: Path) -> None:
     found = re.findall(r"^LOG: +Found source: .*path='(.+?)', module='(.+?)'", done.stderr, re.MULTILINE)
     assert {"palpate.experiment.__main__", "palpate.analysis.analyse"} <= {module for _, module in found}
     rooms = (repository_root / folder for folder in ("experiment", "analysis", "tests"))
-    sources = {repository_root / "palpate/__init__.py", *(path for room in rooms for path in room.rglob("*.py"))}
+    face = {repository_root / "palpate" / name for name in ("__init__.pyi", "library.py")}
+    sources = face.union(path for room in rooms for path in room.rglob("*.py"))
     assert sources - {Path(path).resolve() for path, _ in found} == set()
 
 
