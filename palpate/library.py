@@ -210,16 +210,14 @@ def power(
     ProtocolError
         The protocol is broken.
     """
-    from palpate.analysis import published
-    from palpate.analysis.power import choice_models, comparisons, planned_tests, simulate
+    from palpate.analysis.power import simulate
     from palpate.experiment.protocol import files
 
     study = files.load(files.named(str(protocol)))
-    chosen = (choice_models if study.comparison is None else comparisons).find(model, study)
-    printed = published.load(model) or published.load(study.study.id)
+    planned, chosen = simulate.prepare(study, model, alpha)
     return simulate.run(
         study,
-        planned_tests.design(study, printed.pairs() if printed else {}, alpha),
+        planned,
         chosen,
         participants=participants,
         studies=studies,

@@ -10,13 +10,19 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import combinations
-from typing import Any, Literal
+from pathlib import Path
+from typing import Any, Literal, cast, get_args
 
 import numpy as np
 from scipy.special import betaincinv, ndtr, ndtri, stdtr
 
+from palpate.analysis.documents import page
+from palpate.analysis.documents.output import publish
 from palpate.analysis.documents.tables import Section, Table, number
+from palpate.analysis.documents.tables import text as in_terminal
+from palpate.analysis.power import simulate
 from palpate.analysis.power.choice_models import ChoiceModel
+from palpate.analysis.power.comparisons import PairModel
 from palpate.analysis.power.planned_tests import FLIPS, Design
 from palpate.analysis.statistics.exact import Floats, Integers
 from palpate.analysis.statistics.inference import log_bayes_factor, wilson
@@ -105,6 +111,7 @@ class Sequential:
 
     study: str
     source: str
+    label: str
     rule: Rule
     looks: tuple[int, ...]
     alpha: float
@@ -117,20 +124,35 @@ class Sequential:
 
 def run(
     planned: Design,
-    model: ChoiceModel,
+    model: ChoiceModel | PairModel,
     *,
     study: str,
-    rule: Rule,
+    rule: str,
     looks: Sequence[int],
     alike: float,
     studies: int,
     seed: int,
+    total: Callable[[int], None] = lambda _: None,
     tick: Callable[[], None] = lambda: None,
 ) -> Sequential:
     """Return what a design with these looks finds, in `studies` SIMULATED studies under the model and the control.
 
-    Raises `PowerError`: the looks are not at least two, rising, of three participants or more.
+    `total` gets the number of steps, `tick` follows each. Raises `PowerError`: the looks are not at least two, rising,
+    of three participants or more, the `rule` is no `Rule`, a number is out of bounds, or the model compares pairs.
     """
+    if not isinstance(model, ChoiceModel):
+        raise PowerError(
+            "--looks",
+            f"got comparisons of study {study}",
+            "leave --looks out",
+            allowed="trials in which a material is named",
+        )
+    if rule not in get_args(Rule):
+        raise PowerError("--rule", f"got {rule}", "give one", allowed=", ".join(get_args(Rule)))
+    chosen = cast("Rule", rule)
+    if not 0 <= alike <= 1:
+        raise PowerError("--alike", f"got {alike}", "give one", allowed="a number from 0 to 1")
+    simulate.check_studies(studies)
     if len(looks) < 2 or list(looks) != sorted(set(looks)) or not 3 <= looks[0] <= looks[-1] <= MOST:
         raise PowerError(
             f"--looks: got {', '.join(map(str, looks))}; allowed: two or more rising numbers of participants, "
@@ -138,15 +160,16 @@ def run(
         )
     alpha = next((test.alpha for test in planned.tests if test.test == "t against chance"), ALPHA)
     levels: list[float] = []
-    if rule != "bayes":
-        levels = (2 * ndtr(-bounds(rule, [look / looks[-1] for look in looks], alpha))).tolist()
+    if chosen != "bayes":
+        levels = (2 * ndtr(-bounds(chosen, [look / looks[-1] for look in looks], alpha))).tolist()
+    total(2 * -(-studies // CHUNK))
     counted: dict[str, list[Floats]] = {}
     for kind in (0, 1):
         for part, first in enumerate(range(0, studies, CHUNK)):
             key = np.random.SeedSequence(seed, spawn_key=(7, kind, part))
             random = np.random.Generator(np.random.PCG64(key))
             right = draw(planned, model, looks[-1], min(CHUNK, studies - first), alike, bool(kind), random)
-            for subject, stops in _stopped(planned, right, rule, looks, levels):
+            for subject, stops in _stopped(planned, right, chosen, looks, levels):
                 held = counted.setdefault(subject, [np.zeros((2, len(looks))) for _ in range(2)])
                 held[kind] += stops
             tick()
@@ -157,7 +180,8 @@ def run(
             Outcome(subject, tuple(shares[0].tolist()), tuple(shares[1].tolist()), _mean(shares, looks),
                     tuple(others[0].tolist()), _mean(others, looks))
         )  # fmt: skip
-    return Sequential(study, model.source, rule, tuple(looks), alpha, alike, studies, seed, tuple(levels),
+    label = f"{simulate.LABEL}, after: {model.label}" if model.label else simulate.LABEL
+    return Sequential(study, model.source, label, chosen, tuple(looks), alpha, alike, studies, seed, tuple(levels),
                       tuple(outcomes))  # fmt: skip
 
 
@@ -288,3 +312,19 @@ def section(result: Sequential) -> Section:
     ) * (result.rule == "bayes")  # fmt: skip
     return Section("looks", "Design with looks", paragraphs,
                    (Table("", header, tuple(rows), notes=(note, same, *bayes)),), tuple(records))  # fmt: skip
+
+
+def text(result: Sequential) -> str:
+    """Return everything for a terminal."""
+    return "\n\n\n".join([result.label, in_terminal(section(result)), result.label])
+
+
+def as_dict(result: Sequential) -> dict[str, Any]:
+    """Return every number, for JSON."""
+    records = [dict(record) for record in section(result).records]
+    return {"label": result.label, "levels": list(result.levels), "looks_rows": records}
+
+
+def write(result: Sequential, out: Path) -> tuple[Path, ...]:
+    """Write the table (CSV, Markdown, LaTeX) into a folder; return the files. Raises `DatasetError` as `publish`."""
+    return publish(out, page.tables([section(result)], result.label), result.label, "power")

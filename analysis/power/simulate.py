@@ -17,10 +17,20 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from palpate.analysis.power import comparisons
+from palpate.analysis import published
+from palpate.analysis.power import choice_models, comparisons
 from palpate.analysis.power.choice_models import ChoiceModel, draw, guessing
 from palpate.analysis.power.comparisons import PairModel
-from palpate.analysis.power.planned_tests import Answer, Design, Question, answer, fewest, not_simulated, starred
+from palpate.analysis.power.planned_tests import (
+    Answer,
+    Design,
+    Question,
+    answer,
+    design,
+    fewest,
+    not_simulated,
+    starred,
+)
 from palpate.analysis.statistics.inference import wilson
 from palpate.experiment import storage
 from palpate.experiment.errors import PowerError
@@ -198,6 +208,18 @@ class Power:
         return Needed(likely_at, max(max(below, default=0) + 1, fewest(question, self.design, high_at)), low_at)
 
 
+def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple[Design, ChoiceModel | PairModel]:
+    """Return what a protocol plans, and the named model of those who answer; `alpha` replaces each test's own level.
+
+    Raises `PowerError` for a level that is none, and as the models' `find`.
+    """
+    if alpha is not None and not 0 < alpha < 1:
+        raise PowerError("--alpha", f"got {alpha}", "give one", allowed="a number between 0 and 1")
+    chosen = (choice_models if protocol.comparison is None else comparisons).find(model, protocol)
+    printed = published.load(model) or published.load(protocol.study.id)
+    return design(protocol, printed.pairs() if printed else {}, alpha), chosen
+
+
 Runner = Callable[
     [Callable[[Chunk], dict[Question, Tally]], Sequence[Chunk]], Iterator[tuple[int, dict[Question, Tally]]]
 ]
@@ -223,7 +245,7 @@ def run(
     not allowed.
     """
     sizes = tuple(sorted(set(participants)))
-    _check(sizes, studies, planned)
+    _check(sizes, studies, target, planned)
     control = comparisons.alike(model) if isinstance(model, PairModel) else guessing(protocol, model)
     chunks = list(_chunks(planned, {"model": model, "guessing": control}, sizes, studies, seed))
     total(len(chunks))
@@ -310,14 +332,21 @@ def _reached(values: dict[int, float], target: float) -> int | None:
     return found
 
 
-def _check(sizes: Sequence[int], studies: int, planned: Design) -> None:
+def check_studies(studies: int) -> None:
+    """Raise `PowerError` for a number of studies that is not simulated."""
+    if not 1 <= studies <= MOST_STUDIES:
+        raise PowerError("--studies", f"got {studies}", "give a number between them", allowed=f"1 to {MOST_STUDIES}")
+
+
+def _check(sizes: Sequence[int], studies: int, target: float, planned: Design) -> None:
+    if not 0 < target < 1:
+        raise PowerError("--target", f"got {target}", "give one", allowed="a number between 0 and 1")
     if not sizes or sizes[0] < 1 or sizes[-1] > MOST_PARTICIPANTS:
         got = ", ".join(map(str, sizes)) or "none"
         raise PowerError(
             f"--participants: got {got}; allowed: numbers from 1 to {MOST_PARTICIPANTS}; give some of these"
         )
-    if not 1 <= studies <= MOST_STUDIES:
-        raise PowerError(f"--studies: got {studies}; allowed: 1 to {MOST_STUDIES}; give a number between them")
+    check_studies(studies)
     for task in planned.tasks:
         answers = len(planned.materials) ** 2 * sizes[-1] * task.repetitions
         if answers >= 2**31:

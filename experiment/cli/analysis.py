@@ -3,7 +3,7 @@
 import re
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -12,13 +12,13 @@ from palpate.experiment.cli.options import Json, ProtocolFile
 from palpate.experiment.errors import Interrupted, PalpateError, PowerError, PublishedError
 
 if TYPE_CHECKING:
-    from palpate.analysis.power.choice_models import ChoiceModel
-    from palpate.analysis.power.comparisons import PairModel
-    from palpate.analysis.power.planned_tests import Design
+    from collections.abc import Callable
+
     from palpate.experiment.dataset.status import Status
-    from palpate.experiment.protocol.models import Protocol
 
 commands = options.room()
+
+T = TypeVar("T")
 
 PARTICIPANTS = "4,5,6,7,8,10,12,15,20,25,30,40"
 
@@ -191,14 +191,10 @@ def power(
     With --looks the answers are looked at more than once, and power, type I error and the participants on average are
     those of stopping early.
     """
-    from palpate.analysis import published
     from palpate.analysis.documents import output
-    from palpate.analysis.power import choice_models, comparisons, planned_tests, report, simulate
+    from palpate.analysis.power import report, sequential, simulate
     from palpate.experiment.protocol import files
 
-    for name, share in (("--alpha", alpha), ("--target", target)):
-        if share is not None and not 0 < share < 1:
-            raise PowerError(name, f"got {share}", "give one", allowed="a number between 0 and 1")
     if rule is not None and looks is None:
         raise PowerError("--rule", f"got {rule} without --looks", "say when to look", allowed="both, or neither")
     sizes = _sizes(participants)
@@ -206,95 +202,34 @@ def power(
         output.check(out, (), "power")
     protocol = files.load(protocol_file)
     _believe(Path(model))
-    chosen = (choice_models if protocol.comparison is None else comparisons).find(model, protocol)
-    printed = published.load(model) or published.load(protocol.study.id)
-    planned = planned_tests.design(protocol, printed.pairs() if printed else {}, alpha)
+    planned, chosen = simulate.prepare(protocol, model, alpha)
+    drawn = {"studies": studies, "seed": seed}
     if looks is not None:
-        _look(protocol, planned, chosen, looks, rule or "obrien-fleming", alike, studies, seed, out, as_json)
+        at, stops = _sizes(looks, option="--looks"), rule or "obrien-fleming"
+        run = partial(sequential.run, planned, chosen, study=protocol.study.id, rule=stops, looks=at, alike=alike)
+        found = _simulated(partial(run, **drawn), quiet=as_json)
+        if out is not None:
+            sequential.write(found, out)
+        options.put(sequential.as_dict(found) if as_json else sequential.text(found))
         return
-    runner = (
-        partial(simulate.on_cores, jobs=jobs) if scheduler is None else partial(simulate.on_cluster, address=scheduler)
-    )
-    try:
-        with options.progress(simulate.LABEL, quiet=as_json) as (total, tick):
-            result = simulate.run(
-                protocol,
-                planned,
-                chosen,
-                participants=sizes,
-                studies=studies,
-                seed=seed,
-                target=target,
-                runner=runner,
-                total=total,
-                tick=tick,
-            )
-    except KeyboardInterrupt:
-        raise Interrupted("the simulation was interrupted", remedy="nothing was written") from None
+    on_cores, on_cluster = partial(simulate.on_cores, jobs=jobs), partial(simulate.on_cluster, address=scheduler or "")
+    runner = on_cores if scheduler is None else on_cluster
+    whole = partial(simulate.run, protocol, planned, chosen, participants=sizes, target=target, runner=runner)
+    result = _simulated(partial(whole, **drawn), quiet=as_json)
     if out is not None:
         report.write(result, out)
     options.put(report.as_dict(result) if as_json else report.text(result))
 
 
-def _look(
-    protocol: "Protocol",
-    planned: "Design",
-    model: "ChoiceModel | PairModel",
-    looks: str,
-    rule: str,
-    alike: float,
-    studies: int,
-    seed: int,
-    out: Path | None,
-    as_json: bool,
-) -> None:
-    """Simulate a design with looks, and show or write it."""
-    from typing import cast, get_args
+def _simulated(run: "Callable[..., T]", *, quiet: bool) -> "T":
+    """Return what a simulation finds, and show how far it is."""
+    from palpate.analysis.power.simulate import LABEL
 
-    from palpate.analysis.documents import output, page
-    from palpate.analysis.documents.tables import text
-    from palpate.analysis.power import sequential, simulate
-    from palpate.analysis.power.choice_models import ChoiceModel
-
-    if not isinstance(model, ChoiceModel):
-        raise PowerError(
-            "--looks",
-            f"got comparisons of study {protocol.study.id}",
-            "leave --looks out",
-            allowed="trials in which a material is named",
-        )
-    if rule not in get_args(sequential.Rule):
-        raise PowerError("--rule", f"got {rule}", "give one", allowed=", ".join(get_args(sequential.Rule)))
-    if not 0 <= alike <= 1:
-        raise PowerError("--alike", f"got {alike}", "give one", allowed="a number from 0 to 1")
-    if not 1 <= studies <= simulate.MOST_STUDIES:
-        raise PowerError(
-            "--studies", f"got {studies}", "give a number between them", allowed=f"1 to {simulate.MOST_STUDIES}"
-        )
     try:
-        with options.progress(simulate.LABEL, quiet=as_json) as (total, tick):
-            total(2 * -(-studies // sequential.CHUNK))
-            found = sequential.run(
-                planned,
-                model,
-                study=protocol.study.id,
-                rule=cast("sequential.Rule", rule),
-                looks=_sizes(looks, option="--looks"),
-                alike=alike,
-                studies=studies,
-                seed=seed,
-                tick=tick,
-            )
+        with options.progress(LABEL, quiet=quiet) as (total, tick):
+            return run(total=total, tick=tick)
     except KeyboardInterrupt:
         raise Interrupted("the simulation was interrupted", remedy="nothing was written") from None
-    label = f"{simulate.LABEL}, after: {model.label}" if model.label else simulate.LABEL
-    section = sequential.section(found)
-    if out is not None:
-        output.publish(out, page.tables([section], label), label, "power")
-    if as_json:
-        options.put({"label": label, "levels": list(found.levels), "looks_rows": [dict(r) for r in section.records]})
-    else:
-        typer.echo("\n\n\n".join([label, text(section), label]))
 
 
 @commands.command(epilog="Example: palpate numerics --quick --out numerics")
