@@ -181,7 +181,7 @@ def palpate(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
 def seed_for() -> Callable[[Path, str], int]:
     """A seed under which participant 01 of a protocol does a task first."""
     from palpate.experiment.protocol import files
-    from palpate.experiment.study.allocation import allocate
+    from palpate.experiment.study.schedule import allocate
 
     def find(protocol_file: Path, task: str) -> int:
         protocol = files.load(protocol_file)

@@ -218,7 +218,7 @@ def schedule(
     from palpate.experiment.records import journal
     from palpate.experiment.study import enrolment, roster
     from palpate.experiment.study import schedule as schedules
-    from palpate.experiment.study.allocation import allocated, find
+    from palpate.experiment.study.schedule import allocated, find_allocation
 
     protocol = files.load(protocol_file)
     root = dataset or enrolment.default_root(protocol)
@@ -229,7 +229,7 @@ def schedule(
         raise RosterError(root, "holds no seed of a study, so nothing is concealed", "leave out --dataset and --reveal")
     drawn = enrolment.settle(root, protocol_file, protocol, None) if own else 1 if seed is None else seed
     known = roster.Roster.load(storage.roster_path(root)) if own else roster.Roster(root)
-    allocation = find(allocated(protocol, drawn, known.takes), participant)
+    allocation = find_allocation(allocated(protocol, drawn, known.takes), participant)
     shown = [
         not own or bool(journal.read_if_begun(storage.journal_path(root, participant, task)).lines)
         for task in allocation.tasks

@@ -28,8 +28,8 @@ from palpate.experiment.records.entries import Armed, Header, Purpose, Withdrawa
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import enrolment, schedule
 from palpate.experiment.study import roster as rosters
-from palpate.experiment.study.allocation import allocate, allocated
 from palpate.experiment.study.roster import Roster
+from palpate.experiment.study.schedule import allocate, allocated
 
 FARTHEST_EAST = timedelta(hours=14)
 """The day of a session's beginning is at most this much ahead of UTC, wherever it was run."""

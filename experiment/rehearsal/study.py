@@ -29,7 +29,7 @@ from palpate.experiment.rehearsal.session import Job, rehearse_at_once, rehearse
 from palpate.experiment.rehearsal.tapping import surfaces
 from palpate.experiment.session.remarks import paused
 from palpate.experiment.session.visit import visit_steps, walk
-from palpate.experiment.study.allocation import allocate, find
+from palpate.experiment.study.schedule import allocate, find_allocation
 
 OPTIONS = {"REHEARSAL": "--out", "PRACTICE": "--dataset"}
 """What names the folder of each on the command line."""
@@ -161,7 +161,7 @@ def practise(
     """
     protocol = files.load(protocol_file)
     rig = _simulated_rig(rig_file, protocol)
-    allocation = find(allocate(protocol, PRACTICE_SEED), participant)
+    allocation = find_allocation(allocate(protocol, PRACTICE_SEED), participant)
     out = out or practice_folder(protocol)
     job = Job(out.resolve(), participant, allocation.tasks, PRACTICE_SEED, "none", real_time=True)
     plan = Plan(

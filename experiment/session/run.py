@@ -28,7 +28,7 @@ from palpate.experiment.session.kind import FarEnds
 from palpate.experiment.session.laboratory import header, open_laboratory
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study import enrolment, people, roster
-from palpate.experiment.study.allocation import Allocation, allocated, find
+from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
 
 
 class RealEnds(FarEnds):
@@ -89,7 +89,7 @@ def run(
     if purpose == "PILOT":
         console.show(build.LABELS["PILOT"])
     takes = roster.Roster.load(storage.roster_path(root)).takes
-    allocation = find(allocated(protocol, seed, takes), participant)
+    allocation = find_allocation(allocated(protocol, seed, takes), participant)
     beliefs.believed(root)
     if anchored_in:
         register.check_state(root, anchored_in[0], (protocol.study.id, purpose))

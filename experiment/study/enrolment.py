@@ -25,8 +25,8 @@ from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose, Record, Withdrawal
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import people
-from palpate.experiment.study.allocation import allocated, labels, stranger
 from palpate.experiment.study.roster import Roster, check_consent
+from palpate.experiment.study.schedule import allocated, labels, stranger
 
 LOCK = ".study.lock"
 

@@ -25,7 +25,7 @@ from palpate.experiment.records.chain import Chain
 from palpate.experiment.records.entries import Entry
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import VISIBLE, Line
-from palpate.experiment.study.allocation import labels, stranger
+from palpate.experiment.study.schedule import labels, stranger
 
 FORMAT: Literal[1] = 1
 """The format of the roster's file."""

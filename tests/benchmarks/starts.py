@@ -27,7 +27,7 @@ from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
-from palpate.experiment.study.allocation import allocate
+from palpate.experiment.study.schedule import allocate
 from tests.rig.laboratory import write_rig
 
 TURNS = 9

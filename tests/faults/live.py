@@ -31,7 +31,7 @@ from typing import Any, NoReturn, Self
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.study.allocation import allocate, find
+from palpate.experiment.study.schedule import allocate, find_allocation
 from tests.faults.world import BLOCK
 from tests.rig.laboratory import write_rig
 
@@ -322,7 +322,7 @@ class Laboratory:
         """Enrol the next participant of a dataset, and return the tasks in order."""
         first = ["--seed", seed] if not dataset.exists() else []
         self.call("enrol", self.study, "-p", participant, "--consent-on", date.today(), "--dataset", dataset, *first)
-        return find(allocate(self.protocol, seed), participant).tasks
+        return find_allocation(allocate(self.protocol, seed), participant).tasks
 
     def command(self, dataset: Path, participant: str, task: str, rig: Path | None = None) -> list[str]:
         """Return the arguments that begin or continue a session, on the laboratory's rig or another."""

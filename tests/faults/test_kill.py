@@ -17,7 +17,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Footer, Redo
 from palpate.experiment.study import schedule
-from palpate.experiment.study.allocation import allocate
+from palpate.experiment.study.schedule import allocate
 
 KILLS = 200
 

@@ -19,7 +19,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Header
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.study import enrolment, roster
-from palpate.experiment.study.allocation import Allocation, allocated, find
+from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
 from tests.experiment.session.bench import Bench
 from tests.experiment.session.scripted import (
     START_NS,
@@ -60,7 +60,7 @@ class MadeStudy:
             rig=rigs.load(shipped("rigs/rehearsal.toml")),
             participant=participant,
             task_id=task,
-            position=find(self.tasks, participant).tasks.index(task) + 1,
+            position=find_allocation(self.tasks, participant).tasks.index(task) + 1,
             seed=enrolment.seed_of(self.root),
             recordings=None,
             purpose=enrolment.purpose_of(self.root),

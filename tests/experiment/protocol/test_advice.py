@@ -14,7 +14,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.protocol.advice import advice
 from palpate.experiment.protocol.models import PlannedTest, Protocol
 from palpate.experiment.protocol.page import page
-from palpate.experiment.study.allocation import allocate
+from palpate.experiment.study.schedule import allocate
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
 
 

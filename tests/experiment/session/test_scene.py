@@ -119,7 +119,7 @@ from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.session import run
 from palpate.experiment.study import enrolment
-from palpate.experiment.study.allocation import allocate
+from palpate.experiment.study.schedule import allocate
 here = Path({str(tmp_path)!r})
 file, rig = here / "study.toml", here / "rig.toml"
 file.write_bytes(shipped("okamoto2012.toml").read_bytes())

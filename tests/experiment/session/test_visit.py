@@ -17,7 +17,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.session import run
 from palpate.experiment.session.visit import asked, told, visit_steps, walk
-from palpate.experiment.study.allocation import Allocation
+from palpate.experiment.study.schedule import Allocation
 from tests.approved import Refuses
 from tests.experiment.session.scripted import START_NS, ScriptedConsole
 

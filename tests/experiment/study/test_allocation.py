@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from palpate.experiment.errors import RosterError
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.study.allocation import Allocation, allocate, find, labels
+from palpate.experiment.study.schedule import Allocation, allocate, find_allocation, labels
 from tests.approved import Refuses
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
 
@@ -86,10 +86,10 @@ def test_labels_are_equally_wide(participants: int, first: str, last: str) -> No
 
 
 def test_a_participant_is_found() -> None:
-    assert find(allocate(protocol(), 1), "05") == Allocation("05", ("one",))
+    assert find_allocation(allocate(protocol(), 1), "05") == Allocation("05", ("one",))
 
 
 @pytest.mark.parametrize("stranger", ["00", "07", "5", "", "sub-05"])
 def test_a_stranger_is_refused(stranger: str, refuses: Refuses) -> None:
     with refuses(RosterError):
-        find(allocate(protocol(), 1), stranger)
+        find_allocation(allocate(protocol(), 1), stranger)

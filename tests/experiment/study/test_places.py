@@ -12,7 +12,7 @@ from palpate.experiment.dataset import beliefs, build
 from palpate.experiment.dataset.status import status
 from palpate.experiment.errors import RosterError
 from palpate.experiment.study import enrolment
-from palpate.experiment.study.allocation import find
+from palpate.experiment.study.schedule import find_allocation
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses
 from tests.conftest import Palpate
@@ -41,7 +41,7 @@ def withdraw(study: MadeStudy, participant: str, *, erase: bool = False) -> None
 def enrol(study: MadeStudy, participant: str) -> tuple[str, ...]:
     """Enrol a participant and return their tasks."""
     enrolment.enrol(study.file, participant, DAY, root=study.root, seed=None)
-    return find(study.tasks, participant).tasks
+    return find_allocation(study.tasks, participant).tasks
 
 
 def test_places_are_taken_in_order_and_the_orders_stay_balanced(study: MadeStudy, refuses: Refuses) -> None:

@@ -17,7 +17,7 @@ from scipy.stats import chisquare
 
 from palpate.experiment.errors import ScheduleError
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.study.allocation import allocate
+from palpate.experiment.study.schedule import allocate
 from palpate.experiment.study.schedule import Draws, block_trials, constrained, count_orders, nth_order, schedule
 from tests.approved import Refuses
 from tests.experiment.protocol.small import changed, document, okamoto2012

@@ -26,8 +26,8 @@ from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.session.tapping.trials import ComparisonDevices
 from palpate.experiment.study import enrolment
-from palpate.experiment.study.allocation import allocate
 from palpate.experiment.study.roster import Roster
+from palpate.experiment.study.schedule import allocate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.protocol.tapping import live_alone
 from tests.experiment.session.scripted import START_NS
