@@ -97,7 +97,7 @@ def identify(study: Study | PathLike) -> Results:
     from palpate.analysis.identification.results import compute
     from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, printed_dissimilarities
 
-    given = _study(study, comparisons=False)
+    given = _study(study, of_comparisons=False)
     printed = published.load(given.id)
     return compute(
         given, printed.pairs() if printed else {}, printed_dissimilarities() if printed else NO_DISSIMILARITIES
@@ -126,7 +126,7 @@ def compare(study: Study | PathLike) -> Compared:
     from palpate.analysis import published
     from palpate.analysis.comparison.results import compute
 
-    given = _study(study, comparisons=True)
+    given = _study(study, of_comparisons=True)
     return compute(given, published.load(given.id))
 
 
@@ -278,21 +278,11 @@ def crinkle(recordings: PathLike, material: str, speed_mm_s: float, *, rate_hz: 
     SynthesisError
         The speed or the rate is not allowed.
     """
-    from palpate.experiment.errors import RecordingError
     from palpate.experiment.recordings import manifest
     from palpate.experiment.synthesis import waveforms
-    from palpate.experiment.synthesis.crinkle import subtract
 
     takes = manifest.load_all(Path(recordings))
-    if material not in takes.objects:
-        known = ", ".join(takes.objects)
-        raise RecordingError(Path(recordings), f"got material {material!r}", "name one", allowed=known)
-    spectra = subtract(
-        speeds_mm_s=takes.speeds_mm_s,
-        rate_hz=takes.rate_hz,
-        panel_object_takes=takes.objects[material],
-        panel_takes=takes.panel,
-    )
+    spectra = takes.spectra(material)
     return waveforms.prepare(spectra, material=material, output_rate_hz=rate_hz or takes.rate_hz).at(speed_mm_s)
 
 
@@ -347,15 +337,9 @@ def contact(
     return trajectory((block,), times_s=times_s, hand_m=np.stack([heights, np.zeros_like(heights)], axis=-1))
 
 
-def _study(study: Study | PathLike, *, comparisons: bool) -> Study:
-    """Return a study of the kind that is analyzed. Raises `DatasetError`."""
-    from palpate.analysis.reading.study import Study, nothing_left
-    from palpate.experiment.errors import DatasetError
+def _study(study: Study | PathLike, *, of_comparisons: bool) -> Study:
+    from palpate.analysis.reading.study import Study, refuse_other
 
     given = study if isinstance(study, Study) else read(study)
-    if (given.answers is not None) != comparisons:
-        what, better = ("identifications", "identify") if comparisons else ("comparisons", "compare")
-        raise DatasetError(f"study {given.id}", f"its trials are {what}", f"give it to palpate.{better}")
-    if not given.attempts["included"].any():
-        raise nothing_left(given.id, given.exclusions)
+    refuse_other(given, of_comparisons=of_comparisons)
     return given

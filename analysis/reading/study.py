@@ -96,6 +96,15 @@ def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
     return DatasetError(dataset, f"every trial is left out: {told}", "check the exclusion rules of the protocol")
 
 
+def refuse_other(study: Study, *, of_comparisons: bool) -> None:
+    """Raise `DatasetError` unless the trials are comparisons, or are identifications, and one of them counts."""
+    if (study.answers is not None) != of_comparisons:
+        what, better = ("identifications", "identify") if of_comparisons else ("comparisons", "compare")
+        raise DatasetError(f"study {study.id}", f"its trials are {what}", f"give it to palpate.{better}")
+    if not study.attempts["included"].any():
+        raise nothing_left(study.id, study.exclusions)
+
+
 def _attempt(row: pd.Series[Any], rule: str, reason: str) -> Exclusion:
     return Exclusion(str(row["participant"]), str(row["task"]), int(row["trial"]), int(row["attempt"]), rule, reason)
 

@@ -38,6 +38,7 @@ from palpate.experiment.protocol.models import Synthesis
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import load as settings
 from palpate.experiment.settings.load import ONE_LINE, Confined, Name, Remark
+from palpate.experiment.synthesis.crinkle import Average, CrinkleSpectra, subtract
 
 MANIFEST = "manifest.toml"
 
@@ -59,6 +60,22 @@ class Recordings:
     speeds_mm_s: NDArray[np.float64]
     panel: NDArray[np.float64]
     objects: Mapping[str, NDArray[np.float64]]
+
+    def spectra(self, material: str, *, average: Average = "magnitude") -> CrinkleSpectra:
+        """Return the spectra of one material without the panel: equation (2) of Okamoto et al.
+
+        Raises `RecordingError` for a material without takes, and `SynthesisError` as `subtract`.
+        """
+        if material not in self.objects:
+            known = ", ".join(self.objects)
+            raise RecordingError("recordings", f"got material {material!r}", "name one", allowed=known)
+        return subtract(
+            speeds_mm_s=self.speeds_mm_s,
+            rate_hz=self.rate_hz,
+            panel_object_takes=self.objects[material],
+            panel_takes=self.panel,
+            average=average,
+        )
 
 
 class _Zero(Confined):

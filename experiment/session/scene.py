@@ -89,19 +89,10 @@ def besides(*, scene: Scene, protocol: Protocol, recordings: Path) -> Scene:
 def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[str, CrinkleSpectra]:
     """Return the spectra of the materials of `scene` from their recordings. Raises `RecordingError`."""
     from palpate.experiment.recordings import manifest
-    from palpate.experiment.synthesis import crinkle
 
-    loaded = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
-    return {
-        material: crinkle.subtract(
-            speeds_mm_s=protocol.footsteps.synthesis.speeds_mm_s,
-            rate_hz=protocol.footsteps.synthesis.rate_hz,
-            panel_object_takes=loaded.objects[material],
-            panel_takes=loaded.panel,
-            average=protocol.footsteps.synthesis.average,
-        )
-        for material in scene.materials
-    }
+    synthesis = protocol.footsteps.synthesis
+    loaded = manifest.load(recordings, synthesis=synthesis, material_ids=scene.materials)
+    return {material: loaded.spectra(material, average=synthesis.average) for material in scene.materials}
 
 
 def fastest_mm_s(protocol: Protocol) -> float:
