@@ -12,9 +12,15 @@ import numpy as np
 
 from palpate.analysis.documents.tables import plural
 from palpate.analysis.forked import forked
-from palpate.analysis.identification.beside import Beside, beside
+from palpate.analysis.identification.companion_tests import (
+    Beside,
+    Equivalences,
+    Marginal,
+    beside,
+    equivalences,
+    marginal,
+)
 from palpate.analysis.identification.confusion import Confusion, confusion_of, in_every, shared
-from palpate.analysis.identification.contrasts import Equivalences, Marginal, equivalences, marginal
 from palpate.analysis.identification.identify import Identification, identify
 from palpate.analysis.identification.time_course import TimeCourse, course_of
 from palpate.analysis.identification.trial_models import TrialLevel, trial_level

@@ -20,8 +20,15 @@ from palpate.analysis.documents.tables import (
     span,
     tabulate,
 )
-from palpate.analysis.identification.beside import Beside, Paired, SlopesLogit
-from palpate.analysis.identification.contrasts import MARGIN, Contrast, Equivalent, Marginal
+from palpate.analysis.identification.companion_tests import (
+    MARGIN,
+    Beside,
+    Contrast,
+    Equivalent,
+    Marginal,
+    Paired,
+    SlopesLogit,
+)
 from palpate.analysis.identification.results import Results
 from palpate.analysis.report.plan import TWO_WAY, Standing, marked
 from palpate.analysis.statistics.participants import Jackknife, Repeated

@@ -14,7 +14,7 @@ from scipy.special import expit, logit
 
 from palpate.analysis.documents import drawing
 from palpate.analysis.documents.tables import plural
-from palpate.analysis.identification.contrasts import Marginal
+from palpate.analysis.identification.companion_tests import Marginal
 from palpate.analysis.identification.identify import Identification
 from palpate.analysis.identification.results import Results, TaskResult, bracketed
 from palpate.analysis.identification.time_course import MaskerLevels, OnsetErrors, SpeedBin, Window

@@ -25,9 +25,8 @@ from scipy.linalg import helmert
 from scipy.special import expit
 
 from palpate.analysis.identification import maps, trial_models
-from palpate.analysis.identification.beside import beside
+from palpate.analysis.identification.companion_tests import MARGIN, beside, marginal
 from palpate.analysis.identification.confusion import Confusion, most_confused, transmitted
-from palpate.analysis.identification.contrasts import MARGIN, marginal
 from palpate.analysis.identification.trial_models import Design
 from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics import lapses

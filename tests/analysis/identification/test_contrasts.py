@@ -13,9 +13,8 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.documents.drawing import png
 from palpate.analysis.documents.tables import comma_separated, text
-from palpate.analysis.identification.beside import LINKED
+from palpate.analysis.identification.companion_tests import LINKED, MARGIN, equivalences, marginal
 from palpate.analysis.identification.confusion import Confusion
-from palpate.analysis.identification.contrasts import MARGIN, equivalences, marginal
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Part, Study

@@ -9,8 +9,8 @@ import pytest
 from scipy import stats
 
 from palpate.analysis.analyse import Analysis, analyse
+from palpate.analysis.identification.companion_tests import SHARED
 from palpate.analysis.identification.confusion import in_every, shared
-from palpate.analysis.identification.contrasts import SHARED
 from palpate.analysis.identification.results import Results, TaskResult, compute
 from palpate.analysis.reading.dataset import read
 from tests.analysis.datasets import MATERIALS, trials, write_dataset
