@@ -5,6 +5,7 @@ Nothing here draws a figure or writes a file. A value has `to_frame()`, a pandas
 
 from __future__ import annotations
 
+import warnings
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -33,7 +34,8 @@ def read(*datasets: PathLike) -> Study:
     Parameters
     ----------
     *datasets
-        Folders of datasets that palpate made. Those with journals are verified first, as `palpate analyse` does.
+        Folders of datasets that palpate made. Those with journals are verified first, as `palpate analyse` does; open
+        sessions, and tables without a journal, are warned of.
 
     Returns
     -------
@@ -56,12 +58,12 @@ def read(*datasets: PathLike) -> Study:
     {'virtual': 0.53, 'real': 0.648}
     """
     from palpate.analysis.reading.dataset import read_pooled
-    from palpate.experiment.dataset import beliefs, build
+    from palpate.experiment.dataset.build import check_analysed
 
     folders = [Path(one) for one in datasets]
     for folder in folders:
-        if beliefs.has_journals(folder):
-            build.check_tables(folder)
+        for line in check_analysed(folder):
+            warnings.warn(line, stacklevel=2)
     return read_pooled(folders)
 
 

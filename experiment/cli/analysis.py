@@ -446,17 +446,11 @@ def analysed(
 def _believe(*datasets: Path) -> None:
     """Refuse a dataset whose journals are not all its own, or do not give its tables; tell where there are none."""
     from palpate.experiment.cli import tell
-    from palpate.experiment.dataset import beliefs, build
+    from palpate.experiment.dataset import build
 
     for dataset in datasets:
-        if beliefs.has_journals(dataset):
-            for path in sorted(build.check_tables(dataset).under_way):
-                tell(f"palpate: {path}: {beliefs.OPEN}")
-        elif (dataset / "dataset_description.json").exists() and beliefs.origin_of(dataset) not in (
-            "RECONSTRUCTION",
-            "IMPORTED",
-        ):
-            tell(f"palpate: {dataset}: no journal stands behind these tables, so a changed cell would not show")
+        for line in build.check_analysed(dataset):
+            tell(f"palpate: {line}")
 
 
 def _sizes(text: str, error: type[PalpateError] = PowerError, option: str = "--participants") -> list[int]:

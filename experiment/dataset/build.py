@@ -20,7 +20,16 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.tracker import frames
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.dataset import bids, comparison
-from palpate.experiment.dataset.beliefs import Believed, Each, believed, build_again, collected
+from palpate.experiment.dataset.beliefs import (
+    OPEN,
+    Believed,
+    Each,
+    believed,
+    build_again,
+    collected,
+    has_journals,
+    origin_of,
+)
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
@@ -136,6 +145,18 @@ def check_tables(root: Path) -> Believed:
             f"end one, or have tables made of what was answered so far ({build_again(root)})",
         )
     return dataset
+
+
+def check_analysed(root: Path) -> tuple[str, ...]:
+    """Return what has to be said of a dataset before it is analysed: open sessions, or tables without a journal.
+
+    Raises as `check_tables` where there are journals.
+    """
+    if has_journals(root):
+        return tuple(f"{path}: {OPEN}" for path in sorted(check_tables(root).under_way))
+    if (root / "dataset_description.json").exists() and origin_of(root) not in ("RECONSTRUCTION", "IMPORTED"):
+        return (f"{root}: no journal stands behind these tables, so a changed cell would not show",)
+    return ()
 
 
 def edited(
