@@ -35,7 +35,7 @@ def test_what_it_hands_out_is_documented_and_nothing_else() -> None:
     assert {name for name in defined if not name.startswith("_")} == set(palpate.__all__)
     assert set(dir(palpate)) == {*palpate.__all__, "__version__"}
     stub = (ROOT / "palpate" / "__init__.pyi").read_text("utf-8")
-    assert re.findall(r"^from palpate.library import (\w+) as \1$", stub, re.MULTILINE) == palpate.__all__
+    assert re.findall(r"(\w+) as \1$", stub, re.MULTILINE) == palpate.__all__
     for name in palpate.__all__:
         text = getattr(palpate, name).__doc__
         assert all(f"\n    {part}\n    ---" in text for part in ("Parameters", "Returns", "Raises")), name

@@ -12,8 +12,8 @@ from palpate.experiment.dataset import beliefs, build
 from palpate.experiment.dataset.status import status
 from palpate.experiment.errors import RosterError
 from palpate.experiment.study import enrolment
-from palpate.experiment.study.schedule import find_allocation
 from palpate.experiment.study.roster import Roster
+from palpate.experiment.study.schedule import find_allocation
 from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study

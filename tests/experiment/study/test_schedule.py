@@ -17,8 +17,15 @@ from scipy.stats import chisquare
 
 from palpate.experiment.errors import ScheduleError
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.study.schedule import allocate
-from palpate.experiment.study.schedule import Draws, block_trials, constrained, count_orders, nth_order, schedule
+from palpate.experiment.study.schedule import (
+    Draws,
+    allocate,
+    block_trials,
+    constrained,
+    count_orders,
+    nth_order,
+    schedule,
+)
 from tests.approved import Refuses
 from tests.experiment.protocol.small import changed, document, okamoto2012
 
