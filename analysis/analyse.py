@@ -48,6 +48,7 @@ class Analysis:
     sections: tuple[Section, ...]
     out: Path
     files: tuple[Path, ...]
+    numbers: Mapping[str, Any]
 
     @property
     def results(self) -> Results:
@@ -90,9 +91,7 @@ class Analysis:
     def as_dict(self) -> dict[str, Any]:
         """Return everything for JSON, with None instead of NaN or infinity where something is not defined."""
         paths = {"out": str(self.out), "report": str(self.report), "files": [str(path) for path in self.files]}
-        if isinstance(self.found, Results):
-            return {**_numbers(self.study, self.found, self.comparison), **paths}
-        return {**_compared(self.study, self.found), **paths}
+        return {**self.numbers, **paths}
 
 
 def analyse(
@@ -154,7 +153,7 @@ def analyse(
     drawn = tuple(replace(one, caption=f"{one.caption} Study {study.id}.") for one in drawn)
     content = page.folder(study.title, study.label, parts, drawn, formulas, numbers, further=further, pictures=pictures)
     written = publish(place, content | _bids(study), study.label, "analyse")
-    return Analysis(study, found, comparison, parts, place, written)
+    return Analysis(study, found, comparison, parts, place, written, numbers)
 
 
 def _compared(study: Study, found: Compared) -> dict[str, Any]:

@@ -137,16 +137,12 @@ def run(
 ) -> Sequential:
     """Return what a design with these looks finds, in `studies` SIMULATED studies under the model and the control.
 
-    `total` gets the number of steps, `tick` follows each. Raises `PowerError`: the looks are not at least two, rising,
-    of three participants or more, the `rule` is no `Rule`, a number is out of bounds, or the model compares pairs.
+    `total` gets the number of steps, `tick` follows each. Raises `PowerError`: looks that are not two or more, rising,
+    from 3 on, another rule, a number out of bounds, or a model of pairs.
     """
     if not isinstance(model, ChoiceModel):
-        raise PowerError(
-            "--looks",
-            f"got comparisons of study {study}",
-            "leave --looks out",
-            allowed="trials in which a material is named",
-        )
+        got, allowed = f"got comparisons of study {study}", "trials in which a material is named"
+        raise PowerError("--looks", got, "leave --looks out", allowed=allowed)
     if rule not in get_args(Rule):
         raise PowerError("--rule", f"got {rule}", "give one", allowed=", ".join(get_args(Rule)))
     chosen = cast("Rule", rule)
@@ -154,10 +150,8 @@ def run(
         raise PowerError("--alike", f"got {alike}", "give one", allowed="a number from 0 to 1")
     simulate.check_studies(studies)
     if len(looks) < 2 or list(looks) != sorted(set(looks)) or not 3 <= looks[0] <= looks[-1] <= MOST:
-        raise PowerError(
-            f"--looks: got {', '.join(map(str, looks))}; allowed: two or more rising numbers of participants, "
-            f"from 3 to {MOST}; give such"
-        )
+        got, allowed = ", ".join(map(str, looks)), f"two or more rising numbers of participants, from 3 to {MOST}"
+        raise PowerError("--looks", f"got {got}", "give such", allowed=allowed)
     alpha = next((test.alpha for test in planned.tests if test.test == "t against chance"), ALPHA)
     levels: list[float] = []
     if chosen != "bayes":
@@ -166,20 +160,18 @@ def run(
     counted: dict[str, list[Floats]] = {}
     for kind in (0, 1):
         for part, first in enumerate(range(0, studies, CHUNK)):
-            key = np.random.SeedSequence(seed, spawn_key=(7, kind, part))
-            random = np.random.Generator(np.random.PCG64(key))
+            random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(7, kind, part))))
             right = draw(planned, model, looks[-1], min(CHUNK, studies - first), alike, bool(kind), random)
             for subject, stops in _stopped(planned, right, chosen, looks, levels):
                 held = counted.setdefault(subject, [np.zeros((2, len(looks))) for _ in range(2)])
                 held[kind] += stops
             tick()
-    outcomes = []
-    for subject, (own, control) in counted.items():
-        shares, others = own / studies, control / studies
-        outcomes.append(
-            Outcome(subject, tuple(shares[0].tolist()), tuple(shares[1].tolist()), _mean(shares, looks),
-                    tuple(others[0].tolist()), _mean(others, looks))
-        )  # fmt: skip
+    outcomes = [
+        Outcome(subject, tuple(found), tuple(none), _mean(own / studies, looks), tuple((control[0] / studies).tolist()),
+                _mean(control / studies, looks))
+        for subject, (own, control) in counted.items()
+        for found, none in [(own / studies).tolist()]
+    ]  # fmt: skip
     label = f"{simulate.LABEL}, after: {model.label}" if model.label else simulate.LABEL
     return Sequential(study, model.source, label, chosen, tuple(looks), alpha, alike, studies, seed, tuple(levels),
                       tuple(outcomes))  # fmt: skip

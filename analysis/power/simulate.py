@@ -50,8 +50,7 @@ CHUNK_STUDIES = 1000
 CHUNK_CELLS = 2_000_000
 """A chunk holds `CHUNK_STUDIES` studies, or fewer where their counts would be more than `CHUNK_CELLS`."""
 
-MOST_PARTICIPANTS = 1000
-MOST_STUDIES = 1_000_000
+MOST_PARTICIPANTS, MOST_STUDIES = 1000, 1_000_000
 
 
 @dataclass(frozen=True)
@@ -142,36 +141,24 @@ class Power:
     notes: tuple[str, ...]
 
     def __repr__(self) -> str:
-        sizes = f"{self.participants[0]} to {self.participants[-1]} participants"
-        asked = f"{len(self.questions)} questions, {sizes}, {self.studies} studies each"
-        return f"<Power, SIMULATED, of {self.study}: {asked}>"
+        return f"<Power, {self.label}, of {self.study}: {len(self.questions)} questions, sizes {self.participants}>"
 
     def to_frame(self) -> pd.DataFrame:
-        """Return a row for each question, model and number of participants; SIMULATED.
+        """Return a row for each question, model (or "guessing", whose power is the type I error) and size; SIMULATED.
 
-        `model` is "model", or "guessing" for the control, whose power is the type I error. `power` has Wilson's 95 %
-        limits, its Monte Carlo error; NaN where an estimate is wanted, of which the median is given.
+        Beside `power` stand Wilson's 95 % limits, its Monte Carlo error; all are NaN where an estimate is wanted.
         """
         import pandas as pd
 
         rows = [
-            {
-                "test": row.question.test,
-                "tasks": ", ".join(row.question.tasks),
-                "subject": row.question.subject,
-                "alpha": row.question.alpha,
-                "model": row.kind,
-                "participants": row.participants,
-                "studies": row.tally.studies,
-                "power": row.power,
-                "low": row.interval[0] if row.interval else None,
-                "high": row.interval[1] if row.interval else None,
-                "undefined": row.tally.undefined,
-                "median": row.quantiles[1] if row.quantiles else None,
-            }
+            (row.question.test, ", ".join(row.question.tasks), row.question.subject, row.question.alpha, row.kind,
+             row.participants, row.tally.studies, row.power, *(row.interval or (None, None)), row.tally.undefined,
+             row.quantiles and row.quantiles[1])
             for row in self.rows
-        ]
-        return pd.DataFrame(rows).astype(dict.fromkeys(("alpha", "power", "low", "high", "median"), "float64"))
+        ]  # fmt: skip
+        columns = ("test", "tasks", "subject", "alpha", "model", "participants", "studies", "power", "low", "high",
+                   "undefined", "median")  # fmt: skip
+        return pd.DataFrame(rows, columns=columns).astype(dict.fromkeys(("alpha", "power", "low", "high"), "float64"))
 
     @property
     def label(self) -> str:
@@ -209,10 +196,7 @@ class Power:
 
 
 def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple[Design, ChoiceModel | PairModel]:
-    """Return what a protocol plans, and the named model of those who answer; `alpha` replaces each test's own level.
-
-    Raises `PowerError` for a level that is none, and as the models' `find`.
-    """
+    """Return what is planned, at `alpha` in place of each test's own, and the model named. Raises `PowerError`."""
     if alpha is not None and not 0 < alpha < 1:
         raise PowerError("--alpha", f"got {alpha}", "give one", allowed="a number between 0 and 1")
     chosen = (choice_models if protocol.comparison is None else comparisons).find(model, protocol)
@@ -343,17 +327,14 @@ def _check(sizes: Sequence[int], studies: int, target: float, planned: Design) -
         raise PowerError("--target", f"got {target}", "give one", allowed="a number between 0 and 1")
     if not sizes or sizes[0] < 1 or sizes[-1] > MOST_PARTICIPANTS:
         got = ", ".join(map(str, sizes)) or "none"
-        raise PowerError(
-            f"--participants: got {got}; allowed: numbers from 1 to {MOST_PARTICIPANTS}; give some of these"
-        )
+        raise PowerError("--participants", f"got {got}", "give some", allowed=f"numbers from 1 to {MOST_PARTICIPANTS}")
     check_studies(studies)
     for task in planned.tasks:
         answers = len(planned.materials) ** 2 * sizes[-1] * task.repetitions
         if answers >= 2**31:
-            raise PowerError(
-                f"--participants {sizes[-1]}: got {answers} answers to task {task.id} in one study's matrix; allowed: "
-                f"fewer than {2**31}, whose squares are exact; try fewer participants"
-            )
+            got = f"got {answers} answers to task {task.id} in one study's matrix"
+            most = f"fewer than {2**31}, whose squares are exact"
+            raise PowerError(f"--participants {sizes[-1]}", got, "try fewer participants", allowed=most)
 
 
 Work = TypeVar("Work")
