@@ -23,7 +23,7 @@ import pytest
 
 from tests.rig.laboratory import write_rig
 
-pytestmark = pytest.mark.clocked
+pytestmark = pytest.mark.alone
 
 ALSA = """\
 </usr/share/alsa/alsa.conf>

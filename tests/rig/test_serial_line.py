@@ -252,7 +252,7 @@ def test_a_backlog_behind_a_full_line_is_taken_at_once() -> None:
     if os.name != "posix":
         pytest.skip("this system has no pseudo-terminals")
     with SerialLine("pty") as line:
-        port = SerialPort(line.url, 115200, device="tracker")
+        port = SerialPort(line.url, 115200)
         at_once = False
         for _ in range(100):
             sent = BACKLOG[: line.offer(BACKLOG)]

@@ -196,7 +196,7 @@ class Servo:
         self._orders, self._line, self._pulse = orders, line, pulse
         self._session = Session()
         self._device = ForceDevice(orders.address, limit_n=orders.limit_n)
-        self._port = SerialPort(orders.port, orders.baud, device="tracker")
+        self._port = SerialPort(orders.port, orders.baud)
         self._port.discard()
         self._decoder = orders.decoder()
         self._block: Block | None = None

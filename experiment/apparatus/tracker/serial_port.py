@@ -133,7 +133,7 @@ if find_spec("termios"):
 class SerialPort:
     """An open port."""
 
-    def __init__(self, name: str, baud: int, *, device: str) -> None:
+    def __init__(self, name: str, baud: int, *, device: str = "tracker") -> None:
         """Open a path or pyserial URL, alone if possible; `device` is its table in the rig. Raises `TrackerError`."""
         self._port = _opened(name, baud, device)
         self._is_device = "://" not in name

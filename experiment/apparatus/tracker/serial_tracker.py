@@ -180,7 +180,7 @@ class SerialTracker:
         self._port.close()
 
     def _open(self, port: str) -> None:
-        self._port = SerialPort(port, self._settings.baud, device="tracker")
+        self._port = SerialPort(port, self._settings.baud)
         self._decoder = Decoder(period_us=1e6 / self._settings.rate_hz, readings=self._settings.readings)
         self._clock_state: ClockState | None = None
         self._failure: Exception | None = None
