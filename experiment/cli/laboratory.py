@@ -494,18 +494,17 @@ def verify(
     Every finding is printed: that it holds, or that it is REFUSED. Nothing is changed. The exit code is 1 if anything
     is refused, and 2 if nothing could be checked, as with a register that is not there.
     """
-    from dataclasses import asdict
-
     from palpate.experiment.dataset import verify as verifying
     from palpate.experiment.dataset.register import Signer
     from palpate.experiment.settings.characters import plain
 
     report = verifying.verify(dataset, registers or (), numbers or (), Signer(signer) if signer else None)
+    records = report.records()
     if as_json:
-        options.put(asdict(report))
+        options.put({"title": report.title, "findings": records, "verdict": list(report.verdict)})
     else:
         words = {"holds": "holds  ", "refused": "REFUSED", "note": "note   "}
-        found = [f"  {words[one.word]}  {one.item}: {one.text}" for one in report.findings]
+        found = [f"  {words[one['word']]}  {one['item']}: {one['text']}" for one in records]
         # A name of a file may hold line feeds, and passes for no line of the report.
         typer.echo("\n".join(plain(line, keep="") for line in (report.title, *found, *report.verdict)))
     raise typer.Exit(1 if report.refused else 0)

@@ -5,7 +5,6 @@ anchors.
 """
 
 import hashlib
-import shlex
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from palpate.experiment import clock, storage
 from palpate.experiment.dataset import register
 from palpate.experiment.dataset.register import LOG, Anchor, Kept, Prefix
-from palpate.experiment.errors import DatasetError, PalpateError, RosterError
+from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import Seal
 from palpate.experiment.protocol.models import Protocol
@@ -349,7 +348,7 @@ def _refuse_erased(root: Path, roster: Roster) -> None:
             )
 
 
-def unfinished(root: Path, roster: Roster) -> dict[str, str]:
+def unfinished(root: Path, roster: Roster) -> dict[str, Remedy]:
     """Return what finishes each interrupted withdrawal, by participant: in journals, files or the table."""
     table = root / "participants.tsv"
     told = {row.get("participant_id"): row.get("withdrawn") for row in _rows(table)} if table.is_file() else {}
@@ -370,14 +369,13 @@ def _is_marked(root: Path, participant: str) -> bool:
     return bool(told) or storage.withdrawal_path(root, participant).exists()
 
 
-def _finish(root: Path, roster: Roster, participant: str) -> str:
-    """Return the command by which the withdrawal of a participant is finished, in a sentence."""
+def _finish(root: Path, roster: Roster, participant: str) -> Remedy:
+    """Return what finishes the withdrawal of a participant."""
     erased, given = participant in roster.erased, ("--reason", roster.withdrawn[participant], "--dataset", str(root))
-    command = shlex.join(["withdraw", str(storage.protocol_path(root)), "-p", participant, *given])
-    return (
-        f"the withdrawal of participant {participant} is finished by the same command"
-        f"{'' if erased else ', with --erase if their data are to go'}: palpate {command}{' --erase' if erased else ''}"
-    )
+    command = ("palpate", "withdraw", str(storage.protocol_path(root)), "-p", participant, *given)
+    choice = "" if erased else ", with --erase if their data are to go"
+    words = f"the withdrawal of participant {participant} is finished by the same command{choice}: {{}}"
+    return Remedy(words, (*command, "--erase") if erased else command)
 
 
 def _rows(table: Path) -> list[dict[str, str]]:
@@ -485,14 +483,17 @@ def _refuse_people(root: Path, journals: set[Path], tasks: dict[str, tuple[str, 
                 min(wanted),
                 f"is missing, and {table.name} has a session of participant {participant}; restore the journal from a "
                 "backup",
-                f"if no such session took place, {table.name} was edited: delete that, and make it again "
-                f"({build_again(root)})",
+                build_again(
+                    root,
+                    f"if no such session took place, {table.name} was edited: delete that, and make it again",
+                    suffices=False,
+                ),
             )
 
 
-def build_again(root: Path) -> str:
-    """Return the command that makes the tables of a dataset, as it is typed."""
-    return shlex.join(["palpate", "build", str(root)])
+def build_again(root: Path, words: str, *, suffices: bool = True) -> Remedy:
+    """Return the remedy whose command makes the tables of a dataset."""
+    return Remedy(words, ("palpate", "build", str(root)), suffices)
 
 
 def _check_withdrawals(roster: Roster, root: Path, marks: dict[str, Path]) -> None:

@@ -142,7 +142,7 @@ def check_tables(root: Path) -> Believed:
         raise DatasetError(
             root,
             "no session has ended yet, and no table has been made",
-            f"end one, or have tables made of what was answered so far ({build_again(root)})",
+            build_again(root, "end one, or have tables made of what was answered so far", suffices=False),
         )
     return dataset
 
@@ -260,12 +260,10 @@ def _study_files(root: Path, dataset: Believed) -> bids.Files:
 def _check_table(root: Path, path: Path, content: bytes) -> None:
     """Refuse a table that is not the one that the journals give."""
     # A journal that was cut, its head too, leaves nothing else behind that knows of what is gone.
-    remedy = (
-        "it was edited, or the journals are newer, or were changed themselves; compare both with a backup, then make "
-        f"the tables again ({build_again(root)})"
-    )
+    cause = "it was edited, or the journals are newer, or were changed themselves"
+    remedy = build_again(root, f"{cause}; compare both with a backup, then make the tables again", suffices=False)
     if not path.exists():
-        raise DatasetError(path, "is missing", f"make it again ({build_again(root)})")
+        raise DatasetError(path, "is missing", build_again(root, "make it again"))
     read = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
     if read is None and path.suffix != ".tsv":
         return

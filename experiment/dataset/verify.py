@@ -18,7 +18,16 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import beliefs, bids, build, register
 from palpate.experiment.dataset.beliefs import Believed
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Signer
-from palpate.experiment.errors import DatasetError, OtherFormat, PalpateError, RecordingError, Remedy, RosterError
+from palpate.experiment.errors import (
+    DatasetError,
+    Finding,
+    OtherFormat,
+    PalpateError,
+    RecordingError,
+    Remedy,
+    RosterError,
+    Verdict,
+)
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.page import count
 from palpate.experiment.records import journal
@@ -37,21 +46,21 @@ FOREIGN = (
 )
 """What is said of a register or a number of which no anchor holds."""
 
-Word = Literal["holds", "refused", "note"]
+WORDS: Mapping[Verdict, Literal["holds", "refused", "note"]] = {
+    "passes": "holds",
+    "refuses": "refused",
+    "unknown": "note",
+    "warns": "note",
+}
+"""What a verdict is called in the report."""
 
-
-@dataclass(frozen=True)
-class Finding:
-    """What was found of one item: a path inside the dataset, a register, or what several files tell together."""
-
-    word: Word
-    item: str
-    text: str
+CUT_SHORT = "withdrawals"
+"""The check that finds a withdrawal which was cut short."""
 
 
 @dataclass(frozen=True)
 class Report:
-    """What the dataset is, all findings, and what follows from them in sentences."""
+    """What the dataset is, all findings, with places inside of it, and what follows from them in sentences."""
 
     title: str
     findings: tuple[Finding, ...]
@@ -60,7 +69,11 @@ class Report:
     @property
     def refused(self) -> int:
         """How many findings speak against the dataset."""
-        return sum(finding.word == "refused" for finding in self.findings)
+        return sum(finding.verdict == "refuses" for finding in self.findings)
+
+    def records(self) -> list[dict[str, str]]:
+        """Return of each finding whether it holds, the item, and the text: a path inside the dataset, or a thing."""
+        return [{"word": WORDS[one.verdict], "item": str(one.where), "text": one.clause()} for one in self.findings]
 
 
 @dataclass(frozen=True)
@@ -111,26 +124,30 @@ def verify(
     files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
     foreign = [place for place in evidence if _is_foreign(place, files)]
     ours = [place for place in evidence if place not in foreign]
-    unlike = [one for one in _contradictions(files, ours) if not people.has_erased(one.item)]
+    unlike = [one for one in _contradictions(files, ours) if not people.has_erased(str(one.where))]
     unlike += _other_seal(root, ours)
-    refused = {finding.item for finding in (*findings, *unlike) if finding.word == "refused"}
-    unlike += [Finding("refused", place.place, FOREIGN) for place in foreign]
+    refused = {str(finding.where) for finding in (*findings, *unlike) if finding.verdict == "refuses"}
+    unlike += [Finding(FOREIGN, place.place) for place in foreign]
     if named := {header.recordings_sha256 for header in headers} - {None}:
         findings.append(_file_finding(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
-    findings += _together(root, set(findings), evidence, refused) if beliefs.has_journals(root) else _tables_alone(root)
+    told_of = {(one.where, one.clause()) for one in findings}
+    findings += _together(root, told_of, evidence, refused) if beliefs.has_journals(root) else _tables_alone(root)
     findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
     findings += _leftovers(root)
     if (root / "derivatives").exists():
         anew = shlex.join(["palpate", "analyse", str(root)])
         text = f"was not compared: to trust a result there, make it anew ({anew})"
-        findings.append(Finding("note", "derivatives", text))
+        findings.append(Finding(text, "derivatives", verdict="unknown"))
     findings += [*_erased(root, people), *told, *unlike]
-    findings += _without_session(people, {*(name for name, lines in files.items() if lines), *(x.item for x in unlike)})
+    there = {name for name, lines in files.items() if lines}.union(str(one.where) for one in unlike)
+    findings += _without_session(people, there)
     kinds = " and ".join(sorted(f"{purpose} of {study}" for study, purpose in known)) or "no session"
-    return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(root, findings, files, evidence)))
+    return Report(f"{kinds}: {root}", tuple(findings), tuple(_verdict(findings, files, evidence)))
 
 
-def _together(root: Path, told: set[Finding], evidence: Sequence[Evidence], refused: set[str]) -> Iterator[Finding]:
+def _together(
+    root: Path, told: set[tuple[Path | str, str]], evidence: Sequence[Evidence], refused: set[str]
+) -> Iterator[Finding]:
     """Tell what several files show together, but for what is `told` already; those that are `refused` show nothing."""
     held: Believed | None = None
     unmade = stopped = False
@@ -139,7 +156,7 @@ def _together(root: Path, told: set[Finding], evidence: Sequence[Evidence], refu
     tables: list[PalpateError] = []
     try:
         dataset, doubts = beliefs.examined(root)
-        refused = refused | {_refused(root, doubt).item for doubt in doubts}
+        refused = refused | {doubt.finding.place(root) for doubt in doubts}
         sound = tuple(one for one in dataset.sessions if one[0].relative_to(root).as_posix() not in refused)
         held = replace(dataset, sessions=sound, under_way=dataset.under_way.intersection(path for path, _ in sound))
         if sound:
@@ -151,49 +168,51 @@ def _together(root: Path, told: set[Finding], evidence: Sequence[Evidence], refu
         # A roster that was cut is told once, and not for each session that began under it.
         cause = doubt.__cause__
         finding = _refused(root, cause if isinstance(cause, RosterError) and cause.finding.where == roster else doubt)
-        if finding not in told:
-            told.add(finding)
+        if (finding.where, finding.clause()) not in told:
+            told.add((finding.where, finding.clause()))
             yield finding
     if held is None or not held.sessions:
         none = "no journal holds, or what they are held against does not" if refused or doubts else "there is none"
-        yield Finding("note", "sessions", f"{none}: headers, seed and tables were not compared")
+        yield Finding(f"{none}: headers, seed and tables were not compared", "sessions", verdict="unknown")
         return
     of = "protocol and the plan beside it" if held.roster is None else "sealed protocol, seed and roster"
-    yield Finding("holds", "headers", f"each journal{' that holds' if refused else ''} is of its path, the {of}")
+    text = f"each journal{' that holds' if refused else ''} is of its path, the {of}"
+    yield Finding(text, "headers", verdict="passes")
     if held.roster and enrolment.seed_is_proven(root):
         by_roster = held.roster.path.relative_to(root).as_posix() in refused
         text = "its hash stands in the roster, which is refused: it is not shown when it was drawn"
         if not by_roster:
             text = "was drawn before the first participant enrolled, as its hash there shows"
-        yield Finding("note" if by_roster else "holds", "seed", text)
+        yield Finding(text, "seed", verdict="unknown" if by_roster else "passes")
     yield from _sealed(root, evidence) if held.roster else ()
     if held.roster and not (root / LOG).exists():
         ended = len(held.sessions) - len(held.under_way)
         why = f"{count(ended, 'session')} ended, so it was deleted, or a kill came before the first anchor"
         text = f"is missing: {why if ended else 'no session has ended yet'}; each that ends adds an anchor to it"
-        yield Finding("note", LOG.as_posix(), text)
+        yield Finding(text, LOG.as_posix(), verdict="unknown")
     for path in sorted(held.under_way):
-        yield Finding("note", path.relative_to(root).as_posix(), beliefs.OPEN)
+        yield Finding(beliefs.OPEN, path.relative_to(root).as_posix(), verdict="unknown")
     if unmade:
-        yield Finding("note", "tables", f"were not compared: {build.UNMADE}")
+        yield Finding(f"were not compared: {build.UNMADE}", "tables", verdict="unknown")
         return
     if stopped:
-        yield Finding("note", "tables", "were not compared: comparing them stopped at what is refused")
+        yield Finding("were not compared: comparing them stopped at what is refused", "tables", verdict="unknown")
         return
     others = "but for those refused, " if tables else ""
     given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
     text = f"{others}are what the journals {given} traces of the foot's height were not compared"
-    yield Finding("holds", "tables", text)
+    yield Finding(text, "tables", verdict="passes")
 
 
 def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     """Yield the seal under which the study was begun; only an anchor shows that its approval was not edited."""
     seal, now = approval.read(storage.protocol_path(root)), beliefs.seal_sha256(root)
-    word: Word = "holds" if any(one.seal_sha256 == now for place in evidence for one in place.anchors) else "note"
-    yield Finding("holds", "seal", "is of the protocol")
-    yield Finding(word, "approval", f"from {seal.approved_on} to {seal.expires_on}")
-    yield Finding(word, "approval number", seal.approval_number)
-    yield Finding(word, "board", " ".join(seal.board.split()))
+    anchored = any(one.seal_sha256 == now for place in evidence for one in place.anchors)
+    verdict: Verdict = "passes" if anchored else "unknown"
+    yield Finding("is of the protocol", "seal", verdict="passes")
+    yield Finding(f"from {seal.approved_on} to {seal.expires_on}", "approval", verdict=verdict)
+    yield Finding(seal.approval_number, "approval number", verdict=verdict)
+    yield Finding(" ".join(seal.board.split()), "board", verdict=verdict)
 
 
 def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
@@ -205,29 +224,30 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():
-                yield DatasetError(path, "is missing", Remedy("make it again", ("palpate", "build", str(root))))
+                yield DatasetError(path, "is missing", beliefs.build_again(root, "make it again"))
 
 
 def _tables_alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
     if (origin := beliefs.origin_of(root)) not in beliefs.ALONE:
         text = f"holds no journal, and the tables say {origin}; restore it from a backup"
-        yield Finding("refused", "sourcedata", text)
+        yield Finding(text, "sourcedata")
         return
-    yield Finding("note", origin, f"no journal is behind these tables, {beliefs.ALONE[origin]}: no change shows")
+    text = f"no journal is behind these tables, {beliefs.ALONE[origin]}: no change shows"
+    yield Finding(text, origin, verdict="unknown")
 
 
 def _file_finding(root: Path, path: Path, check: Callable[[], str]) -> Finding:
     """Return what a check says of a file, or the error that it raises."""
     try:
-        return Finding("holds", path.relative_to(root).as_posix(), check())
+        return Finding(check(), path.relative_to(root).as_posix(), verdict="passes")
     except PalpateError as error:
         return _refused(root, error)
 
 
 def _refused(root: Path, error: PalpateError) -> Finding:
     """Return an error as a finding of the file inside the dataset that it names."""
-    return Finding("refused", error.finding.place(root), error.finding.clause())
+    return replace(error.finding, where=error.finding.place(root))
 
 
 def _session(path: Path, headers: list[Header]) -> str:
@@ -304,7 +324,7 @@ def _leftovers(root: Path) -> Iterator[Finding]:
         path.relative_to(root).as_posix() for path in root.rglob(".*") if storage.TEMPORARY.fullmatch(path.name)
     )
     if left:
-        yield Finding("note", "temporary files", f"left of commands that were cut off: {', '.join(left)}")
+        yield Finding(f"left of commands that were cut off: {', '.join(left)}", "temporary files", verdict="unknown")
 
 
 def _check_place(root: Path, path: Path) -> None:
@@ -321,20 +341,20 @@ def _check_place(root: Path, path: Path) -> None:
         raise DatasetError(path, "is no register, for it has no anchor", "give the file that palpate anchor wrote to")
 
 
-def _cut_short(findings: Sequence[Finding], mends: Mapping[str, str]) -> Iterator[Finding]:
+def _cut_short(findings: Sequence[Finding], mends: Mapping[str, Remedy]) -> Iterator[Finding]:
     """Tell of each withdrawal that was cut short what finishes it; the table of participants is older than these."""
-    all_of_them = "; ".join(mends.values())
+    all_of_them = "; ".join(map(str, mends.values()))
     for one in findings:
-        older = mends and (one.word, one.item) == ("refused", "participants.tsv")
-        yield replace(one, text=f"is older than the roster: {all_of_them}") if older else one
-    if not any(one.item == "participants.tsv" or all_of_them in one.text for one in findings):
-        yield Finding("note", "withdrawn", all_of_them)
+        older = mends and (one.verdict, one.where) == ("refuses", "participants.tsv")
+        yield Finding(f"is older than the roster: {all_of_them}", one.where, check=CUT_SHORT) if older else one
+    if mends and not any(one.where == "participants.tsv" or [one.remedy] == [*mends.values()] for one in findings):
+        yield Finding(all_of_them, "withdrawn", verdict="unknown", check=CUT_SHORT)
 
 
 def _erased(root: Path, people: Roster) -> Iterator[Finding]:
     for participant in sorted(people.erased):
         if not storage.left_of(root, participant):
-            yield Finding("note", f"sub-{participant}", "has no data: they were erased, as the roster says")
+            yield Finding("has no data: they were erased, as the roster says", f"sub-{participant}", verdict="unknown")
 
 
 def _without_session(people: Roster, files: set[str]) -> Iterator[Finding]:
@@ -343,7 +363,7 @@ def _without_session(people: Roster, files: set[str]) -> Iterator[Finding]:
     if labels := [label for label in people.consent_on if label not in there]:
         who = f"{'participant' if len(labels) == 1 else 'participants'} {', '.join(labels)}"
         text = f"no session of {who} is here: none has begun, or they were deleted with the log of anchors"
-        yield Finding("note", "roster", text)
+        yield Finding(text, "roster", verdict="unknown")
 
 
 def _evidence(
@@ -362,14 +382,15 @@ def _evidence(
         kept, broken = register.read(path)
         if broken:
             lines = ", ".join(map(str, broken))
-            word: Word = "refused" if inside and not kept else "note"
-            findings.append(Finding(word, str(path), f"nothing is shown by what cannot be read: line {lines}"))
+            verdict: Verdict = "refuses" if inside and not kept else "unknown"
+            text = f"nothing is shown by what cannot be read: line {lines}"
+            findings.append(Finding(text, str(path), verdict=verdict))
         mine = [one for one in kept if not known or (one.anchor.study, one.anchor.purpose) in known]
         counted = mine if signer is None or inside else [one for one in mine if signer.signed(one)]
         by = f" signed by {signer.path}" if signer and not inside else ""
         if signer and (unsigned := len(mine) - len(counted)):
             do = "1 anchor does" if unsigned == 1 else f"{unsigned} anchors do"
-            findings.append(Finding("note", str(path), f"{do} not count: {signer.path} did not sign them"))
+            findings.append(Finding(f"{do} not count: {signer.path} did not sign them", str(path), verdict="unknown"))
         if signer and not counted and any(map(register.soundly_signed, mine)):
             raise DatasetError(
                 signer.path,
@@ -377,7 +398,7 @@ def _evidence(
                 "if this is the laboratory's only key, somebody else wrote the register",
             )
         if not counted and not inside:
-            findings.append(Finding("refused", str(path), f"has no anchor of this dataset{by}"))
+            findings.append(Finding(f"has no anchor of this dataset{by}", str(path)))
         anchors = tuple(one.anchor for one in counted)
         all_anchors += anchors
         guard = f"write to {path}" + (f", with the private key of {signer.path}" if signer else "")
@@ -400,7 +421,7 @@ def _evidence(
         if not found:
             why = "the number was mistyped or is of another dataset, or that file was changed"
             text = f"{LOG} holds no anchor with this number: {why}"
-            findings.append(Finding("refused", f"number {number}", text))
+            findings.append(Finding(text, f"number {number}"))
         evidence.append(Evidence(f"number {number}", found, "change the lab book"))
     return evidence, findings
 
@@ -452,7 +473,7 @@ def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evide
             kept = max((one.lines for one in anchored if one.same and one.lines < first.lines), default=0)
             where = f"line {first.lines}" if first.lines == kept + 1 else f"a line from {kept + 1} to {first.lines}"
             text = f"{where} is another than by the anchor of {first.day} in {first.place}: the file was made anew"
-        yield Finding("refused", name, text)
+        yield Finding(text, name)
 
 
 def _is_foreign(place: Evidence, files: Mapping[str, Sequence[str]]) -> bool:
@@ -473,17 +494,16 @@ def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
                 day = anchor.anchored_utc[:10]
                 unlike = "is another than" if now else "is missing, and was there"
                 text = f"{unlike} by the anchor of {day} in {place.place}; restore it from a backup"
-                yield Finding("refused", path.relative_to(root).as_posix(), text)
+                yield Finding(text, path.relative_to(root).as_posix())
                 return
 
 
 def _verdict(
-    root: Path, findings: Sequence[Finding], files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]
+    findings: Sequence[Finding], files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]
 ) -> Iterator[str]:
-    if refused := [finding.text for finding in findings if finding.word == "refused"]:
+    if refused := [finding for finding in findings if finding.verdict == "refuses"]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
-        again = "is finished by the same command", f"again ({beliefs.build_again(root)})"
-        by_command = all(any(one in text for one in again) and "backup" not in text for text in refused)
+        by_command = all(map(_command_suffices, refused))
         mend = "Do what the findings say" if by_command else "Keep the folder as it is, and compare it with a backup"
         yield f"REFUSED: {speak} against this dataset. {mend}."
         return
@@ -514,6 +534,12 @@ def _verdict(
             f"NOT PROVEN: a person who can write to this folder could have made {which} anew; nothing outside of the "
             "folder says otherwise."
         )
+
+
+def _command_suffices(finding: Finding) -> bool:
+    """Return whether a command alone puts right what was found."""
+    remedy = finding.remedy
+    return finding.check == CUT_SHORT or (isinstance(remedy, Remedy) and remedy.suffices)
 
 
 def _most_lines(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> int:

@@ -90,7 +90,9 @@ class _Tally:
     def add(self, case: str, survived: bool, report: Report) -> None:
         self.tried += 1
         if not survived:
-            told = "; ".join(f"{one.word} {one.item}: {one.text}" for one in report.findings if one.word != "holds")
+            told = "; ".join(
+                f"{one.verdict} {one.place()}: {one.clause()}" for one in report.findings if one.verdict != "passes"
+            )
             self.failures.append(f"{self.fault}: {case}: {told} {' '.join(report.verdict)}")
 
     def count(self) -> Count:
@@ -148,12 +150,12 @@ def _said(report: Report, file: str, number: int) -> bool:
     Whoever makes a line of the roster anew has to make every journal anew too, which names its last line. Then a
     register of a single anchor agrees with no line, and says so.
     """
-    foreign = any(one.word == "refused" and one.text == verify.FOREIGN for one in report.findings)
+    foreign = any(one.verdict == "refuses" and one.clause() == verify.FOREIGN for one in report.findings)
     if foreign and file.endswith("roster.jsonl"):
         return True
     for one in report.findings:
-        if one.word == "refused" and one.item == file:
-            named = [int(digits) for digits in re.findall(r"(?:line|from|to) (\d+)", one.text)]
+        if one.verdict == "refuses" and one.place() == file:
+            named = [int(digits) for digits in re.findall(r"(?:line|from|to) (\d+)", one.clause())]
             if named and min(named) <= number <= max(named):
                 return True
     return False
@@ -224,7 +226,7 @@ def _cut(bench: _Bench, size: Size) -> Count:
         report = verify.verify(root, [bench.register])
         tally.add(
             f"{file} from line {number}",
-            any(file == one.item for one in report.findings if one.word == "refused"),
+            any(file == one.place() for one in report.findings if one.verdict == "refuses"),
             report,
         )
     return tally.count()
@@ -242,8 +244,8 @@ def _lost(bench: _Bench) -> Count:
         (root / file).unlink()
         report = verify.verify(root)
         # That a log of anchors is not there is told: one has none before its first session ends.
-        word = "note" if file == register.LOG.as_posix() else "refused"
-        named = any(path.name in f"{one.item} {one.text}" for one in report.findings if one.word == word)
+        word = "unknown" if file == register.LOG.as_posix() else "refuses"
+        named = any(path.name in f"{one.place()} {one.clause()}" for one in report.findings if one.verdict == word)
         tally.add(file, named, report)
     return tally.count()
 

@@ -190,17 +190,17 @@ def test_one_that_was_interrupted_before_its_tables_were_made_is_accused_of_noth
 
     def found() -> tuple[set[str], str]:
         told = verify(root).findings
-        [tables] = [finding.word for finding in told if finding.item == "tables"]
-        return {finding.item for finding in told if finding.word == "refused"}, tables
+        [tables] = [finding.verdict for finding in told if finding.place() == "tables"]
+        return {finding.place() for finding in told if finding.verdict == "refuses"}, tables
 
     shutil.copytree(one, root)
-    assert found() == (set(), "holds")
+    assert found() == (set(), "passes")
     (root / "participants.tsv").unlink()
     # Complete, and every session has its table.
-    assert found() == ({"participants.tsv"}, "holds")
+    assert found() == ({"participants.tsv"}, "passes")
     shutil.rmtree(root / "sub-01")
     # As of one that was interrupted while tables were made.
-    assert found() == (set(), "note")
+    assert found() == (set(), "unknown")
     with refuses(DatasetError):
         build.check_tables(root)
     (root / "derivatives").mkdir()
@@ -208,10 +208,10 @@ def test_one_that_was_interrupted_before_its_tables_were_made_is_accused_of_noth
     assert "participants.tsv" in found()[0]
     (root / "derivatives").rmdir()
     cut_off(root)
-    assert found() == (set(), "note")
+    assert found() == (set(), "unknown")
     build.build(root)
     # Made of what there was.
-    assert found() == (set(), "holds")
+    assert found() == (set(), "passes")
 
 
 def test_one_that_was_interrupted_at_any_file_of_its_tables_is_accused_of_nothing(
@@ -233,7 +233,7 @@ def test_one_that_was_interrupted_at_any_file_of_its_tables_is_accused_of_nothin
         monkeypatch.undo()
         report = verify(root)
         assert not report.refused, (made, report)
-        if not any("were not compared: a rehearsal" in finding.text for finding in report.findings):
+        if not any("were not compared: a rehearsal" in finding.clause() for finding in report.findings):
             break
         shutil.rmtree(root)
     # Study's files, then of each session trace and table, each with its sidecar.

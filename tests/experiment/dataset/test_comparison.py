@@ -69,7 +69,7 @@ def test_it_is_built_again_the_same_and_verified(rehearsed: Path) -> None:
     build.check_tables(rehearsed)
     told = verify(rehearsed)
     assert told.refused == 0
-    assert any("its rig is the one that it names" in finding.text for finding in told.findings)
+    assert any("its rig is the one that it names" in finding.clause() for finding in told.findings)
 
 
 def test_nothing_is_silenced_where_nothing_is_played(tmp_path: Path) -> None:

@@ -45,7 +45,7 @@ def anchored(study: MadeStudy, tmp_path: Path) -> Path:
 
 
 def refused(report: Report) -> dict[str, str]:
-    return {finding.item: finding.text for finding in report.findings if finding.word == "refused"}
+    return {finding.place(): finding.clause() for finding in report.findings if finding.verdict == "refuses"}
 
 
 def inside(study: MadeStudy, path: Path) -> str:
@@ -59,10 +59,10 @@ def cut(path: Path, lines: int) -> None:
 def test_a_sound_dataset_holds_and_intent_is_not_excluded(study: MadeStudy) -> None:
     beliefs.keep_anchor(study.root)
     report = verify(study.root)
-    assert {finding.word for finding in report.findings} == {"holds"}
+    assert {finding.verdict for finding in report.findings} == {"passes"}
     assert report.title == f"STUDY of okamoto2012: {study.root}"
     assert [sentence.startswith(ANEW) for sentence in report.verdict] == [False, True]
-    told = {finding.item: finding.text for finding in report.findings}
+    told = {finding.place(): finding.clause() for finding in report.findings}
     assert told["approval"] == "from 2001-01-01 to 2099-01-01"
     assert (told["approval number"], told["board"]) == ("17", study.protocol.ethics.board)
 
@@ -193,7 +193,9 @@ def test_a_log_of_anchors_that_is_gone_is_told_and_one_that_was_overwritten_is_r
     with pytest.raises(DatasetError, match=r"anchors\.log: holds no anchor that can be read; restore it from a backup"):
         beliefs.believed(study.root)
     log.unlink()
-    notes = {finding.item: finding.text for finding in verify(study.root).findings if finding.word == "note"}
+    notes = {
+        finding.place(): finding.clause() for finding in verify(study.root).findings if finding.verdict == "unknown"
+    }
     assert notes[register.LOG.as_posix()].startswith("is missing: ")
 
 
@@ -203,10 +205,10 @@ def test_a_seal_that_was_edited_is_refused_by_an_anchor(study: MadeStudy, anchor
     seal.write_text(text.replace('"17"', '"99"'), "utf-8")
     assert seal.read_text("utf-8") != text
     report = verify(study.root)
-    words = {one.item: one.word for one in report.findings}
+    words = {one.place(): one.verdict for one in report.findings}
     assert refused(report) == {}
     # Without an anchor nothing shows it, so nothing says that it holds.
-    assert [words[item] for item in ("seal", "approval", "approval number", "board")] == ["holds", *["note"] * 3]
+    assert [words[item] for item in ("seal", "approval", "approval number", "board")] == ["passes", *["unknown"] * 3]
     report = verify(study.root, [anchored])
     told = refused(report)[inside(study, seal)]
     assert told.startswith("is another than by the anchor of ")
@@ -264,9 +266,9 @@ def test_a_register_of_a_dataset_of_the_same_study_is_told_once_and_accuses_no_f
 
 def test_what_was_derived_is_told_not_to_be_compared(study: MadeStudy) -> None:
     (study.root / "derivatives" / "palpate").mkdir(parents=True)
-    told = {finding.item: finding for finding in verify(study.root).findings}["derivatives"]
-    assert told.word == "note"
-    assert told.text.endswith(f"make it anew (palpate analyse {study.root})")
+    told = {finding.place(): finding for finding in verify(study.root).findings}["derivatives"]
+    assert told.verdict == "unknown"
+    assert told.clause().endswith(f"make it anew (palpate analyse {study.root})")
 
 
 @pytest.fixture
@@ -296,7 +298,7 @@ def rechained(path: Path, lines: list[bytes]) -> None:
 def test_in_the_middle_of_a_visit_no_table_is_accused(study: MadeStudy, visited: Path) -> None:
     report = verify(study.root)
     assert report.refused == 0
-    told = {finding.item: finding.text for finding in report.findings}
+    told = {finding.place(): finding.clause() for finding in report.findings}
     assert told[inside(study, visited)].startswith("no footer ends it")
     build.build(study.root)
     assert verify(study.root).refused == 0
@@ -317,7 +319,7 @@ def test_an_open_session_is_told_as_open_and_not_accused(study: MadeStudy, visit
     assert "Planned and done" in out
     one = study.tasks[1]
     study.run(study.header(one.participant, one.tasks[1]), "cq")
-    told = {finding.item: finding.text for finding in verify(study.root).findings}
+    told = {finding.place(): finding.clause() for finding in verify(study.root).findings}
     assert told[inside(study, study.journal(1, 1))].endswith("; its session is open: it was paused with 3 trials to go")
     assert "open" not in told[inside(study, study.journal(1, 0))]
 
@@ -365,7 +367,7 @@ def test_frames_that_no_line_names_are_refused_of_a_complete_session_and_noted_o
     done.write_bytes(done.read_bytes()[:-7])
     with storage.foot_path(visited).open("ab") as file:
         file.write(b"x" * 7)
-    told = [finding.text for finding in verify(study.root).findings if finding.item == inside(study, visited)]
+    told = [finding.clause() for finding in verify(study.root).findings if finding.place() == inside(study, visited)]
     assert "7 bytes of frames that no line names follow" in told[0]
     assert verify(study.root).refused == 0
 
@@ -384,15 +386,15 @@ def test_an_older_state_of_every_file_is_no_other_dataset(study: MadeStudy, made
 def test_a_roster_that_was_cut_is_told_once(study: MadeStudy) -> None:
     path = storage.roster_path(study.root)
     rechained(path, path.read_bytes().splitlines(keepends=True)[:-1])
-    found = [one for one in verify(study.root).findings if "lacks a line" in one.text]
-    assert [one.item for one in found] == [inside(study, path)]
+    found = [one for one in verify(study.root).findings if "lacks a line" in one.clause()]
+    assert [one.place() for one in found] == [inside(study, path)]
 
 
 def test_a_clock_that_went_back_is_told(study: MadeStudy) -> None:
     roster = Roster.load(storage.roster_path(study.root))
     roster.now_ns = lambda: 0
     roster.reveal("01", date(1970, 1, 1))
-    told = {finding.item: finding.text for finding in verify(study.root).findings}
+    told = {finding.place(): finding.clause() for finding in verify(study.root).findings}
     assert "a line is older than the one before it" in told["sourcedata/roster.jsonl"]
 
 
@@ -504,7 +506,7 @@ def test_tables_are_made_again_only_where_the_journals_hold(study: MadeStudy, an
     report = verify(study.root, [anchored])
     assert list(refused(report)) == [inside(study, path)]
     assert "palpate build" not in str(report)
-    others = {one.item: one.text for one in report.findings if one.word == "holds"}
+    others = {one.place(): one.clause() for one in report.findings if one.verdict == "passes"}
     assert others["headers"].startswith("each journal that holds is of its path")
     assert others["tables"].startswith("are what the journals that hold give; those of other journals and of all")
     assert {"seed", "seal"} < set(others)
@@ -513,8 +515,8 @@ def test_tables_are_made_again_only_where_the_journals_hold(study: MadeStudy, an
 def test_what_could_be_read_is_told_beside_what_is_refused(study: MadeStudy) -> None:
     """A journal is damaged, and then a table of the other one edited."""
     study.journal(1).write_bytes(study.journal(1).read_bytes()[:-40])
-    told = {one.item: one.word for one in verify(study.root).findings}
-    assert [told[item] for item in ("headers", "seed", "seal", "tables")] == ["holds"] * 4
+    told = {one.place(): one.verdict for one in verify(study.root).findings}
+    assert [told[item] for item in ("headers", "seed", "seal", "tables")] == ["passes"] * 4
     table = bids.beh_path(study.root, "01", study.tasks[0].tasks[0], "events.tsv")
     table.write_text(table.read_text().replace("PARTICIPANT", "REHEARSAL", 1))
     report = verify(study.root)
@@ -529,9 +531,9 @@ def test_a_roster_that_is_refused_shows_nothing_of_the_seed(study: MadeStudy, ma
     for path in (storage.roster_path(made.root), chain.head_path(storage.roster_path(made.root))):
         shutil.copy(path, study.root / "sourcedata")
     report = verify(study.root)
-    told = {one.item: one.word for one in report.findings}
+    told = {one.place(): one.verdict for one in report.findings}
     assert list(refused(report)) == ["sourcedata/roster.jsonl"]
-    assert [told[item] for item in ("headers", "seed", "tables")] == ["holds", "note", "holds"]
+    assert [told[item] for item in ("headers", "seed", "tables")] == ["passes", "unknown", "passes"]
 
 
 @pytest.mark.parametrize("tables", [True, False], ids=["with tables", "but for one row"])
@@ -541,7 +543,7 @@ def test_a_journal_that_is_missing_has_to_come_from_a_backup(study: MadeStudy, *
         shutil.rmtree(study.root / "sub-01")
     report = verify(study.root)
     assert any("from a backup" in text for text in refused(report).values())
-    tables_alone = [one.text for one in report.findings if "palpate build" in one.text]
+    tables_alone = [one.clause() for one in report.findings if "palpate build" in one.clause()]
     assert all("if no such session took place" in text for text in tables_alone)
 
 
@@ -576,10 +578,10 @@ def test_recordings_are_held_against_the_journals_and_their_manifest(study: Made
 def test_before_the_first_session_nothing_is_missed(tmp_path: Path) -> None:
     report = verify(make_study(tmp_path / "new", sessions=0).root)
     assert report.refused == 0
-    assert {finding.item: finding.word for finding in report.findings} == {
-        "sourcedata/roster.jsonl": "holds",
-        "sessions": "note",
-        "roster": "note",
+    assert {finding.place(): finding.verdict for finding in report.findings} == {
+        "sourcedata/roster.jsonl": "passes",
+        "sessions": "unknown",
+        "roster": "unknown",
     }
 
 
@@ -591,7 +593,9 @@ def test_who_is_enrolled_and_has_no_session_is_told(study: MadeStudy, palpate: P
     build.build(study.root)
 
     def told() -> list[str]:
-        return [one.text for one in verify(study.root).findings if (one.word, one.item) == ("note", "roster")]
+        return [
+            one.clause() for one in verify(study.root).findings if (one.verdict, one.place()) == ("unknown", "roster")
+        ]
 
     why = "is here: none has begun, or they were deleted with the log of anchors"
     assert (verify(study.root).refused, told()) == (0, [f"no session of participant 02 {why}"])
@@ -608,7 +612,7 @@ def test_what_is_no_data_of_a_study_says_so_first(tmp_path: Path) -> None:
 
 def test_a_reconstruction_proves_nothing(repository_root: Path) -> None:
     report = verify(repository_root / "participants" / "okamoto2012")
-    assert [(one.word, one.item) for one in report.findings] == [("note", "RECONSTRUCTION")]
+    assert [(one.verdict, one.place()) for one in report.findings] == [("unknown", "RECONSTRUCTION")]
     assert report.verdict[0].startswith("NOT PROVEN: no journal")
 
 
@@ -642,8 +646,8 @@ def test_a_dataset_of_another_format_is_no_damaged_one(study: MadeStudy, name: s
     path.write_text(json.dumps(content), "utf-8")
     report = verify(study.root)
     (finding,) = report.findings
-    assert finding.item == name
-    assert f"made by {'a newer' if number == 2 else 'an unreleased'} palpate" in finding.text
+    assert finding.place() == name
+    assert f"made by {'a newer' if number == 2 else 'an unreleased'} palpate" in finding.clause()
     assert report.verdict[0].startswith("NOT CHECKED")
     with pytest.raises(OtherFormat):
         status.status(study.root, date(2020, 6, 1))

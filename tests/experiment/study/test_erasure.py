@@ -72,9 +72,9 @@ def test_verify_tells_the_erasure_in_one_line_also_with_an_anchor_whose_journal_
     register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
     erase(study)
     report = verify(study.root, [tmp_path / "register"])
-    told = [one for one in report.findings if "02" in one.item]
-    assert [(one.word, one.item, one.text) for one in told] == [
-        ("note", "sub-02", "has no data: they were erased, as the roster says")
+    told = [one for one in report.findings if "02" in one.place()]
+    assert [(one.verdict, one.place(), one.clause()) for one in told] == [
+        ("unknown", "sub-02", "has no data: they were erased, as the roster says")
     ]
     assert any(sentence.startswith("PROVEN") for sentence in report.verdict)
     beliefs.keep_anchor(study.root)
@@ -142,10 +142,10 @@ def test_an_erasure_that_was_killed_is_finished_by_the_command_that_verify_says(
         with pytest.raises(KeyboardInterrupt):
             erase(study)
     report = verify(study.root)
-    (told,) = (one.text for one in report.findings if one.word == "refused")
+    (told,) = (one.clause() for one in report.findings if one.verdict == "refuses")
     assert "the withdrawal of participant 02 is finished by the same command" in told
     assert report.verdict == ("REFUSED: 1 finding speaks against this dataset. Do what the findings say.",)
-    assert not any("has no data" in one.text and storage.left_of(study.root, "02") for one in report.findings)
+    assert not any("has no data" in one.clause() and storage.left_of(study.root, "02") for one in report.findings)
     command = told.partition("palpate ")[2]
     known = Roster.load(storage.roster_path(study.root)).erased
     assert command.endswith(" --erase") is bool(known)
@@ -156,7 +156,7 @@ def test_an_erasure_that_was_killed_is_finished_by_the_command_that_verify_says(
 def test_a_withdrawal_whose_tables_were_never_made_is_told_so(study: MadeStudy) -> None:
     Roster.load(storage.roster_path(study.root)).withdraw("02", "asked 'to' stop")
     study.journal(0).write_bytes(study.journal(0).read_bytes()[:-40])
-    beside = {one.item: one.text for one in verify(study.root).findings if one.word == "note"}
+    beside = {one.place(): one.clause() for one in verify(study.root).findings if one.verdict == "unknown"}
     assert "-p 02 --reason 'asked '\"'\"'to'\"'\"' stop'" in beside["withdrawn"]
 
 
@@ -269,7 +269,7 @@ def test_an_anchor_after_it_refuses_an_older_backup(
     shutil.copy(study.root / register.LOG, tmp_path / "register")
     shutil.rmtree(study.root)
     shutil.copytree(made.root, study.root)
-    found = [one.text for one in verify(study.root, [tmp_path / "register"]).findings if one.word == "refused"]
+    found = [one.clause() for one in verify(study.root, [tmp_path / "register"]).findings if one.verdict == "refuses"]
     assert any("an older state" in text for text in found)
     assert verify(study.root, numbers=number).refused
 
@@ -357,6 +357,6 @@ def test_a_withdrawal_that_only_the_roster_knows_is_told_after_a_build_too(study
     """The build brings the tables up to the roster; the journal, which holds against an older roster, says nothing."""
     Roster.load(storage.roster_path(study.root)).withdraw("02", "asked to stop")
     build.build(study.root)
-    (told,) = (one.text for one in verify(study.root).findings if one.item == "withdrawn")
+    (told,) = (one.clause() for one in verify(study.root).findings if one.place() == "withdrawn")
     assert palpate(*shlex.split(told.partition("palpate ")[2]))[0] == 0
-    assert not [one for one in verify(study.root).findings if one.item == "withdrawn"]
+    assert not [one for one in verify(study.root).findings if one.place() == "withdrawn"]

@@ -88,7 +88,9 @@ def test_another_seed_or_salt_is_refused_wherever_it_is_read(
         with pytest.raises(DatasetError, match=ANOTHER):
             call()
     assert palpate("schedule", study.file, "-p", "02", "--dataset", study.root)[0] == 2
-    assert [one.text for one in verify(study.root).findings if one.word == "refused" and "seed" in one.item] != []
+    assert [
+        one.clause() for one in verify(study.root).findings if one.verdict == "refuses" and "seed" in one.place()
+    ] != []
     assert len(entries(study)) == 2
 
 
@@ -98,12 +100,12 @@ def test_a_seed_without_its_salt_is_refused_until_a_journal_says_which_it_was(
     change(begun, salt=None)
     with pytest.raises(DatasetError, match=ANOTHER):
         enrolment.seed_of(begun.root)
-    assert "seed" in [one.item for one in verify(study.root).findings if one.word == "holds"]
+    assert "seed" in [one.place() for one in verify(study.root).findings if one.verdict == "passes"]
     change(study, salt=None)
     assert enrolment.seed_of(study.root) == 1
     assert beliefs.believed(study.root).sessions
     assert not enrolment.seed_is_proven(study.root)
-    assert "seed" not in [one.item for one in verify(study.root).findings]
+    assert "seed" not in [one.place() for one in verify(study.root).findings]
     change(study, seed=2, salt=None)
     with pytest.raises(DatasetError, match="seed 1; allowed: 2"):
         beliefs.believed(study.root)

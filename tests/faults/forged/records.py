@@ -122,7 +122,7 @@ class _Bench:
         try:
             signer = None if case.signer is None else Signer(case.signer)
             report = verify.verify(case.root, case.registers, case.numbers, signer)
-            findings = (Line(one.word, one.item, one.text) for one in report.findings)
+            findings = (Line(one["word"], one["item"], one["text"]) for one in report.records())
             code, sentences = int(report.refused > 0), (report.title, *report.verdict)
         except PalpateError as error:
             code, sentences = error.exit_code, (str(error),)
