@@ -28,12 +28,12 @@ if TYPE_CHECKING:
     PathLike = str | os.PathLike[str]
 
 
-def read(*datasets: PathLike) -> Study:
+def read(dataset: PathLike, *others: PathLike) -> Study:
     """Read a dataset, or several as one.
 
     Parameters
     ----------
-    *datasets
+    dataset, *others
         Folders of datasets that palpate made. Those with journals are verified first, as `palpate analyse` does; open
         sessions, and tables without a journal, are warned of.
 
@@ -60,7 +60,7 @@ def read(*datasets: PathLike) -> Study:
     from palpate.analysis.reading.dataset import read_pooled
     from palpate.experiment.dataset.build import check_analysed
 
-    folders = [Path(one) for one in datasets]
+    folders = [Path(one) for one in (dataset, *others)]
     for folder in folders:
         for line in check_analysed(folder):
             warnings.warn(line, stacklevel=2)
@@ -284,8 +284,8 @@ def crinkle(recordings: PathLike, material: str, speed_mm_s: float, *, rate_hz: 
     from palpate.experiment.synthesis import waveforms
 
     takes = manifest.load_all(Path(recordings))
-    spectra = takes.spectra(material)
-    return waveforms.prepare(spectra, material=material, output_rate_hz=rate_hz or takes.rate_hz).at(speed_mm_s)
+    spectra, output_hz = takes.spectra(material), takes.rate_hz if rate_hz is None else rate_hz
+    return waveforms.prepare(spectra, material=material, output_rate_hz=output_hz).at(speed_mm_s)
 
 
 def contact(

@@ -17,7 +17,14 @@ import pytest
 import palpate
 from palpate import library
 from palpate.analysis import published
-from palpate.experiment.errors import DatasetError, SynthesisError
+from palpate.experiment.errors import (
+    DatasetError,
+    PowerError,
+    ProtocolError,
+    PublishedError,
+    RecordingError,
+    SynthesisError,
+)
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.study import rehearse
 
@@ -83,6 +90,23 @@ def test_a_study_of_another_kind_names_the_function_that_takes_it() -> None:
     with pytest.raises(DatasetError) as error:
         palpate.compare(RECONSTRUCTION)
     assert "palpate.identify" in str(error.value.finding.remedy)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "error"),
+    [
+        (lambda folder: palpate.read(folder / "none"), DatasetError),
+        (lambda folder: palpate.identify(folder / "none"), DatasetError),
+        (lambda folder: palpate.audit(folder / "none"), PublishedError),
+        (lambda folder: palpate.power(folder / "none.toml"), ProtocolError),
+        (lambda _: palpate.power("okamoto2012", alpha=2.0), PowerError),
+        (lambda folder: palpate.spectrum(folder / "none.wav"), RecordingError),
+        (lambda folder: palpate.crinkle(folder / "none", "copy paper", 60.0), RecordingError),
+    ],
+)
+def test_what_is_not_there_is_refused(tmp_path: Path, wrong: Callable[[Path], object], error: type[Exception]) -> None:
+    with pytest.raises(error):
+        wrong(tmp_path)
 
 
 def test_a_heights_shape_is_refused() -> None:

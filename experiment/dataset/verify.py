@@ -130,8 +130,8 @@ def verify(
     unlike += [Finding(FOREIGN, place.place) for place in foreign]
     if named := {header.recordings_sha256 for header in headers} - {None}:
         findings.append(_file_finding(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
-    told_of = {(one.where, one.clause()) for one in findings}
-    findings += _together(root, told_of, evidence, refused) if beliefs.has_journals(root) else _tables_alone(root)
+    already = {(one.where, one.clause()) for one in findings}
+    findings += _together(root, already, evidence, refused) if beliefs.has_journals(root) else _tables_alone(root)
     findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
     findings += _leftovers(root)
     if (root / "derivatives").exists():
