@@ -19,8 +19,8 @@ from palpate.analysis.documents.tables import cell
 from palpate.analysis.identification.confusion import confusion_of
 from palpate.analysis.reading.dataset import MISSING, read_pooled
 from palpate.analysis.reading.study import Study
-from palpate.experiment.records import tapping
 from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.records.kinds import tapping
 
 DICTIONARY = "data_dictionary.csv"
 

@@ -128,9 +128,9 @@ def test_texts_that_are_multiplied_by_a_condition() -> None:
 )
 def test_a_decision_by_kind_counts_outside_of_the_kinds_rooms(decision: str) -> None:
     text = (
-        "from palpate.experiment.records import tapping\n"
+        "from palpate.experiment.records.kinds import tapping\n"
         "from palpate.experiment.records.entries import Note\n"
-        "from palpate.experiment.records.footstep import FootStep\n"
+        "from palpate.experiment.records.kinds.footstep import FootStep\n"
     )
     found = list(kinds.decisions(source(text + decision)))
     table = decision.startswith("OPENS")

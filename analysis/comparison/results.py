@@ -19,8 +19,8 @@ from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
 from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
-from palpate.experiment.records import tapping
 from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.records.kinds import tapping
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -22,7 +22,7 @@ from palpate.analysis.reading.study import Part, Study, Task, check_chances, exc
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError, other_format
 from palpate.experiment.records.events import NO_ANSWER, columns_of
-from palpate.experiment.records.tapping import FIRST, SECOND, TIE
+from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE
 from palpate.experiment.settings.characters import JOINERS, hidden, quoted
 
 if TYPE_CHECKING:

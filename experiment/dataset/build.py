@@ -34,7 +34,7 @@ from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
 from palpate.experiment.records.events import NO_ANSWER
-from palpate.experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.records.progress import progress
 from palpate.experiment.records.stimulus import Onset, Stimulus
 from palpate.experiment.storage import foot_path, rig_path

@@ -4,7 +4,7 @@ from palpate.experiment.dataset.bids import Origin
 from palpate.experiment.records.entries import Answer, Correction, MaskerSet, Redo
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.records.journal import Contents
-from palpate.experiment.records.tapping import FIRST, SECOND, TIE, PairLaidOut
+from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, PairLaidOut
 
 ANSWERS = {FIRST: "the material presented first", SECOND: "the one presented second", TIE: "neither of the two"}
 """What each answer names, as the sidecar tells it."""

@@ -32,7 +32,7 @@ from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.page import count
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Header, Purpose
-from palpate.experiment.records.footstep import BrokenOff, FootStep
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import enrolment
 from palpate.experiment.study.roster import Roster

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from palpate.experiment.errors import ProtocolError, mismatch
 from palpate.experiment.protocol import rules
-from palpate.experiment.records.tapping import FIRST, SECOND, TIE
+from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE
 from palpate.experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
 
 

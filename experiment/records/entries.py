@@ -30,6 +30,11 @@ class Record(BaseModel):
 class Entry(Record):
     """Base of every journal entry; the journal adds number, time and the hash of the line before."""
 
+    @property
+    def felt_s(self) -> tuple[float, ...]:
+        """How long each stimulus lasts that this entry puts on record, s."""
+        return ()
+
 
 class OfAttempt(Entry):
     """Base of every entry about one attempt at a trial."""
@@ -37,6 +42,27 @@ class OfAttempt(Entry):
     kind: str
     trial: int
     attempt: int
+
+    @property
+    def label(self) -> str:
+        """Trial and attempt, as a transcript names them."""
+        return f"trial {self.trial}.{self.attempt}"
+
+
+class Outcome(OfAttempt):
+    """Base of the entry of a kind with which an attempt is over, so that it has a row in the table of its session."""
+
+    presented: tuple[str, ...]
+
+    @property
+    def asks(self) -> bool:
+        """Whether an answer is asked for next."""
+        return True
+
+    @property
+    def put_off(self) -> bool:
+        """Whether the trial moves to the end of its block."""
+        return False
 
 
 class PlannedTrial(Record):

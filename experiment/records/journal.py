@@ -18,8 +18,8 @@ from palpate.experiment.errors import JournalError, SessionLocked, other_format
 from palpate.experiment.records import chain, entries
 from palpate.experiment.records.chain import End
 from palpate.experiment.records.entries import Header
-from palpate.experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
-from palpate.experiment.records.tapping import Changed, PairLaidOut, Tapped
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Probed, Zeroed
+from palpate.experiment.records.kinds.tapping import Changed, PairLaidOut, Tapped
 
 AnyEntry = Annotated[
     Header

@@ -10,10 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 
 from palpate.experiment.records import entries as entry_kinds
-from palpate.experiment.records.footstep import BrokenOff, FootStep, Probed
 from palpate.experiment.records.journal import AnyEntry
-from palpate.experiment.records.stimulus import Stimulus
-from palpate.experiment.records.tapping import PairLaidOut, Tapped
 
 
 @dataclass(frozen=True)
@@ -67,17 +64,15 @@ class Progress:
             return self
         footer = entry if isinstance(entry, entry_kinds.Footer) else None
         done = self if footer is self.footer else replace(self, footer=footer)
+        for lasts_s in entry.felt_s:
+            done = replace(done, stimuli=done.stimuli + 1, vibration_s=done.vibration_s + lasts_s)
         if isinstance(entry, entry_kinds.Armed):
             attempts = {**self.attempts, entry.trial: entry.attempt}
             return replace(done, attempts=attempts, armed=(entry.trial, entry.attempt), unanswered=None)
-        if isinstance(entry, FootStep | PairLaidOut):
-            seen = replace(done, armed=None, unanswered=(entry.trial, entry.attempt))
-            return seen._felt(entry.stimulus) if isinstance(entry, FootStep) else seen
-        if isinstance(entry, Probed | Tapped):
-            return done._felt(entry.stimulus)
-        if isinstance(entry, BrokenOff):
-            ended = replace(done, armed=None)
-            return ended._later(entry.trial) if entry.felt else ended
+        if isinstance(entry, entry_kinds.Outcome):
+            asked = (entry.trial, entry.attempt) if entry.asks else done.unanswered
+            ended = replace(done, armed=None, unanswered=asked)
+            return ended._later(entry.trial) if entry.put_off else ended
         if isinstance(entry, entry_kinds.Answer):
             kept = done._without(entry.trial)
             return replace(kept, said=(*kept.said, (entry.trial, entry.answered)), unanswered=None)
@@ -92,12 +87,6 @@ class Progress:
         if isinstance(entry, entry_kinds.MaskerSet) and entry.level_db_a is not None:
             return replace(done, masker_db_a=entry.level_db_a)
         return done
-
-    def _felt(self, stimulus: Stimulus | None) -> Progress:
-        if stimulus is None:
-            return self
-        lasted_s = stimulus.samples / stimulus.rate_hz
-        return replace(self, stimuli=self.stimuli + 1, vibration_s=self.vibration_s + lasted_s)
 
     def _without(self, trial: int) -> Progress:
         said = tuple(one for one in self.said if one[0] != trial)

@@ -6,6 +6,11 @@ from pydantic import Field
 
 from palpate.experiment.records.entries import Record
 
+MOST_US = 2**63 // 1000
+"""No device time is farther from zero, microseconds: session times are 64-bit nanoseconds."""
+
+DeviceUs = Annotated[float, Field(ge=-MOST_US, le=MOST_US)]
+
 
 class Shaping(Record):
     """What frequency shaping could not reach: bins by cause, and their sum of amplitudes requested minus reached.
@@ -62,6 +67,11 @@ class Stimulus(Record):
     reached_peak_m_s2: float
     shaping: Shaping | None = None
 
+    @property
+    def lasts_s(self) -> float:
+        """How long it lasts, s."""
+        return self.samples / self.rate_hz
+
 
 class Delivered(Record):
     """What the loopback measured of one stimulus beside what was intended; or a fault of its stream.
@@ -100,3 +110,37 @@ class Onset(Record):
     scheduled_ns: int | None
     gate_to_scheduled_ms: float | None
     delivered: Delivered | None
+
+
+def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
+    """Return what a transcript says of how a stimulus was played."""
+    if stimulus is None:
+        return "no stimulus"
+    said = f"a stimulus was played, with a peak of at most {stimulus.reached_peak_m_s2:.3g} m/s^2"
+    if stimulus.handed_unit == "V":
+        said += f" at the panel for {stimulus.handed_peak:.3g} V"
+    if stimulus.shaping is not None and stimulus.shaping.scale < 1:
+        said += f", taken down to {stimulus.shaping.scale:.1%} as a whole"
+    if stimulus.computed.left_out is not None:
+        said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
+    if stimulus.extrapolated:
+        said += ", at a speed beyond those recorded"
+    return said if onset and onset.delivered else f"{said}; delivery was not measured"
+
+
+def onset_line(onset: Onset | None) -> str:
+    """Return what a transcript says of how a stimulus met the contact."""
+    if onset is None:
+        return ""
+    said = ""
+    if onset.prediction_error_ms is not None:
+        said += f"; the contact was predicted {onset.prediction_error_ms:+.2f} ms off"
+    if onset.gate_to_scheduled_ms is not None:
+        said += f"; the onset was scheduled {onset.gate_to_scheduled_ms:.2f} ms after the gate"
+    if onset.delivered is None:
+        return said
+    heard = onset.delivered
+    off = "no onset was measured"
+    if heard.onset_error_ms is not None:
+        off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
+    return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"

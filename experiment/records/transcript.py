@@ -5,12 +5,16 @@ import textwrap
 from palpate.experiment.clock import utc
 from palpate.experiment.errors import JournalError
 from palpate.experiment.records import entries
-from palpate.experiment.records.footstep import BrokenOff, FootStep, Probed, Zeroed
 from palpate.experiment.records.journal import Contents, Line, Unreadable
+from palpate.experiment.records.kinds import RecordsKind, footstep, tapping
 from palpate.experiment.records.progress import progress
-from palpate.experiment.records.stimulus import Onset, Stimulus
-from palpate.experiment.records.tapping import Changed, PairLaidOut, Tapped
 from palpate.experiment.settings.characters import keyed, plain
+
+KINDS: tuple[RecordsKind, ...] = (footstep.RECORDS, tapping.RECORDS)
+"""Every kind of trial."""
+
+LINES = {entry: line for kind in KINDS for entry, line in kind.lines.items()}
+"""What makes the line of each entry of a kind."""
 
 WIDTH = 100
 """No line of a transcript is wider, in characters."""
@@ -83,53 +87,24 @@ def _entry_text(line: Line | Unreadable) -> str:
             return "header"
         case entries.TrackerOpened():
             return f"the tracker was opened at {entry.port}; its device time was {entry.device_us} us"
-        case Zeroed():
-            return f"zeroed: the foot rests at {entry.offset_mm:+.2f} mm from contact, spread {entry.spread_mm:.2f} mm"
         case entries.MaskerSet():
             level = "silent" if entry.level_db_a is None else f"at {entry.level_db_a:.0f} dB(A)"
             return f"the masker is {level}; {entry.dose:.1%} of the dose for 24 hours is used up"
-        case Probed():
-            return (
-                f"probe of the masker: {entry.material} at {entry.speed_mm_s:g} mm/s, {_played(entry.stimulus, None)}"
-            )
         case entries.Exposure():
             dose = "" if entry.dose is None else f"; {entry.dose:.1%} of the masker's dose for 24 hours is used up"
             return f"so far {entry.stimuli} stimuli were played, {entry.vibration_s:.1f} s together{dose}"
         case entries.Phase():
             return f"{entry.state} {entry.detail}".rstrip()
         case entries.Armed():
-            return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, armed"
-        case FootStep():
-            link, error_ms = entry.link, entry.contact_standard_error_ms
-            known = "" if error_ms is None else f"; its contact has a standard error of {error_ms:.2f} ms"
-            return (
-                f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, {entry.speed_mm_s:.1f} mm/s, "
-                f"{_played(entry.stimulus, entry.onset)}; "
-                f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
-                f"{_met(entry.onset)}{known}{_dead(entry.dead_time_ms)}"
-            )
-        case BrokenOff():
-            again = "put off to the end of the block" if entry.felt else "armed again"
-            said = f"trial {entry.trial}.{entry.attempt}: {_presented(entry)}, broke off, {again}: {entry.reason}"
-            return f"{said}{_dead(entry.dead_time_ms)}"
-        case PairLaidOut():
-            return f"trial {entry.trial}.{entry.attempt}: {_presented(entry)} are laid out"
-        case Changed():
-            return f"trial {entry.trial}.{entry.attempt}: changed to the {entry.place} surface, {entry.material}"
-        case Tapped():
-            return (
-                f"trial {entry.trial}.{entry.attempt}: tapped the {entry.place} surface, {entry.material}, at "
-                f"{entry.speed_mm_s:.1f} mm/s{' (too fast)' if entry.fast else ''}; "
-                f"{_played(entry.stimulus, entry.onset)}{_met(entry.onset)}"
-            )
+            return f"{entry.label}: {' and '.join(entry.presented)}, armed"
         case entries.Answer():
             answer = f"answered {entry.answered}" if entry.answered else "no answer was given"
-            return f"trial {entry.trial}.{entry.attempt}: {answer} after {entry.response_time_s:.2f} s"
+            return f"{entry.label}: {answer} after {entry.response_time_s:.2f} s"
         case entries.Spoken():
-            return f"trial {entry.trial}.{entry.attempt}: {_heard(entry)}"
+            return f"{entry.label}: {_heard(entry)}"
         case entries.Correction():
             answer = entry.answered or "no answer"
-            return f"trial {entry.trial}.{entry.attempt}: the answer was corrected to {answer}: {entry.reason}"
+            return f"{entry.label}: the answer was corrected to {answer}: {entry.reason}"
         case entries.Note():
             return f"note{'' if entry.trial is None else f' at trial {entry.trial}'}: {entry.text}"
         case entries.Visited():
@@ -145,7 +120,7 @@ def _entry_text(line: Line | Unreadable) -> str:
             return f"ignored because it was typed before the question: {keyed(entry.typed)}"
         case entries.Redo():
             again = "put off to the end of the block" if entry.put_off else "done again"
-            return f"trial {entry.trial}.{entry.attempt} does not count and is {again}: {entry.reason}"
+            return f"{entry.label} does not count and is {again}: {entry.reason}"
         case entries.Resumed():
             return f"the session was resumed with {len(entry.remaining)} trials left{_torn(entry.torn)}"
         case entries.Footer():
@@ -153,6 +128,8 @@ def _entry_text(line: Line | Unreadable) -> str:
             return f"the session ended: {entry.reason}{f' ({entry.detail})' if entry.detail else ''}{still}"
         case entries.Withdrawal():
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
+        case _:
+            return LINES[type(entry)](entry)
 
 
 def _heard(entry: entries.Spoken) -> str:
@@ -167,43 +144,3 @@ def _heard(entry: entries.Spoken) -> str:
 
 def _torn(torn: str) -> str:
     return f"; a torn line of {len(torn)} characters was dropped" if torn else ""
-
-
-def _presented(entry: entries.Armed | FootStep | BrokenOff | PairLaidOut) -> str:
-    return " and ".join(entry.presented)
-
-
-def _played(stimulus: Stimulus | None, onset: Onset | None) -> str:
-    if stimulus is None:
-        return "no stimulus"
-    said = f"a stimulus was played, with a peak of at most {stimulus.reached_peak_m_s2:.3g} m/s^2"
-    if stimulus.handed_unit == "V":
-        said += f" at the panel for {stimulus.handed_peak:.3g} V"
-    if stimulus.shaping is not None and stimulus.shaping.scale < 1:
-        said += f", taken down to {stimulus.shaping.scale:.1%} as a whole"
-    if stimulus.computed.left_out is not None:
-        said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
-    if stimulus.extrapolated:
-        said += ", at a speed beyond those recorded"
-    return said if onset and onset.delivered else f"{said}; delivery was not measured"
-
-
-def _met(onset: Onset | None) -> str:
-    if onset is None:
-        return ""
-    said = ""
-    if onset.prediction_error_ms is not None:
-        said += f"; the contact was predicted {onset.prediction_error_ms:+.2f} ms off"
-    if onset.gate_to_scheduled_ms is not None:
-        said += f"; the onset was scheduled {onset.gate_to_scheduled_ms:.2f} ms after the gate"
-    if onset.delivered is None:
-        return said
-    heard = onset.delivered
-    off = "no onset was measured"
-    if heard.onset_error_ms is not None:
-        off = f"the onset was {heard.onset_error_ms:+.3f} ms off what was asked for"
-    return f"{said}; {off}, {heard.xruns} xruns{'' if heard.delivered else f', undelivered: {heard.reason}'}"
-
-
-def _dead(dead_time_ms: float | None) -> str:
-    return "" if dead_time_ms is None else f"; armed {dead_time_ms:.1f} ms after the answer before it"

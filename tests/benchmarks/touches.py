@@ -19,7 +19,7 @@ import numpy as np
 
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.records.tapping import Tapped
+from palpate.experiment.records.kinds.tapping import Tapped
 from palpate.experiment.rehearsal import study
 from palpate.experiment.rehearsal.tapping import participant
 

@@ -13,8 +13,8 @@ from palpate.experiment.errors import JournalError
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Armed, Redo
 from palpate.experiment.records.events import NO_ANSWER
-from palpate.experiment.records.footstep import BrokenOff, FootStep
 from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.progress import progress
 from tests.faults.live import KEYS
 

@@ -59,7 +59,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/doctor/force.py",
         "experiment/apparatus/servo",
         "experiment/dataset/comparison.py",
-        "experiment/records/tapping.py",
+        "experiment/records/kinds/tapping.py",
         "experiment/rehearsal/tapping",
         "experiment/rehearsal/wires/force_device.py",
         "experiment/session/tapping",

@@ -12,7 +12,7 @@ from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import MaskerSet, Redo
-from palpate.experiment.records.footstep import FootStep, Probed, Zeroed
+from palpate.experiment.records.kinds.footstep import FootStep, Probed, Zeroed
 from palpate.experiment.rehearsal import session, study
 from palpate.experiment.rehearsal.footstep import participant
 from palpate.experiment.rehearsal.footstep.panel import CardPanel

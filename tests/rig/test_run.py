@@ -22,8 +22,8 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Footer
-from palpate.experiment.records.footstep import FootStep
 from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.rehearsal.footstep.panel import Panel
 from tests.conftest import Palpate

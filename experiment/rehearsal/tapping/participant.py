@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.experiment.errors import ActuatorError
-from palpate.experiment.records.tapping import FIRST, SECOND, TIE, WORDS
+from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, WORDS
 from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.participant import SimulatedPerson

@@ -22,7 +22,7 @@ from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
 from palpate.experiment.errors import ActuatorError, RecordingError, TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import ExclusionRule, Protocol
 from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
-from palpate.experiment.records.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
 from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.stimulus import Sounder
 from palpate.experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch

@@ -15,8 +15,8 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.models import Step
+from palpate.experiment.records.kinds.tapping import Place, Tapped
 from palpate.experiment.records.stimulus import Onset, Stimulus
-from palpate.experiment.records.tapping import Place, Tapped
 from palpate.experiment.session.kind import Lent, nothing_more
 from palpate.experiment.synthesis.contact.block import Block
 from palpate.experiment.synthesis.tap import Rings

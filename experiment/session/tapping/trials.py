@@ -11,7 +11,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import PlannedTrial
-from palpate.experiment.records.tapping import FIRST, SECOND, PairLaidOut
+from palpate.experiment.records.kinds.tapping import FIRST, SECOND, PairLaidOut
 from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen
 
 if TYPE_CHECKING:

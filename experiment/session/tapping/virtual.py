@@ -19,7 +19,7 @@ from palpate.experiment.desk.messages import Lamp, Measured
 from palpate.experiment.errors import TrackerStopped
 from palpate.experiment.protocol.models import Protocol, Virtual
 from palpate.experiment.records.entries import PlannedTrial
-from palpate.experiment.records.tapping import WORDS, Changed, PairLaidOut, Place
+from palpate.experiment.records.kinds.tapping import WORDS, Changed, PairLaidOut, Place
 from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen
 from palpate.experiment.session.tapping.taps import Lying, Taps
 from palpate.experiment.synthesis import tap

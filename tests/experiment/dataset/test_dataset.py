@@ -8,8 +8,8 @@ import pytest
 
 from palpate.experiment.dataset import build
 from palpate.experiment.records.entries import MaskerSet, Trace
-from palpate.experiment.records.footstep import BrokenOff, Link
 from palpate.experiment.records.journal import AnyEntry, Contents, Line
+from palpate.experiment.records.kinds.footstep import BrokenOff, Link
 
 
 def _step(trial: int, attempt: int = 1) -> BrokenOff:

@@ -18,7 +18,7 @@ from palpate.experiment.errors import AudioError, ScreenGone
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Footer, Trace
-from palpate.experiment.records.footstep import FootStep
+from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.session import runner
 from palpate.experiment.session.attempt import Event, State, follow
 from palpate.experiment.session.runner import SessionLog

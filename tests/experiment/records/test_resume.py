@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.experiment.records.entries import Answer, Armed, Footer, Header, PlannedTrial, Redo, Trace
-from palpate.experiment.records.footstep import BrokenOff, FootStep, Link, TrackerClock
 from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, TrackerClock
 from palpate.experiment.records.progress import progress
 from tests.experiment.session.bench import HEADER
 

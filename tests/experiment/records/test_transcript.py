@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from palpate.experiment.errors import JournalError
 from palpate.experiment.records import chain, journal, transcript
 from palpate.experiment.records.entries import Entry, Footer, MaskerSet, Phase, Shown, Withdrawal
-from palpate.experiment.records.footstep import FootStep, TrackerClock, Zeroed
+from palpate.experiment.records.kinds.footstep import FootStep, TrackerClock, Zeroed
 from palpate.experiment.records.stimulus import Computed, Onset, Shaping, Stimulus
 from tests.approved import Refuses
 from tests.experiment.records.test_resume import broken_off, step
@@ -50,6 +51,11 @@ def told(folder: Path, *entries: Entry) -> str:
         writer.append(writer.next_link(number * 1_000_000, entry.model_dump(mode="json")))
     writer.close()
     return transcript.text(journal.read(path))
+
+
+def test_each_entry_of_a_kind_has_its_line() -> None:
+    union, _ = get_args(journal.AnyEntry)
+    assert set(transcript.LINES) == {one for one in get_args(union) if one.__module__ != Entry.__module__}
 
 
 def test_one_trial_can_be_told_alone(tmp_path: Path, refuses: Refuses) -> None:

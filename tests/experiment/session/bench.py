@@ -21,7 +21,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Header, PlannedTrial
-from palpate.experiment.records.footstep import BrokenOff
+from palpate.experiment.records.kinds.footstep import BrokenOff
 from palpate.experiment.records.stimulus import Computed, Delivered
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.footstep.trials import FootstepDevices

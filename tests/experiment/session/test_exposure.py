@@ -22,8 +22,8 @@ from palpate.experiment.errors import AudioError, JournalError, ScreenGone, Trac
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
-from palpate.experiment.records.footstep import BrokenOff, FootStep
 from palpate.experiment.records.journal import AnyEntry, Contents, Line
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session import exposure
 from palpate.experiment.session.exposure import EVERY_NS, KILLED_NS, LOOK_S, WINDOW_NS, Exposed, dose_before, spent_ns

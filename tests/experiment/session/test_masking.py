@@ -21,7 +21,7 @@ from palpate.experiment.errors import DoseUsedUp
 from palpate.experiment.protocol.models import Probe, Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, MaskerSet, Note
-from palpate.experiment.records.footstep import Probed
+from palpate.experiment.records.kinds.footstep import Probed
 from palpate.experiment.records.progress import progress
 from palpate.experiment.session.masker import FIRST_DB_A, STEP_DB, Masking
 from tests.experiment.session.bench import Bench, bench, header

@@ -19,7 +19,7 @@ from palpate.experiment.errors import ScreenGone
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Withdrawal
-from palpate.experiment.records.footstep import FootStep
+from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.progress import progress
 from palpate.experiment.session import exposure, remarks
 from palpate.experiment.session.remarks import Attendance, Remarks

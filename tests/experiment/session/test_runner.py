@@ -29,7 +29,7 @@ from palpate.experiment.records.entries import (
     TrackerOpened,
     Withdrawal,
 )
-from palpate.experiment.records.footstep import FootStep
+from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.stimulus import Stimulus
 from palpate.experiment.session.footstep.watch import BrokenStep, WatchedStep, watch
 from palpate.experiment.study.roster import Roster

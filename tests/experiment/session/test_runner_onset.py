@@ -13,7 +13,7 @@ from palpate.experiment.desk.port import INTERRUPTED
 from palpate.experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer, Redo
-from palpate.experiment.records.footstep import BrokenOff, FootStep
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.session import runner
 from tests.experiment.session.bench import DELIVERED, bench, entries, felt_and_on_file, header, in_pieces

@@ -22,7 +22,7 @@ from palpate.experiment.desk.port import Remark
 from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Armed, Footer, Phase, TrackerOpened
-from palpate.experiment.records.footstep import BrokenOff, FootStep, Zeroed
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.session.runner import SLICE_S
 from tests.approved import Refuses
 from tests.experiment.session.bench import ORDER, Bench, bench, entries, header, in_pieces

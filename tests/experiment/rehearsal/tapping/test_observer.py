@@ -20,7 +20,7 @@ from scipy.special import ndtr
 
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol import files
-from palpate.experiment.records.tapping import FIRST
+from palpate.experiment.records.kinds.tapping import FIRST
 from palpate.experiment.rehearsal.tapping.participant import DISCRIMINATION, LEANING, SPREAD, Fingers, SimulatedTapper
 from palpate.experiment.rehearsal.tapping.surfaces import FITTED
 from palpate.experiment.synthesis import tap

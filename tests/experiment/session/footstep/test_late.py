@@ -9,7 +9,7 @@ import pytest
 from palpate.experiment.errors import ActuatorError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Armed, Footer
-from palpate.experiment.records.footstep import BrokenOff
+from palpate.experiment.records.kinds.footstep import BrokenOff
 from palpate.experiment.session.footstep import trials
 from tests.experiment.session.bench import Bench, bench, entries, header
 

@@ -13,8 +13,8 @@ from palpate.experiment.desk.messages import Correct, Measured, Repeat
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import transcript
 from palpate.experiment.records.entries import Answer, Armed, Correction, Redo
+from palpate.experiment.records.kinds.tapping import PairLaidOut
 from palpate.experiment.records.progress import progress
-from palpate.experiment.records.tapping import PairLaidOut
 from palpate.experiment.session.kind import Lent, Log, Meaning
 from palpate.experiment.session.tapping.trials import Comparisons
 from tests.approved import Refuses

@@ -23,7 +23,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol, Step
 from palpate.experiment.records import transcript
 from palpate.experiment.records.entries import Answer, PlannedTrial, Redo
-from palpate.experiment.records.tapping import Changed, Place, Tapped
+from palpate.experiment.records.kinds.tapping import Changed, Place, Tapped
 from palpate.experiment.rehearsal.tapping import hand
 from palpate.experiment.session import attempt, exposure, runner
 from palpate.experiment.session.kind import Lent

@@ -2,9 +2,9 @@
 
 from typing import Literal
 
-from palpate.experiment.records.entries import OfAttempt
-from palpate.experiment.records.footstep import DeviceUs
-from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.entries import OfAttempt, Outcome
+from palpate.experiment.records.kinds import RecordsKind
+from palpate.experiment.records.stimulus import DeviceUs, Onset, Stimulus, onset_line, played_line
 
 FIRST, SECOND, TIE = "first", "second", "tie"
 WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
@@ -13,11 +13,10 @@ WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 Place = Literal["first", "second"]
 
 
-class PairLaidOut(OfAttempt):
+class PairLaidOut(Outcome):
     """A pair lies before the participant, who taps and changes at will, from the session time `laid_ns`, ns."""
 
     kind: Literal["pair"] = "pair"
-    presented: tuple[str, ...]
     laid_ns: int
 
 
@@ -43,3 +42,26 @@ class Tapped(OfAttempt):
     fast: bool
     stimulus: Stimulus
     onset: Onset
+
+    @property
+    def felt_s(self) -> tuple[float, ...]:
+        return (self.stimulus.lasts_s,)
+
+
+def _laid_out(entry: PairLaidOut) -> str:
+    return f"{entry.label}: {' and '.join(entry.presented)} are laid out"
+
+
+def _changed(entry: Changed) -> str:
+    return f"{entry.label}: changed to the {entry.place} surface, {entry.material}"
+
+
+def _tapped(entry: Tapped) -> str:
+    return (
+        f"{entry.label}: tapped the {entry.place} surface, {entry.material}, at "
+        f"{entry.speed_mm_s:.1f} mm/s{' (too fast)' if entry.fast else ''}; "
+        f"{played_line(entry.stimulus, entry.onset)}{onset_line(entry.onset)}"
+    )
+
+
+RECORDS = RecordsKind("comparison", {PairLaidOut: _laid_out, Changed: _changed, Tapped: _tapped})

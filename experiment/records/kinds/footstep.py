@@ -4,16 +4,13 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from palpate.experiment.records.entries import Entry, OfAttempt, Record, Trace
-from palpate.experiment.records.stimulus import Onset, Stimulus
-
-MOST_US = 2**63 // 1000
-"""No device time is farther from zero, microseconds: session times are 64-bit nanoseconds."""
+from palpate.experiment.records.entries import Entry, Outcome, Record, Trace
+from palpate.experiment.records.kinds import RecordsKind
+from palpate.experiment.records.stimulus import MOST_US, DeviceUs, Onset, Stimulus, onset_line, played_line
 
 MOST_PPM = 1e6
 """No clock runs twice as fast as another."""
 
-DeviceUs = Annotated[float, Field(ge=-MOST_US, le=MOST_US)]
 WholeUs = Annotated[int, Field(ge=-MOST_US, le=MOST_US)]
 
 
@@ -37,6 +34,10 @@ class Probed(Entry):
     speed_mm_s: float
     stimulus: Stimulus
 
+    @property
+    def felt_s(self) -> tuple[float, ...]:
+        return (self.stimulus.lasts_s,)
+
 
 class Link(Record):
     """Frames of the tracker between arming and contact; `received` counts those up to contact."""
@@ -55,7 +56,7 @@ class TrackerClock(Record):
     drift_ppm: Annotated[float, Field(ge=-MOST_PPM, le=MOST_PPM)]
 
 
-class FootStep(OfAttempt):
+class FootStep(Outcome):
     """One step of the foot, in device time, with its stimulus.
 
     `contact_us`: when the foot met the panel, by all readings until then; `contact_standard_error_ms` covers noise and
@@ -65,7 +66,6 @@ class FootStep(OfAttempt):
     """
 
     kind: Literal["step"] = "step"
-    presented: tuple[str, ...]
     clock: TrackerClock
     dead_time_ms: float | None
     gate_top_us: DeviceUs
@@ -78,8 +78,12 @@ class FootStep(OfAttempt):
     stimulus: Stimulus | None
     onset: Onset | None
 
+    @property
+    def felt_s(self) -> tuple[float, ...]:
+        return () if self.stimulus is None else (self.stimulus.lasts_s,)
 
-class BrokenOff(OfAttempt):
+
+class BrokenOff(Outcome):
     """A step that ended before the foot had landed, or before its landing was saved; its stimulus was withdrawn if
     possible.
 
@@ -89,7 +93,6 @@ class BrokenOff(OfAttempt):
     """
 
     kind: Literal["broken-off"] = "broken-off"
-    presented: tuple[str, ...]
     reason: str
     felt: bool
     silent: bool | None = None
@@ -101,3 +104,43 @@ class BrokenOff(OfAttempt):
     speed_mm_s: float | None
     link: Link
     trace: Trace
+
+    @property
+    def asks(self) -> bool:
+        return False
+
+    @property
+    def put_off(self) -> bool:
+        return self.felt
+
+
+def _zeroed(entry: Zeroed) -> str:
+    return f"zeroed: the foot rests at {entry.offset_mm:+.2f} mm from contact, spread {entry.spread_mm:.2f} mm"
+
+
+def _probed(entry: Probed) -> str:
+    return f"probe of the masker: {entry.material} at {entry.speed_mm_s:g} mm/s, {played_line(entry.stimulus, None)}"
+
+
+def _stepped(entry: FootStep) -> str:
+    link, error_ms = entry.link, entry.contact_standard_error_ms
+    known = "" if error_ms is None else f"; its contact has a standard error of {error_ms:.2f} ms"
+    return (
+        f"{entry.label}: {' and '.join(entry.presented)}, {entry.speed_mm_s:.1f} mm/s, "
+        f"{played_line(entry.stimulus, entry.onset)}; "
+        f"frames {link.received} received, {link.lost} lost, {link.damaged} damaged, {link.repeated} repeated"
+        f"{onset_line(entry.onset)}{known}{_dead(entry.dead_time_ms)}"
+    )
+
+
+def _broken_off(entry: BrokenOff) -> str:
+    again = "put off to the end of the block" if entry.felt else "armed again"
+    said = f"{entry.label}: {' and '.join(entry.presented)}, broke off, {again}: {entry.reason}"
+    return f"{said}{_dead(entry.dead_time_ms)}"
+
+
+def _dead(dead_time_ms: float | None) -> str:
+    return "" if dead_time_ms is None else f"; armed {dead_time_ms:.1f} ms after the answer before it"
+
+
+RECORDS = RecordsKind("footstep", {Zeroed: _zeroed, Probed: _probed, FootStep: _stepped, BrokenOff: _broken_off})
