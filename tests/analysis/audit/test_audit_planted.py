@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from scipy import stats
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.audit.evidence import TOO_MANY
 from palpate.analysis.audit.mistakes import Line
@@ -47,7 +48,7 @@ def test_a_d_in_the_place_of_t_is_named(made: dict[str, Any], index: int) -> Non
     d, n = _true(index)
     document = printed_study.changed(made, lambda test: test.update(t=f"{d:.2f}"), index)
     (line,) = _accused(document, f"t({n - 1})")
-    assert line.reason.startswith("what is printed as t is Cohen's d")
+    assert line.reason.endswith(f" d = {d:.2f}")
     assert _accused(document, "P") == _accused(document, "stars") == []
 
 
@@ -72,10 +73,11 @@ def test_a_wrong_p_is_named(made: dict[str, Any], index: int, mistake: str, expe
     assert expected.format(other=other, off=other - 1) in line.reason
 
 
-def test_a_wrong_df_is_named(made: dict[str, Any]) -> None:
+def test_a_wrong_df_is_named(made: dict[str, Any], approved: SnapshotAssertion) -> None:
     document = printed_study.changed(made, lambda test: test.update(df=12))
     (line,) = _accused(document, "df")
-    assert (line.recomputed, line.reason) == ("11", "it is the number of participants")
+    assert line.recomputed == "11"
+    assert line.reason == approved
 
 
 def _with_sd(document: dict[str, Any], sds: Mapping[int, str]) -> dict[str, Any]:
@@ -108,21 +110,25 @@ def test_an_sd_that_is_none_is_accused_once_and_no_test_with_it(n: int, kind: st
     assert kind in line.reason
 
 
-def test_standard_errors_throughout_a_table_are_named_and_nothing_else_is_accused(made: dict[str, Any]) -> None:
+def test_standard_errors_throughout_a_table_are_named_and_nothing_else_is_accused(
+    made: dict[str, Any], approved: SnapshotAssertion
+) -> None:
     wrong = {cell: _wrong_sd(COUNTS, cell, 3, "the standard error") for cell in range(9)}
     right = made["table"][0]["cells"]
     lines = print_lines(printed_study.published(_with_sd(made, wrong)))
     accused = [line for line in lines if not line.agrees]
     assert {line.quantity for line in accused} == {"SD"}
     assert len(accused) == sum(float(cell["sd"]) > 0 for cell in right)
-    assert all(line.reason.startswith("it is the standard error: ") for line in accused)
+    assert [line.reason for line in accused] == approved
 
 
-def test_the_standard_error_of_a_cell_without_a_test_is_named(made: dict[str, Any]) -> None:
+def test_the_standard_error_of_a_cell_without_a_test_is_named(
+    made: dict[str, Any], approved: SnapshotAssertion
+) -> None:
     """An SD printed as 0.043, with the true 0.148 far beyond the neighbouring digits."""
     (line,) = _accused(_with_sd(made, {5: _wrong_sd(COUNTS, 5, 3, "the standard error")}), "SD")
     assert line.verdict == "impossible"
-    assert "it is the standard error" in line.reason
+    assert line.reason == approved
 
 
 @pytest.mark.parametrize(
@@ -146,7 +152,9 @@ def test_what_explains_a_t_alone_as_well_as_its_sd_says_both(made: dict[str, Any
     assert reason in line.reason
 
 
-def test_a_d_printed_as_t_with_its_p_may_be_a_standard_error_printed_as_sd(made: dict[str, Any]) -> None:
+def test_a_d_printed_as_t_with_its_p_may_be_a_standard_error_printed_as_sd(
+    made: dict[str, Any], approved: SnapshotAssertion
+) -> None:
     """Score without steps and without F: t and P of d fit the one as well as the other."""
     p = printed_study.scientific(float(2 * stats.t.sf(1.5, 15)), ROUND_HALF_EVEN)
     test = {"task": "all", "of": "ease", "df": 15, "t": "1.50", "p": p, "null": "4"}
@@ -155,10 +163,7 @@ def test_a_d_printed_as_t_with_its_p_may_be_a_standard_error_printed_as_sd(made:
     document |= {"score": (score,), "t": ({"where": "T", "tests": (test,)},)}
     (line,) = [line for line in print_lines(printed_study.published(document)) if line.verdict == "differs"]
     assert line.quantity == "SD"
-    assert line.reason == (
-        "it is the standard error: its t and P follow from the SD; "
-        "or what is printed as t is Cohen's d, and P follows it"
-    )
+    assert line.reason == approved
 
 
 @pytest.fixture(scope="module")
@@ -175,9 +180,9 @@ def test_a_wrong_n_is_named_in_a_study_of_one_task(alone: dict[str, Any], index:
     t, p = d * size**0.5, printed_study.scientific(float(2 * stats.t.sf(abs(d) * size**0.5, size - 1)), ROUND_HALF_EVEN)
     document = printed_study.changed(alone, lambda test: test.update(t=f"{t:.2f}"), index)
     (line,) = _accused(document, f"t({n - 1})")
-    assert (f"d * sqrt({size})" if size > n else "it was formed with sqrt(n - 1)") in line.reason
+    assert (f"d * sqrt({size})" if size > n else "sqrt(n - 1)") in line.reason
     (line,) = _accused(printed_study.changed(alone, lambda test: test.update(p=p), index), "P")
-    assert f"it is the P of d * sqrt({size}) at {size - 1} df" in line.reason
+    assert f"d * sqrt({size}) at {size - 1} df" in line.reason
 
 
 def test_the_n_of_a_printed_df_and_of_all_tasks_is_named(made: dict[str, Any]) -> None:
@@ -208,6 +213,10 @@ def test_wrong_df_of_an_f_are_named(made: dict[str, Any], df: tuple[int, int], r
     assert [line.reason for line in accused] == [reason]
 
 
+def _types(line: Line) -> list[str]:
+    return re.findall(r"\bI+\b", line.recomputed)
+
+
 @pytest.mark.parametrize("kind", [1, 2, 3])
 def test_an_f_of_any_type_agrees_and_its_type_is_named(kind: int) -> None:
     """F by statsmodels. 15 and 5 participants: types I and II are the same, type III is another."""
@@ -217,13 +226,13 @@ def test_an_f_of_any_type_agrees_and_its_type_is_named(kind: int) -> None:
     assert all(line.agrees for found in by_effect.values() for line in found)
     assert [len(found) for found in by_effect.values()] == [4, 4]
     assert "type" not in by_effect["task"][0].recomputed
-    assert by_effect["material"][0].recomputed.endswith(" by type III" if kind == 3 else " by types I and II")
+    assert _types(by_effect["material"][0]) == (["III"] if kind == 3 else ["I", "II"])
 
 
 def test_an_f_of_no_type_differs(made: dict[str, Any]) -> None:
     changed = tuple({**one, "f": "999.99"} for one in made["two_way"])
     differing = _accused({**made, "two_way": changed}, "F(2,57)")
-    assert [line.recomputed.partition(" by ")[2] for line in differing] == ["types I and II or type III"]
+    assert [_types(line) for line in differing] == [["I", "II", "III"]]
 
 
 @pytest.mark.parametrize(
@@ -281,7 +290,7 @@ def test_stars_are_held_against_the_printed_p(p: str, earned: str) -> None:
     lines = {line.quantity: line for line in print_lines(printed_study.published(document))}
     assert lines["P"].agrees
     assert (lines["stars"].recomputed, lines["stars"].agrees) == (earned, earned == "*")
-    assert lines["stars"].reason == ("" if earned == "*" else "beside them P = 0.0502 is printed")
+    assert ("P = 0.0502" in lines["stars"].reason) is bool(lines["stars"].reason) is (earned != "*")
 
 
 def _cut_population_sds() -> Iterator[tuple[dict[str, Any], str]]:
@@ -301,7 +310,8 @@ def test_a_population_sd_that_its_t_pins_has_to_be_truncated(document: dict[str,
     """Other counts with the same mean have that SD as rounded, but not the printed t."""
     (line, *_) = [line for line in print_lines(printed_study.published(document)) if line.quantity == "SD"]
     assert (line.printed, line.verdict) == (sd, "agrees if truncated")
-    assert line.reason == "the printed t needs it; or it is the population SD, divided by n, not n - 1"
+    assert "printed t needs it" in line.reason
+    assert "population SD" in line.reason
 
 
 def test_a_recomputed_range_begins_with_its_lower_end() -> None:

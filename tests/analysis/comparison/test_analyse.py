@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.analyse import Analysis, analyse
 from palpate.analysis.export import DICTIONARY, files
@@ -15,7 +16,7 @@ from palpate.analysis.identification.confusion import confusion_of
 from palpate.analysis.reading.dataset import read, read_pooled
 from palpate.experiment.errors import DatasetError
 from tests.analysis.datasets import compared, trials, write_dataset
-from tests.approved import Refuses
+from tests.approved import Refuses, anywhere
 
 MATERIALS = ("felt", "cork", "tin")
 SAID = [
@@ -38,12 +39,12 @@ def analysed(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
     return analyse([dataset(place / "study")], place / "out")
 
 
-def test_the_matrix_is_in_the_papers_layout(analysed: Analysis) -> None:
+def test_the_matrix_is_in_the_papers_layout(analysed: Analysis, approved: SnapshotAssertion) -> None:
     text = analysed.text()
     row = next(line for line in text.splitlines() if line.startswith("tin ") and "(" in line)
     # Of felt and tin 6 of 9 were right; of cork and tin 3 of 6, of which 3 had no answer; of tin alone all were first.
     assert row.split()[1] == "67"
-    assert "3 trials without an answer count nowhere." in text
+    assert anywhere(text, analysed.out.parent) == approved
     assert text.startswith("REHEARSAL")
 
 
@@ -52,7 +53,6 @@ def test_the_report_and_its_files_hold_everything(analysed: Analysis) -> None:
     assert {"report.html", "results.json", "tables/pairs.csv", "tables/scales.csv", "tables/bias.tex"} <= names
     assert {"figures/right-choices.svg", "figures/right-choices.png", "figures/scales.svg"} <= names
     report = analysed.report.read_text("utf-8")
-    assert "Right choices by pair" in report
     assert "The P of a deviance takes all answers as independent" in report
     assert "Clopper and Pearson (1934)" in report
     told = json.loads((analysed.out / "results.json").read_text("utf-8"))
@@ -61,20 +61,21 @@ def test_the_report_and_its_files_hold_everything(analysed: Analysis) -> None:
     assert analysed.as_dict()["quality"] == "what was compared"
 
 
-def test_what_was_found_stands_first_and_at_the_end_of_the_terminal(analysed: Analysis) -> None:
+def test_what_was_found_stands_first_and_at_the_end_of_the_terminal(
+    analysed: Analysis, approved: SnapshotAssertion
+) -> None:
     """Of felt and cork 6 of 9 were right, and of cork and tin 3 of 6."""
     first, *_ = analysed.sections
     (said,) = first.paragraphs
     assert (first.slug, first.title) == ("found", "What was found")
     right = [record["right"] for record in first.records]
     assert [row[1] for row in first.tables[0].rows] == ["cork above felt", "tin above cork"]
-    assert said.startswith("The live task (3 participants). The sample with more of what was compared was named in ")
+    assert said == approved
     assert right == [6, 3]
     text = analysed.text(80)
     assert text.index("What was found") > text.index("Scales of")
     report = analysed.report.read_text("utf-8")
     assert report.index("What was found</h2>") < report.index("<figure") < report.index("<nav")
-    assert "Figure 1. REHEARSAL - simulated participants. Percent of right choices" in report
     assert "The live task (n = 3)" in report
 
 
@@ -84,13 +85,12 @@ def test_only_the_results_of_its_own_kind_are_there(analysed: Analysis, refuses:
         _ = analysed.results
 
 
-def test_ties_have_davidsons_scale(tmp_path: Path) -> None:
+def test_ties_have_davidsons_scale(tmp_path: Path, approved: SnapshotAssertion) -> None:
     said = [*SAID, ("felt", "cork", "tie"), ("cork", "tin", "tie"), ("cork", "cork", "tie")]
     found = analyse([dataset(tmp_path / "study", ("first", "second", "tie"), said)], tmp_path / "out", figures=False)
-    text = found.text()
-    assert "Davidson, with ties, in logits" in text
-    assert "The logarithm of the odds of a tie" in text
-    assert "9 trials ended in a tie" in text
+    assert [
+        line for section in found.sections for line in (*(t.title for t in section.tables), *section.paragraphs)
+    ] == approved
 
 
 def test_tables_for_other_software_say_what_the_dataset_says(tmp_path: Path) -> None:
