@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.analyse import Analysis, analyse
 from palpate.analysis.identification.companion_tests import SHARED
@@ -76,7 +78,7 @@ def test_tests_and_intervals_are_of_what_was_presented_against_one_of_all_materi
     assert len(cells) == 6
 
 
-def test_tasks_are_compared_over_what_both_present(found: Results) -> None:
+def test_tasks_are_compared_over_what_both_present(found: Results, approved: SnapshotAssertion) -> None:
     both = [task(found, name).confusion for name in ("virtual", "real")]
     assert (shared(both), in_every(both)) == ((1,), list(map(str, range(8))))
     (pair,) = found.beside.paired
@@ -87,8 +89,8 @@ def test_tasks_are_compared_over_what_both_present(found: Results) -> None:
     assert [one.subject for one in found.equivalences.pairs] == ["glass and sand", "sand and snow"]
     # One material is too few for two factors, and said so.
     assert (found.two_way, found.components) == ((), None)
-    assert found.two_way_statement == "two-way ANOVA needs two levels of material, got 1"
-    assert "repeated-measures ANOVA of tasks and materials" in found.beside.statements
+    assert found.two_way_statement == approved
+    assert found.beside.statements.items() == approved
     contrasts, _ = found.marginal
     assert contrasts is not None
     assert [(one.task, one.material) for one in contrasts.means] == [
@@ -137,17 +139,15 @@ def test_the_two_way_anova_is_that_of_the_shared_materials_alone(tmp_path: Path)
     assert some.beside.both == whole.beside.both
 
 
-def test_tasks_without_a_material_in_common_are_not_compared_and_nothing_fails(tmp_path: Path) -> None:
+def test_tasks_without_a_material_in_common_are_not_compared_and_nothing_fails(
+    tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     apart = {"virtual": ("glass",), "real": ("sand", "snow")}
     found = compute(read(made(tmp_path, apart, virtual={"glass": VIRTUAL["glass"]}, real=REAL)), {})
-    assert found.two_way_statement == "the tasks have no material in common"
+    assert found.two_way_statement == approved
     assert found.beside.paired == ()
-    assert found.beside.statements["comparison of virtual with real"] == "they present no material both"
-    logit = found.beside.statements["logit in which participants differ by material and task"]
-    assert logit.startswith("tasks and materials cannot be told apart")
-    assert "equivalence of virtual and real is not defined: they present no material both" in (
-        found.equivalences.statements
-    )
+    statements = [*found.beside.statements.items(), *found.equivalences.statements]
+    assert statements == approved
     # One material cannot be taken for another of its task.
     assert {one.task for one in found.pairs} == {"real"}
 
@@ -157,16 +157,16 @@ def reported(root: Path) -> tuple[Analysis, str]:
     return found, found.report.read_text("utf-8")
 
 
-def test_report_and_tables_say_what_was_not_presented(tmp_path: Path) -> None:
+def test_report_and_tables_say_what_was_not_presented(tmp_path: Path, approved: SnapshotAssertion) -> None:
     found, page = reported(tmp_path / "data")
     # Below the matrix and below the tests, and of each of the four that need every row.
-    assert page.count("snow is not presented in this task.") == 2 + 4
-    assert "Task virtual presents glass, sand alone; answers could be any of the materials." in page
-    assert "they have in common; all of them present sand." in page
+    sentences = [one for one in re.findall(r">([^<>]+\.)<", page) if "present" in one]
+    assert page.count("snow is not") == 2 + 4
+    assert sentences == approved
     tables = found.report.parent / "tables"
     tests = (tables / "tests.csv").read_text("utf-8").splitlines()
     (absent,) = (line for line in tests if ",virtual,snow," in line)
-    assert absent.endswith(",snow is not presented in this task")
+    assert absent.rpartition(",")[2] == approved
     for name in ("confusion.csv", "counts.csv", "intervals.csv"):
         lines = (tables / name).read_text("utf-8").splitlines()[1:]
         assert not [line for line in lines if ",virtual,snow," in line or ",virtual,sub-1,snow," in line], name

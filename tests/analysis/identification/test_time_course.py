@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.identification import time_course
 from palpate.analysis.identification.time_course import (
@@ -64,24 +65,27 @@ def test_an_interval_is_that_of_the_bootstrap_of_the_ratio(tmp_path: Path) -> No
     assert [found[0].interval.low, found[0].interval.high] == pytest.approx([wanted.low, wanted.high], abs=0.015)
 
 
-def test_a_short_task_is_one_window_and_few_participants_have_no_interval(tmp_path: Path) -> None:
+def test_a_short_task_is_one_window_and_few_participants_have_no_interval(
+    tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     (only,) = _course(tmp_path, {"1": _session("101"), "2": _session("11")}).learning["real"]
     assert (only.first, only.last, only.right, only.trials) == (1, 3, 4, 5)
-    assert (only.interval, only.statement) == (None, "a bootstrap needs 3 participants, got 2")
+    assert only.interval is None
+    assert only.statement == approved
 
 
-def test_everyone_always_right_has_no_interval_and_says_so(tmp_path: Path) -> None:
+def test_everyone_always_right_has_no_interval_and_says_so(tmp_path: Path, approved: SnapshotAssertion) -> None:
     found = _course(tmp_path, {str(k): _session("1" * 12) for k in range(4)}).learning["real"]
     assert {one.interval for one in found} == {None}
-    assert {one.statement for one in found} == {"no variance among participants: the bootstrap has no interval"}
+    assert {one.statement for one in found} == approved
 
 
-def test_trials_that_one_participant_alone_did(tmp_path: Path) -> None:
+def test_trials_that_one_participant_alone_did(tmp_path: Path, approved: SnapshotAssertion) -> None:
     sessions = {"1": _session("10" * 15), "2": _session("0110"), "3": _session("1011"), "4": _session("0100")}
     found = _course(tmp_path, sessions).learning["real"]
     assert found[0].interval is not None
     assert (found[-1].trials, found[-1].interval) == (WINDOW, None)
-    assert found[-1].statement == "some resamples hold nobody who did these trials"
+    assert found[-1].statement == approved
 
 
 @given(speeds=st.lists(st.floats(1, 2000), min_size=1, max_size=60))
@@ -104,7 +108,7 @@ def test_bins_hold_every_step_once(speeds: list[float]) -> None:
         assert one.interval.low <= one.right / one.trials <= one.interval.high
 
 
-def test_onset_errors_and_masker_levels_are_read_where_they_are(tmp_path: Path) -> None:
+def test_onset_errors_and_masker_levels_are_read_where_they_are(tmp_path: Path, approved: SnapshotAssertion) -> None:
     cells = zip((0.001, None, -0.0005, 0.0025), (60.0, 60.0, 63.0, 66.0), strict=True)
     rows = [
         {**row, "onset_error": error, "masker_level": level}
@@ -118,26 +122,22 @@ def test_onset_errors_and_masker_levels_are_read_where_they_are(tmp_path: Path) 
     (level,) = found.masker["real"]
     assert (level.participant, level.median_db_a, level.low_db_a, level.high_db_a) == ("7", 61.5, 60.0, 66.0)
     titles = [table.title for table in course_section(found).tables]
-    assert titles[-2:] == ["Measured onset minus contact", "Masker, dB(A)"]
+    assert len(titles) == 3
+    assert titles[-2:] == approved
 
 
-def test_what_a_dataset_lacks_is_said(tmp_path: Path) -> None:
+def test_what_a_dataset_lacks_is_said(tmp_path: Path, approved: SnapshotAssertion) -> None:
     found = _course(tmp_path, {"1": _session("101")})
     assert (found.speed, found.onsets, found.masker) == ({}, {}, {})
-    assert found.statements == {
-        ("real", SPEED): "the speed of the foot is known for none of 3 trials",
-        ("real", ONSET): "the onset of the stimulus was measured for none of 3 trials",
-        ("real", MASKER): "the level of the masker is known for none of 3 trials",
-        ("real", TIMING): "no part of the timing was measured",
-    }
-    wanted = "The dataset gives no onset errors for real: the onset of the stimulus was measured for none of 3 trials."
-    assert wanted in course_section(found).paragraphs
+    assert list(found.statements) == [("real", one) for one in (SPEED, ONSET, MASKER, TIMING)]
+    assert list(found.statements.values()) == approved
+    assert course_section(found).paragraphs == approved
 
 
-def test_a_reconstruction_has_no_order(repository_root: Path) -> None:
+def test_a_reconstruction_has_no_order(repository_root: Path, approved: SnapshotAssertion) -> None:
     found = course_of(read(repository_root / "participants" / "okamoto2012"), 1)
     assert found.learning == {}
-    assert found.statements["virtual", LEARNING] == "a reconstruction has no order of trials"
+    assert found.statements["virtual", LEARNING] == approved
 
 
 def test_the_same_seed_gives_the_same_intervals(tmp_path: Path) -> None:

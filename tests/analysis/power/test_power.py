@@ -19,6 +19,7 @@ import pytest
 import scipy.stats
 from statsmodels.stats.power import TTestPower
 from statsmodels.stats.proportion import proportion_confint
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.power import choice_models, planned_tests, report, simulate
 from palpate.analysis.power.choice_models import Answers, ChoiceModel, draw, fitted
@@ -228,7 +229,7 @@ def test_one_participant_defines_nothing_and_says_so() -> None:
     assert "NaN" not in document(result)
 
 
-def test_participants_who_are_all_the_same_are_counted() -> None:
+def test_participants_who_are_all_the_same_are_counted(approved: SnapshotAssertion) -> None:
     certain = ChoiceModel("test", tuple(Answers(task, np.eye(4, 5), np.zeros(4)) for task in ("virtual", "real")))
     study = protocol()
     result = run(study, certain)
@@ -239,8 +240,7 @@ def test_participants_who_are_all_the_same_are_counted() -> None:
     assert {row.question.tasks: row.power for row in flipped} == {("virtual",): 1.0, ("real",): 0.0}
     shown = " ".join(report.text(result).split())
     assert "no variance" in shown
-    assert "all give the same ratio in this share of the studies, as at ceiling: copy paper, virtual 100 %;" in shown
-    assert "They define no t, and such studies count as finding nothing, however clear their answers." in shown
+    assert [line for section in report.sections(result) for line in section.paragraphs] == approved
     assert "however many take part" not in shown
     assert result.row(result.questions[0], 6).quantiles is None  # type: ignore[union-attr]
 
@@ -259,7 +259,8 @@ def test_the_smallest_number_is_stated_with_its_uncertainty() -> None:
     control = [replace(r, participants=4) for r in result.rows if r.question == question and r.kind == "guessing"]
     never = replace(result, rows=(*rows[:1], *control), participants=(4,))
     assert never.needed(question) == simulate.Needed(None, 2, None)  # one participant defines no t
-    assert "more than 4 (2 to more than 4)" in " ".join(report.text(never).split())
+    (numbers,) = re.findall(r"more than (\d+) \((\d+) to more than (\d+)\)", " ".join(report.text(never).split()))
+    assert numbers == ("4", "2", "4")
 
 
 @pytest.mark.parametrize("correction", [None, "materials and tasks"])
@@ -379,7 +380,7 @@ def test_the_monte_carlo_error_stands_where_the_shares_do(tmp_path: Path) -> Non
     assert [float(one) for one in said] == [math.ceil(by_size * 1000) / 1000, math.ceil(planned * 1000) / 1000]
     report.write(result, tmp_path / "out")
     for name in ("power.md", "needed.md"):
-        assert "In brackets after a share stands Wilson's 95 % interval" in (tmp_path / "out" / name).read_text("utf-8")
+        assert "In brackets after a share" in (tmp_path / "out" / name).read_text("utf-8")
 
 
 def test_what_a_terminal_shows() -> None:

@@ -69,14 +69,7 @@ def test_dashes_where_every_answer_is_right_have_their_reason(tmp_path: Path, ap
     components = icc_section(results).brief[-1]
     assert {row[1] for row in components.rows} == {"-"}
     assert components.notes == approved
-    assert [
-        line
-        for line in anova_section(results, (), Standing(frozenset(), frozenset(), frozenset())).paragraphs
-        if line.startswith("There is no one-way")
-    ] == [
-        f"There is no one-way ANOVA of {task}: no two materials that it presents were taken for one another."
-        for task in ("virtual", "real")
-    ]
+    assert anova_section(results, (), Standing(frozenset(), frozenset(), frozenset())).paragraphs == approved
 
 
 def test_a_variance_component_icc_that_cannot_be_is_said(tmp_path: Path, approved: SnapshotAssertion) -> None:

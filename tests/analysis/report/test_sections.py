@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
@@ -18,20 +19,21 @@ from tests.analysis.datasets import MATERIALS, balanced, trials, write_dataset
 NONE = Standing(frozenset(), frozenset(), frozenset())
 
 
-def test_limits_of_effect_sizes(repository_root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_limits_of_effect_sizes(
+    repository_root: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
+) -> None:
     monkeypatch.setattr("palpate.analysis.statistics.inference.nctdtr", lambda *_: float("nan"))
     monkeypatch.setattr("palpate.analysis.statistics.inference.ncfdtr", lambda *_: float("nan"))
     results = compute(read(repository_root / "participants" / "okamoto2012"), {})
     notes = [note for table in sections.tests_section(results).tables for note in table.notes]
     assert len(notes) == 8
-    assert notes[0] == "copy paper: d has no interval, because the noncentral t cannot be computed so far out."
+    assert notes[0] == approved
     said = sections.anova_section(results, (), NONE).paragraphs
-    assert sum("interval of partial η² is not defined" in one for one in said) == 2 + 9
-    wanted = "The interval of partial η² is not defined for two-way, type III, material: the noncentral F cannot"
-    assert any(one.startswith(wanted) for one in said)
+    assert sum("partial η² is not defined" in one for one in said) == 2 + 9
+    assert said == approved
 
 
-def test_corrections_beyond_what_can_be_transmitted(tmp_path: Path) -> None:
+def test_corrections_beyond_what_can_be_transmitted(tmp_path: Path, approved: SnapshotAssertion) -> None:
     """Perfect answers to three materials, 48 trials: log2 3 less (0 - 2) / (2 x 48 ln 2) is 1.615 bits of 1.585."""
     perfect = trials([(material, material) for material in MATERIALS for _ in range(4)])
     level = trials([(shown, said) for shown in MATERIALS for said in MATERIALS])
@@ -40,12 +42,10 @@ def test_corrections_beyond_what_can_be_transmitted(tmp_path: Path) -> None:
     found = confusions_section(compute(study, {}), study.materials, ()).tables[0]
     assert found.rows[0][2] == "1.585"
     assert found.rows[0][4:6] == ("1.615", "1.615")
-    above, below = found.notes[1:]
-    assert above.startswith("virtual: a corrected value is above the bits presented, although no more can be transmit")
-    assert below.startswith("real: a corrected value is below 0, although no less can be transmitted")
+    assert found.notes[1:] == approved
 
 
-def test_who_never_answered_a_material_is_named_beside_the_answers(tmp_path: Path) -> None:
+def test_who_never_answered_a_material_is_named_beside_the_answers(tmp_path: Path, approved: SnapshotAssertion) -> None:
     usual = [(material, material) for material in MATERIALS]
     silent = [("glass", NO_ANSWER), ("sand", "sand"), ("snow", "glass"), ("snow", "snow")]
     unnamed = [("glass", "glass"), ("sand", "sand"), ("snow", "sand")]
@@ -54,25 +54,19 @@ def test_who_never_answered_a_material_is_named_beside_the_answers(tmp_path: Pat
     sessions = {f"{k:02d}": {"real": trials(one)} for k, one in enumerate(made, start=1)}
     results = compute(read(write_dataset(tmp_path, sessions, tasks=("real",))), {})
     (section,) = (sections.confusion_section(results),)
-    assert (section.brief, section.tables[0].notes[1:]) == (
-        (),
-        (
-            "No answer to glass was given by sub-02.",
-            "snow was presented to 15 of 16 participants, and not to sub-04.",
-            "The answer snow was never given by sub-03, sub-05, sub-06, sub-07, sub-08, sub-09, sub-10, sub-11, "
-            "sub-12, sub-13 and 3 more.",
-        ),
-    )
+    assert section.brief == ()
+    assert section.tables[0].notes[1:] == approved
 
 
-def test_the_interval_of_the_information(tmp_path: Path) -> None:
+def test_the_interval_of_the_information(tmp_path: Path, approved: SnapshotAssertion) -> None:
     study = read(write_dataset(tmp_path, {"1": {"virtual": balanced(1)}}))
     said = confusions_section(compute(study, {}), study.materials, ()).paragraphs
-    why = "a jackknife needs 2 participants, got 1"
-    assert f"The interval of the information is not defined for virtual: {why}." in said
+    assert said == approved
 
 
-def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_trials(tmp_path: Path) -> None:
+def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_trials(
+    tmp_path: Path, approved: SnapshotAssertion
+) -> None:
     """A bootstrap needs three; a window of ten is longer than the session."""
     said = ("glass", "sand", "snow", "sand", "glass")
     rows = trials(zip(("glass", "sand", "snow", "glass", "sand"), said, strict=True))
@@ -81,8 +75,6 @@ def test_two_participants_have_no_brackets_and_a_learning_curve_of_their_five_tr
     tables = confusions_section(results, study.materials, ()).tables
     (notes,) = [table.notes for table in tables if "similarity-choice" in table.title]
     assert not any("Brackets hold" in note for note in notes)
-    assert "There are no intervals: a bootstrap needs 3 participants, got 2." in notes
+    assert notes == approved
     (learning,) = [one for one in sheets(results, "") if one.name == "learning"]
-    assert learning.caption.startswith(
-        "Share of right answers in 5 successive trials, of all participants together (The real task (n = 2))"
-    )
+    assert learning.caption == approved
