@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.analyse import Analysis, analyse
 from palpate.experiment.dataset.bids import LABELS
@@ -204,7 +205,7 @@ def test_the_report_states_label_exclusions_and_formulas(okamoto: Analysis) -> N
     text = okamoto.report.read_text(encoding="utf-8")
     body = text[text.index("<body>") :]
     assert body.startswith(f'<body><div class="band" role="note">{LABELS["RECONSTRUCTION"]}')
-    assert "Nothing was left out: every attempt in the dataset is analysed." in body
+    assert "Nothing was left out" in body
     for name in ("Holm", "Henderson", "ICC(A,1)", "Type III", "Cohen", "seeded with [1, place of the task"):
         assert name in body
 
@@ -244,42 +245,54 @@ def _no_nan(found: Analysis) -> str:
     return shown
 
 
-def test_one_task(tmp_path: Path) -> None:
+def _sentences(found: Analysis) -> list[str]:
+    return [line for one in found.sections for line in (*one.paragraphs, *(n for t in one.tables for n in t.notes))]
+
+
+def _unusual(found: Analysis, usual: Analysis) -> list[str]:
+    """Return the sentences of a report that the report of a usual study does not have."""
+    return [line for line in _sentences(found) if line not in _sentences(usual)]
+
+
+def test_one_task(tmp_path: Path, okamoto: Analysis, approved: SnapshotAssertion) -> None:
     sessions = {str(k): {"virtual": balanced(k)} for k in range(1, 5)}
-    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)], pictures=False))
-    assert "There is no two-way ANOVA: two-way ANOVA needs two levels of task, got 1." in shown
+    found = analyse([write_dataset(tmp_path, sessions)], pictures=False)
+    shown = _no_nan(found)
+    assert _unusual(found, okamoto) == approved
     assert "Against the paper" not in shown
 
 
-def test_one_participant(tmp_path: Path) -> None:
-    shown = _no_nan(
-        analyse([write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})], pictures=False)
-    )
-    assert "with one participant, SD, t and P are not defined" in shown
-    assert "an ICC needs two targets and two raters" in shown
-    assert "There is no two-way ANOVA: two-way ANOVA needs two participants in a cell" in shown
+def test_one_participant(tmp_path: Path, okamoto: Analysis, approved: SnapshotAssertion) -> None:
+    found = analyse([write_dataset(tmp_path, {"1": {"virtual": balanced(1), "real": balanced(2)}})], pictures=False)
+    _no_nan(found)
+    assert _unusual(found, okamoto) == approved
 
 
-def test_constant_answers(tmp_path: Path) -> None:
+def test_constant_answers(tmp_path: Path, okamoto: Analysis, approved: SnapshotAssertion) -> None:
     rows = trials([(material, MATERIALS[0]) for material in MATERIALS for _ in range(3)])
     sessions = {str(k): {"virtual": rows, "real": rows} for k in range(1, 4)}
-    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)], pictures=False))
-    assert "there is no variance, so t and P are not defined" in shown
-    assert "The two-way ANOVA of type III is not defined: there is no variance within the groups" in shown
+    found = analyse([write_dataset(tmp_path, sessions)], pictures=False)
+    _no_nan(found)
+    assert _unusual(found, okamoto) == approved
 
 
-def test_the_same_answer_to_everything_by_everyone(tmp_path: Path) -> None:
+def test_the_same_answer_to_everything_by_everyone(
+    tmp_path: Path, okamoto: Analysis, approved: SnapshotAssertion
+) -> None:
     rows = trials([(material, material) for material in MATERIALS for _ in range(3)])
-    shown = _no_nan(analyse([write_dataset(tmp_path, {str(k): {"real": rows} for k in range(1, 4)})], pictures=False))
-    assert "all ratings are the same: no ICC is defined" in shown
+    found = analyse([write_dataset(tmp_path, {str(k): {"real": rows} for k in range(1, 4)})], pictures=False)
+    _no_nan(found)
+    assert _unusual(found, okamoto) == approved
 
 
-def test_unequal_numbers_missing_answers_and_missing_materials(tmp_path: Path) -> None:
+def test_unequal_numbers_missing_answers_and_missing_materials(
+    tmp_path: Path, okamoto: Analysis, approved: SnapshotAssertion
+) -> None:
     sessions = {str(k): {"virtual": balanced(k), "real": balanced(k + 1)} for k in range(1, 5)}
     sessions["5"] = {"virtual": trials([("sand", "sand"), ("sand", "(none)"), ("snow", "snow")])}
     found = analyse([write_dataset(tmp_path, sessions)], pictures=False)
     shown = _no_nan(found)
-    assert "glass was presented to 4 of 5 participants, and not to sub-5." in shown
+    assert _unusual(found, okamoto) == approved
     assert "(none)" in shown
     assert [r.icc.raters for r in found.results.reliabilities if r.icc] == [4, 4, 4, 4, 4]
 
@@ -296,15 +309,17 @@ def test_two_materials_with_long_names_and_many_exclusions(tmp_path: Path) -> No
     assert found.report.read_text().count("was done again: slipped") == 30
 
 
-def test_a_rehearsal_is_labelled_and_compared_in_its_own_words(tmp_path: Path) -> None:
+def test_a_rehearsal_is_labelled_and_compared_in_its_own_words(
+    tmp_path: Path, okamoto: Analysis, approved: SnapshotAssertion
+) -> None:
     sessions = {
         str(k): {"virtual": balanced(k, 10, OKAMOTO), "real": balanced(k + 1, 10, OKAMOTO)} for k in range(1, 5)
     }
     root = write_dataset(tmp_path, sessions, study="okamoto2012", origin="REHEARSAL", materials=OKAMOTO)
-    shown = _no_nan(analyse([root], pictures=False))
+    found = analyse([root], pictures=False)
+    shown = _no_nan(found)
     assert shown.startswith("REHEARSAL - simulated participants")
-    assert "nothing about the paper's results" in " ".join(shown.split())
-    assert "the 16 cells of the printed table correlate" in " ".join(shown.split())
+    assert _unusual(found, okamoto) == approved
     assert "agrees" not in shown
 
 
@@ -318,7 +333,7 @@ def test_of_one_everything_is_said_in_the_singular(tmp_path: Path) -> None:
     found = analyse([write_dataset(tmp_path, {"1": {"real": [trial(1, "sand", "snow")]}})], figures=False)
     said = " ".join((found.text(full=True) + found.report.read_text()).split())
     assert re.findall(r"\b1 (?:\w+ )?(?:participants|trials|answers|times|rows)\b", said) == []
-    assert "1 participant in the dataset" in said
+    assert "1 participant in" in said
 
 
 def test_markup_in_a_dataset_stays_text(tmp_path: Path) -> None:
@@ -341,8 +356,8 @@ def test_the_analysis_loads_no_oracle_and_prints_nothing(tmp_path: Path) -> None
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
 
-def test_a_material_that_was_never_presented(tmp_path: Path) -> None:
+def test_a_material_that_was_never_presented(tmp_path: Path, okamoto: Analysis, approved: SnapshotAssertion) -> None:
     sessions = {str(k): {"virtual": balanced(k, 4, MATERIALS[:2])} for k in range(1, 4)}
-    shown = _no_nan(analyse([write_dataset(tmp_path, sessions)], pictures=False))
-    assert "snow: nobody was presented this material." in shown
-    assert "snow was presented to 0 of 3 participants." in shown
+    found = analyse([write_dataset(tmp_path, sessions)], pictures=False)
+    _no_nan(found)
+    assert _unusual(found, okamoto) == approved
