@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from syrupy.assertion import SnapshotAssertion
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from palpate.experiment.apparatus import host
@@ -50,7 +51,9 @@ def test_what_it_says_is_what_the_kernel_holds_and_it_is_given_back() -> None:
         assert within == before
 
 
-def test_without_the_right_to_real_time_it_is_made_less_nice(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_the_right_to_real_time_it_is_made_less_nice(
+    monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
+) -> None:
     asked: list[int] = []
     monkeypatch.setattr(os, "getpriority", lambda *_: ORDINARY_NICE)
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
@@ -58,16 +61,18 @@ def test_without_the_right_to_real_time_it_is_made_less_nice(monkeypatch: pytest
     with host.raised() as got:
         pass
     assert asked == [host.LEAST_NICE]
-    assert got.startswith("nice -20: the system allows no more; for real time add the user to the group audio")
+    assert got == approved
 
 
-def test_without_any_right_it_stays_as_it_is_and_says_how_to_get_more(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_any_right_it_stays_as_it_is_and_says_how_to_get_more(
+    monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
+) -> None:
     before = standing()
     monkeypatch.setattr(os, "sched_setscheduler", refuse)
     monkeypatch.setattr(os, "setpriority", refuse)
     with host.raised() as got:
         assert standing() == before
-    assert got.startswith("ordinary: the system allows no more; for real time add the user to the group audio")
+    assert got == approved
 
 
 @pytest.mark.parametrize("content", ["-1\n", "1000000\n", "", None])

@@ -12,6 +12,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import beliefs, build, register
@@ -21,7 +22,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
 from palpate.experiment.study import enrolment, people
 from palpate.experiment.study.roster import Roster
-from tests.approved import Refuses
+from tests.approved import Refuses, anywhere
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied
@@ -67,15 +68,14 @@ def test_all_of_the_participant_goes_and_nothing_of_the_other(study: MadeStudy) 
 
 
 def test_verify_tells_the_erasure_in_one_line_also_with_an_anchor_whose_journal_is_gone(
-    study: MadeStudy, tmp_path: Path
+    study: MadeStudy, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
     erase(study)
     report = verify(study.root, [tmp_path / "register"])
     told = [one for one in report.findings if "02" in one.place()]
-    assert [(one.verdict, one.place(), one.clause()) for one in told] == [
-        ("unknown", "sub-02", "has no data: they were erased, as the roster says")
-    ]
+    assert [(one.verdict, one.place()) for one in told] == [("unknown", "sub-02")]
+    assert [one.clause() for one in told] == approved
     assert any(sentence.startswith("PROVEN") for sentence in report.verdict)
     beliefs.keep_anchor(study.root)
     assert verify(study.root, [tmp_path / "register"]).refused == 0
@@ -169,10 +169,10 @@ def test_a_folder_that_is_a_link_is_not_followed(study: MadeStudy, tmp_path: Pat
     assert len(list((tmp_path / "elsewhere").glob("*.jsonl"))) == 1
 
 
-def test_the_command_says_what_it_cannot_reach(study: MadeStudy, palpate: Palpate) -> None:
+def test_the_command_says_what_it_cannot_reach(study: MadeStudy, palpate: Palpate, approved: SnapshotAssertion) -> None:
     code, out, _ = palpate(*asked(study, "--erase", "--yes"))
-    assert (code, "their data are erased" in out, "Backups, copies" in out) == (0, True, True)
-    assert "their label, the day of consent, and the withdrawal with its reason" in out
+    assert code == 0
+    assert anywhere(out.replace(str(people.folder()), "PEOPLE"), study.root.parent) == approved
     assert erased(study)
 
 
@@ -251,9 +251,12 @@ def test_whose_journal_is_damaged_can_be_erased(study: MadeStudy, palpate: Palpa
     assert erased(study)
 
 
-def test_nothing_is_asked_without_an_erasure_and_the_data_stay(study: MadeStudy, palpate: Palpate) -> None:
+def test_nothing_is_asked_without_an_erasure_and_the_data_stay(
+    study: MadeStudy, palpate: Palpate, approved: SnapshotAssertion
+) -> None:
     code, out, _ = palpate(*asked(study))
-    assert (code, "Their data stay and are not analysed." in out, "add --erase" in out) == (0, True, True)
+    assert code == 0
+    assert anywhere(out.replace(str(people.folder()), "PEOPLE"), study.root.parent) == approved
     assert study.journal(1).exists()
     assert palpate(*asked(study, "--yes"))[0] == 2
 
@@ -308,13 +311,16 @@ def test_nothing_is_added_to_a_roster_that_forgot_a_line(study: MadeStudy, palpa
         assert path.read_bytes() == before[0]
 
 
-def test_a_withdrawal_says_that_it_is_on_record_where_tables_cannot_be_made(study: MadeStudy, palpate: Palpate) -> None:
+def test_a_withdrawal_says_that_it_is_on_record_where_tables_cannot_be_made(
+    study: MadeStudy, palpate: Palpate, approved: SnapshotAssertion
+) -> None:
     (path,) = (one for one in storage.journals(study.root) if one.parent.name == "sub-02")
     kept = path.read_bytes()
     path.write_bytes(kept.replace(b'"answered"', b'"answereD"', 1))
     asked = ("withdraw", study.file, "-p", "01", "--reason", "asked to stop", "--dataset", study.root)
     code, _, err = palpate(*asked)
-    assert (code, "the withdrawal of participant 01 is on record" in err) == (2, True)
+    assert code == 2
+    assert anywhere(err, study.root.parent) == approved
     path.write_bytes(kept)
     assert palpate(*asked)[0] == 0
     assert verify(study.root).refused == 0
@@ -345,12 +351,16 @@ def test_the_same_withdrawal_has_the_same_number_for_the_lab_book(study: MadeStu
     assert said[0] == said[1] != []
 
 
-def test_a_clock_that_is_behind_the_roster_is_told_before_a_line_is_added(study: MadeStudy, palpate: Palpate) -> None:
+def test_a_clock_that_is_behind_the_roster_is_told_before_a_line_is_added(
+    study: MadeStudy, palpate: Palpate, approved: SnapshotAssertion
+) -> None:
     roster = Roster.load(storage.roster_path(study.root))
     roster.now_ns = lambda: 4_000_000_000 * 10**9
     roster.reveal("01", date(2096, 10, 2))
     code, _, err = palpate("enrol", study.file, "-p", "03", "--consent-on", DAY, "--dataset", study.root)
-    assert (code, "the roster's last line is of 2096-10-02" in err) == (0, True)
+    assert code == 0
+    assert "2096-10-02" in err
+    assert anywhere(err, study.root.parent) == approved
 
 
 def test_a_withdrawal_that_only_the_roster_knows_is_told_after_a_build_too(study: MadeStudy, palpate: Palpate) -> None:

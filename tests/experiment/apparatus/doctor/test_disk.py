@@ -11,6 +11,7 @@ from collections import namedtuple
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.doctor import checks
@@ -57,26 +58,26 @@ def test_one_slow_entry_is_red(late_ms: int, verdict: str, tmp_path: Path, monke
     assert next(took_ms, None) is None
 
 
-def test_a_folder_that_this_user_may_not_write_is_red(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_folder_that_this_user_may_not_write_is_red(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
+) -> None:
     def forbidden(**_: object) -> None:
         raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
 
     monkeypatch.setattr(tempfile, "TemporaryFile", forbidden)
     found = checks.writing(tmp_path, ManualClock(0))
-    assert (found.verdict, found.where, found.what) == (
-        "refuses",
-        tmp_path,
-        "nothing can be written (Permission denied)",
-    )
-    assert str(found.remedy).startswith("let this user write there")
+    assert (found.verdict, found.where) == ("refuses", tmp_path)
+    assert found.clause() == approved
 
 
-def test_a_disk_that_fills_up_meanwhile_is_red(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_disk_that_fills_up_meanwhile_is_red(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
+) -> None:
     def full(_: int) -> None:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    assert "No space left on device" in checks.writing(tmp_path, ManualClock(0)).what
+    assert checks.writing(tmp_path, ManualClock(0)).what == approved
     assert list(tmp_path.iterdir()) == []
 
 

@@ -347,4 +347,5 @@ def test_frames_missing_where_the_foot_crosses_are_named() -> None:
     us = times(0.8)
     kept = (us < 95_000) | (us > 107_000)
     told = fault(us[kept], constant(100.0)(us[kept] / 1e6), missing=13)
-    assert re.search(r"^no reading for 1[34] ms where the foot crossed the gate", told)
+    (gap_ms,) = re.findall(r"\d+(?= ms)", told)
+    assert gap_ms in ("13", "14")
