@@ -39,7 +39,12 @@ OF_A_MACHINE = {
 
 def refusal(error: BaseException, folder: Path) -> str:
     """Return the class and the sentence of an error, without what its run and its machine alone say."""
-    text = f"{type(error).__name__}: {error}".replace(str(folder), "FOLDER")
+    return on_any_machine(f"{type(error).__name__}: {error}", folder)
+
+
+def on_any_machine(text: str, folder: Path) -> str:
+    """Return a text without what its run and its machine alone say; days that a test sets stay."""
+    text = text.replace(str(folder), "FOLDER")
     for pattern, word in OF_A_MACHINE.items():
         text = re.sub(pattern, word, text)
     return text

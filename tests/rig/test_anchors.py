@@ -8,8 +8,10 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.dataset import register
+from tests.approved import anywhere
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import make_study
 
@@ -28,15 +30,18 @@ def make_key(path: Path) -> Path:
 
 
 def test_a_signed_anchor_counts_for_the_key_that_signed_it_alone(
-    dataset: Path, tmp_path: Path, palpate: Palpate
+    dataset: Path, tmp_path: Path, palpate: Palpate, approved: SnapshotAssertion
 ) -> None:
     to, key, other = tmp_path / "register", make_key(tmp_path / "key"), make_key(tmp_path / "other")
     code, out, _ = palpate("anchor", dataset, "--to", to, "--sign", key)
     assert (code, f"Anchored in {to}, signed." in out) == (0, True)
     code, out, _ = palpate("verify", dataset, "--register", to, "--signer", f"{key}.pub")
-    assert (code, f"write to {to}, with the private key of {key}.pub too" in out) == (0, True)
+    assert code == 0
+    assert f"write to {to}, " in out
+    assert f" {key}.pub too" in out
     code, out, err = palpate("verify", dataset, "--register", to, "--signer", f"{other}.pub")
-    assert (code, out, err.count("\n"), f"{other}.pub: is not the key that signed" in err) == (2, "", 1, True)
+    assert (code, out, err.count("\n")) == (2, "", 1)
+    assert anywhere(err, tmp_path) == approved
 
 
 def test_an_anchor_that_was_changed_or_never_signed_does_not_count(
@@ -49,7 +54,7 @@ def test_an_anchor_that_was_changed_or_never_signed_does_not_count(
     to.write_text(json.dumps(kept) + "\n")
     palpate("anchor", dataset, "--to", to)
     code, out, _ = palpate("verify", dataset, "--register", to, "--signer", f"{key}.pub")
-    assert (code, f"2 anchors do not count: {key}.pub did not sign them" in out) == (1, True)
+    assert (code, "2 anchors do not" in out, f"{key}.pub" in out) == (1, True, True)
     # Without the key they count, as the register's word.
     assert palpate("verify", dataset, "--register", to)[0] == 0
 
@@ -69,11 +74,13 @@ def test_another_program_checks_the_signature(dataset: Path, tmp_path: Path, pal
     assert checked.returncode == 0, checked.stderr
 
 
-def test_what_is_no_key_is_refused_in_one_line(dataset: Path, tmp_path: Path, palpate: Palpate) -> None:
+def test_what_is_no_key_is_refused_in_one_line(
+    dataset: Path, tmp_path: Path, palpate: Palpate, approved: SnapshotAssertion
+) -> None:
     to, key = tmp_path / "register", make_key(tmp_path / "key")
     code, _, err = palpate("anchor", dataset, "--to", to, "--sign", tmp_path / "absent")
     assert (code, err.count("\n"), to.exists()) == (2, 1, False)
-    assert "absent: is no file; allowed: a private SSH key" in err
+    assert anywhere(err, tmp_path) == approved
     palpate("anchor", dataset, "--to", to, "--sign", key)
     for signer in (key, tmp_path / "absent", to):
         code, _, err = palpate("verify", dataset, "--register", to, "--signer", signer)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterator
 from datetime import date, timedelta
 
 import numpy as np
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import opening as opening_audio
@@ -122,10 +124,8 @@ def test_what_the_stream_limits_is_not_delivered(stream: AudioStream, loopback: 
         assert actuator.aim(onset_ns)
         heard.append(actuator.delivered(onset_ns))
     assert heard[0] is not None
-    assert (heard[0].delivered, heard[0].reason) == (
-        False,
-        "the stream's limiter changed its output (6 samples while it sounded)",
-    )
+    assert not heard[0].delivered
+    assert "(6 samples " in heard[0].reason
     assert heard[1] is None if loopback is None else heard[1] is not None and heard[1].gain == 1.0
 
 
@@ -169,7 +169,8 @@ def test_what_sounds_as_asked_but_not_at_contact_is_not_delivered(stream: AudioS
     assert heard is not None
     assert heard.onset_ns is not None
     off_ms = (heard.onset_ns - contact_ns) / MS
-    assert (heard.delivered, heard.reason) == (False, f"it came {off_ms:+.2f} ms from contact; allowed: 5 ms")
+    assert not heard.delivered
+    assert re.findall(r"([+-]?[\d.]+) ms", heard.reason) == [f"{off_ms:+.2f}", "5"]
 
 
 @pytest.mark.parametrize("landed", [False, True], ids=["aimed", "landed"])
@@ -217,14 +218,15 @@ def test_a_later_stimulus_takes_the_place_of_one_that_waits(actuator: Actuator, 
 
 
 def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
-    actuator: Actuator, card: SoundCard, stream: AudioStream
+    actuator: Actuator, card: SoundCard, stream: AudioStream, approved: SnapshotAssertion
 ) -> None:
     card.disconnect(2)
     actuator.prepare(given(stimulus()))
     actuator.landed(CLOCK.now_ns())
     unheard = actuator.delivered(CLOCK.now_ns())
     assert unheard is not None
-    assert (unheard.delivered, unheard.onset_ns, unheard.reason) == (False, None, "the loopback did not hear it")
+    assert (unheard.delivered, unheard.onset_ns) == (False, None)
+    assert unheard.reason == approved
     card.connect(3, 2)
     assert RIG.audio is not None
     louder = headless(latency=RIG.audio.latency.model_copy(update={"loopback_gain": 2.0}))
@@ -233,7 +235,8 @@ def test_a_pulled_loopback_and_a_soft_one_are_not_delivered(
     other.landed(CLOCK.now_ns())
     soft = other.delivered(CLOCK.now_ns())
     assert soft is not None
-    assert (soft.delivered, soft.reason) == (False, "its level is off by -6.0 dB; allowed: 1 dB")
+    assert not soft.delivered
+    assert re.findall(r"([+-]?[\d.]+) dB", soft.reason) == ["-6.0", "1"]
 
 
 def test_an_intended_silence_is_delivered(actuator: Actuator) -> None:
@@ -256,11 +259,15 @@ def test_an_intended_silence_in_which_something_sounds_is_not_delivered(
     heard = actuator.delivered(CLOCK.now_ns())
     assert heard is not None
     assert (heard.delivered, heard.onset_ns) == (False, None)
-    assert heard.reason == "something was heard at -12.0 dB of full scale where silence was intended; allowed: -20 dB"
+    assert re.findall(r"([+-]?[\d.]+) dB", heard.reason) == ["-12.0", "-20"]
 
 
 def test_a_start_that_a_standing_stream_missed_is_on_record(
-    actuator: Actuator, stream: AudioStream, panel: CardPanel, monkeypatch: pytest.MonkeyPatch
+    actuator: Actuator,
+    stream: AudioStream,
+    panel: CardPanel,
+    monkeypatch: pytest.MonkeyPatch,
+    approved: SnapshotAssertion,
 ) -> None:
     # The stream's counter is past the frame when the callback comes to it, as after a callback that came too late.
     actuator.prepare(given(stimulus()))
@@ -270,7 +277,8 @@ def test_a_start_that_a_standing_stream_missed_is_on_record(
     monkeypatch.undo()
     missed = actuator.delivered(CLOCK.now_ns())
     assert missed is not None
-    assert (missed.delivered, missed.onset_ns, missed.reason) == (False, None, "the stream came too late for it")
+    assert (missed.delivered, missed.onset_ns) == (False, None)
+    assert missed.reason == approved
     assert panel.felt(0.1) is None
 
 

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig
 from palpate.experiment.apparatus.tracker import serial_port
@@ -80,13 +81,13 @@ def sensor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Sensor]:
 
 
 def test_a_calibration_finds_the_sensor_and_writes_a_new_rig_file(
-    sensor: Sensor, palpate: Palpate, tmp_path: Path
+    sensor: Sensor, palpate: Palpate, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     before = (tmp_path / "rig.toml").read_bytes()
     where = ["--rig", "rig.toml", "--out", "new.toml", "--protocol", shipped("okamoto2012.toml")]
     code, out, err = palpate("calibrate", "tracker", *where, "--points=-5,0,10,20,50,100", "--days", "30")
     assert (code, err) == (0, "")
-    assert "It reaches past the gate (20 mm) and the panel (0 mm)." in out
+    assert [re.findall(rf"{part} \((\d+) mm\)", out) for part in ("gate", "panel")] == [["20"], ["0"]]
     made = rig.load(tmp_path / "new.toml").tracker
     truth = rig.load(shipped("rigs/rehearsal.toml")).tracker
     assert [p.mm for p in made.calibration] == [p.mm for p in truth.calibration]
@@ -96,7 +97,8 @@ def test_a_calibration_finds_the_sensor_and_writes_a_new_rig_file(
     assert made.noise_mm == pytest.approx(NOISE_MM, rel=0.15)
     assert (tmp_path / "rig.toml").read_bytes() == before
     code, _, err = palpate("calibrate", "tracker", *where)
-    assert (code, err) == (2, "palpate: new.toml: got a file that exists; allowed: a new file; name another\n")
+    assert code == 2
+    assert err == approved
 
 
 def test_without_a_new_file_the_table_is_printed(sensor: Sensor, palpate: Palpate, tmp_path: Path) -> None:
@@ -112,7 +114,7 @@ def test_heights_that_do_not_reach_past_the_gate_write_nothing(
     where = ["--rig", "rig.toml", "--out", "new.toml", "--protocol", shipped("okamoto2012.toml")]
     code, out, err = palpate("calibrate", "tracker", *where, "--points", "0,10,20")
     assert (code, "residual mm" in out) == (2, True)
-    assert "reaches from 0 to 20 mm; this protocol needs -1 to 25 mm" in err
+    assert re.search(r"from 0 to 20 mm; .* -1 to 25 mm", err)
     assert not (tmp_path / "new.toml").exists()
 
 
@@ -122,24 +124,27 @@ def test_a_target_that_stays_where_it_is_calibrates_nothing(
     monkeypatch.setattr("builtins.input", lambda _: "")
     code, _, err = palpate("calibrate", "tracker", "--rig", "rig.toml", "--points", "0,50")
     assert code == 2
-    assert re.match(r"palpate: calibration: got \d+(\.5)? counts at 0 mm and .*; see that nothing moves", err)
+    assert re.search(r": got \d+(\.5)? counts .*; see", err)
     assert err.count("\n") == 1
 
 
-def test_a_calibration_can_be_interrupted(sensor: Sensor, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_calibration_can_be_interrupted(
+    sensor: Sensor, palpate: Palpate, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
+) -> None:
     def interrupted(_: str) -> str:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("builtins.input", interrupted)
     code, _, err = palpate("calibrate", "tracker", "--rig", "rig.toml", "--out", "new.toml")
-    assert (code, err) == (130, "palpate: the calibration was interrupted; nothing was written\n")
+    assert code == 130
+    assert err == approved
     assert not Path("new.toml").exists()
 
 
-def test_devices_are_listed(palpate: Palpate) -> None:
+def test_devices_are_listed(palpate: Palpate, approved: SnapshotAssertion) -> None:
     code, out, err = palpate("devices")
     assert (code, err) == (0, "")
-    assert out.startswith("Serial ports, as tracker.port names them:\n")
+    assert out.splitlines()[0] == approved
     assert all(device.port in out for device in serial_port.devices())
     found = json.loads(palpate("devices", "--json")[1])
     assert [device["port"] for device in found["serial"]] == [device.port for device in serial_port.devices()]

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
@@ -84,12 +85,12 @@ def test_a_rig_in_order_is_green_and_nothing_moves(
     assert found["left out"]["verdict"] == "not checked"
     assert "\x1b" not in out
     # What the table of the response says of itself is told as it stands there.
-    assert [row[13:32].strip() for row in rows if "it says: Frequency response" in row] == ["response table"]
+    assert [row[13:32].strip() for row in rows if "says: Frequency response" in row] == ["response table"]
     assert not (tmp_path / "dataset").exists()
 
 
 def test_everything_that_is_wrong_is_told_at_once(
-    line: SerialLine, settings: TrackerRig, palpate: Palpate, tmp_path: Path
+    line: SerialLine, settings: TrackerRig, palpate: Palpate, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     nobody = Panel(rigs.load(shipped("rigs/rehearsal.toml")).actuator)
     nobody.close()
@@ -102,23 +103,23 @@ def test_everything_that_is_wrong_is_told_at_once(
     code, out, _ = palpate("doctor", "--rig", rig, "--protocol", shipped("okamoto2012.toml"))
     holder.close()
     assert code == 2
-    assert re.search(r"red +tracker calibration .*\n +run palpate calibrate tracker", out)
-    assert re.search(r"red +tracker port .* holds it\n +close that program", out)
-    assert re.search(r"red +response table .* got a table with sha256 .*\n +restore the table", out)
-    assert re.search(r"red +actuator .* nothing answers there .*\n +start its server, or correct actuator.address", out)
-    assert re.search(r"red +gate .* this protocol needs -1 to 25 mm.*\n +calibrate further", out)
-    assert re.search(r"^\d+ of \d+ checks are red.$", out.splitlines()[-1])
+    remedies = dict(re.findall(r"^red +(\S.{18}) .*\n +(.*)", out, re.MULTILINE))
+    names = ("tracker calibration", "tracker port", "response table", "actuator", "gate")
+    assert [remedies[f"{name:19}"] for name in names] == approved
+    assert re.search(r"got a table with sha256 ", out)
+    assert re.search(r"gate .* -1 to 25 mm", out)
+    assert re.search(r"^\d+ of \d+ checks are", out.splitlines()[-1])
 
 
-def test_a_silent_port_is_red(line: SerialLine, palpate: Palpate, tmp_path: Path) -> None:
+def test_a_silent_port_is_red(line: SerialLine, palpate: Palpate, tmp_path: Path, approved: SnapshotAssertion) -> None:
     rig = write_rig(tmp_path, "rehearsal", port=f'"{line.url}"', address='"127.0.0.1:9"')
     rig.write_text(rig.read_text("utf-8").replace("[tracker]", "[tracker]\nzeroing_mm = 3.0"), "utf-8")
     code, out, _ = palpate("doctor", "--rig", rig, "--json")
-    assert verdicts(out)["tracker zero"]["measured"].startswith("each session takes it from the participant's foot")
+    assert verdicts(out)["tracker zero"]["measured"] == approved
     found = verdicts(out)["tracker frames"]
     assert (code, found["verdict"]) == (2, "red")
-    assert found["measured"].endswith("no frame for 200 ms")
-    assert found["remedy"].startswith("see that the device is powered")
+    assert found["measured"].endswith(" 200 ms")
+    assert found["remedy"] == approved
     assert json.loads(out)["ready"] is False
 
 
@@ -146,7 +147,7 @@ def test_what_is_timed_is_timed_at_the_priority_of_a_session(
     _, out, _ = palpate("doctor", "--rig", rig, "--json")
     assert seen == [session] * 3
     assert standing() == before
-    assert verdicts(out)["priority"]["measured"] == f"{got}; as sessions have it"
+    assert verdicts(out)["priority"]["measured"].startswith(f"{got}; ")
 
 
 BROKEN = """
@@ -202,7 +203,7 @@ def test_whatever_a_drivers_fault_it_is_red_and_the_rest_is_still_checked(
     assert (code, found[name]["verdict"]) == (2, "red"), err
     assert said in found[name]["measured"]
     assert module in found[name]["measured"]
-    assert found[name]["remedy"].startswith(("see to the device", "have the driver mended", "install the package"))
+    assert found[name]["remedy"].startswith(("see to the", "have the driver", "install the"))
     assert {"actuator", "disk writing", "machine load", "wall clock"} < set(found)
 
 
@@ -241,13 +242,14 @@ def test_frames_that_are_lost_spoilt_or_sent_twice_are_red(line: SerialLine, set
         foot.step(step, foot.free_us + 300_000, faults)
         found = devices.frames(devices.listen(tracker, clock=MonotonicClock(), seconds=HEARD_S))
     assert found.verdict == "refuses"
-    assert found.what.endswith("received, 2 lost, 1 damaged, 1 repeated")
+    assert re.findall(r"(\d+) (\w+)", found.what)[-3:] == [("2", "lost"), ("1", "damaged"), ("1", "repeated")]
 
 
 def test_another_rate_than_the_rig_files_is_red(line: SerialLine, settings: TrackerRig) -> None:
     foot = Foot(line, settings.model_copy(update={"rate_hz": 2000}), real_time=True)
     found = devices.rate(heard(line, settings, foot), settings)
-    assert (found.verdict, found.what) == ("refuses", "2000.0 Hz by the device's clock")
+    assert found.verdict == "refuses"
+    assert found.what.startswith("2000.0 Hz")
     assert found.allowed == "990 to 1010 Hz"
 
 
@@ -273,7 +275,7 @@ def test_a_sensor_beyond_its_calibration_is_red(line: SerialLine, settings: Trac
     with listening(line, settings, foot) as tracker:
         found = devices.reading(tracker, settings)
     assert (found.verdict, found.where) == ("refuses", "tracker")
-    assert "at or beyond 100 mm" in found.what
+    assert "beyond 100 mm" in found.what
     assert found.allowed.startswith("-5 to 100 mm")
 
 
@@ -285,4 +287,5 @@ def test_a_sensor_that_became_noisy_is_red(
     at_rest = heard(line, settings, foot)
     assert devices.noise(at_rest, settings).verdict == verdict
     unknown = devices.noise(at_rest, settings.model_copy(update={"noise_mm": None}))
-    assert (unknown.verdict, unknown.remedy) == ("unknown", "run palpate calibrate tracker, which writes it")
+    assert unknown.verdict == "unknown"
+    assert "palpate calibrate tracker" in str(unknown.remedy)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
@@ -38,7 +39,7 @@ def test_the_simulated_rig_with_sound_is_green_and_says_what_it_is(palpate: Palp
     ]
     assert len(of_parts) == 13
     assert all(found[name]["measured"].startswith("SIMULATED: ") for name in ("rig file", *of_parts))
-    assert found["loopback latency"]["measured"].startswith("SIMULATED: 5.333 ms out and in, spread 0.000 ms")
+    assert re.findall(r"\d+\.\d+ ms", found["loopback latency"]["measured"]) == ["5.333 ms", "0.000 ms"]
 
 
 AUDIO = rigs.load(shipped("rigs/headless.toml")).audio
@@ -85,15 +86,15 @@ def test_a_loopback_that_answers_otherwise_than_calibrated_is_red() -> None:
     assert [(check.check, check.verdict) for check in unheard] == [("loopback", "unknown")]
 
 
-def test_a_loopback_whose_cable_was_pulled_is_red() -> None:
+def test_a_loopback_whose_cable_was_pulled_is_red(approved: SnapshotAssertion) -> None:
     with sound.sound_card() as card, sound.stream() as stream:
         card.disconnect(2)
         [found] = devices.loopback(stream, streamed())
-    assert (found.verdict, "was not heard on input 2" in found.what) == ("refuses", True)
-    assert str(found.remedy).startswith("lay the loopback's cable")
+    assert (found.verdict, "on input 2" in found.what) == ("refuses", True)
+    assert found.remedy == approved
 
 
-def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red() -> None:
+def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red(approved: SnapshotAssertion) -> None:
     with sound.sound_card() as card, sound.stream() as stream:
         since = stream.health
         found = devices.steady(stream, streamed(), since=since, exact=True)
@@ -102,7 +103,8 @@ def test_a_running_stream_is_watched_and_one_whose_server_hangs_is_red() -> None
             [hanging] = devices.steady(stream, streamed(), since=stream.health, exact=True)
     assert watched >= devices.RUN_S * sound.RATE_HZ
     assert [check.check for check in found] == ["audio stream", "audio timeline"]
-    assert (hanging.verdict, "see that the device is plugged in" in str(hanging.remedy)) == ("refuses", True)
+    assert hanging.verdict == "refuses"
+    assert hanging.remedy == approved
 
 
 @pytest.mark.parametrize(
@@ -162,4 +164,4 @@ def test_a_laboratorys_card_is_green_and_an_old_calibration_red(
     found = verdicts(out)
     # Nothing is plugged into the microphone of this card.
     assert (code, red(found)) == (2, {"audio calibration", "microphone"}), out
-    assert found["loopback latency"]["measured"].startswith("10.667 ms out and in, spread 0.000 ms")
+    assert re.findall(r"\d+\.\d+ ms", found["loopback latency"]["measured"])[:2] == ["10.667 ms", "0.000 ms"]

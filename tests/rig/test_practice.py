@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import beliefs
@@ -18,6 +19,7 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Ignored
+from tests.approved import on_any_machine
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import write_rig
@@ -91,19 +93,19 @@ def practise(folder: Path, *arguments: str, stop_after: int = TRIALS, stop: int 
 
 
 def test_a_session_is_practised_paused_and_continued_at_a_terminal(
-    tmp_path: Path, study: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, study: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
 ) -> None:
     code, screen = practise(tmp_path, "small.toml", "--task", "one", stop_after=1)
     assert (code, PAUSED in " ".join(screen.split())) == (0, True), screen
     at_once = "Opening the session of PRACTICE, with a simulated laboratory ...\n"
     assert screen.startswith(f"{at_once}PRACTICE - simulated participants")
-    assert "The materials 'felt' and 'cork' are simulated generically: they resemble nothing.\n" in screen
+    assert "'felt' and 'cork' are" in screen
     assert "Familiarisation, up to 55 s." in screen
     code, rest = practise(tmp_path, "small.toml", "--task", "one")
-    assert (code, "The session is complete: 4 answers." in rest) == (0, True), rest
+    assert (code, "complete: 4 answers" in rest) == (0, True), rest
     root = tmp_path / "participants" / "practice-small"
     entries = journal.read(storage.journal_path(root, "01", "one")).entries
-    assert "\nTo practise the other task, add --task two.\n" in rest
+    assert "add --task two" in rest
     told = re.findall(r"says: (.*)\.\n", screen)[:1] + re.findall(r"says: (.*)\.\n", rest)
     answers = [entry for entry in entries if isinstance(entry, Answer)]
     assert [(one.answered, one.key) for one in answers] == [(name, KEYS[name]) for name in told]
@@ -113,7 +115,8 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     assert beliefs.believed(root).purpose == "PRACTICE"
     assert verify(root).refused == 0
     code, _, err = palpate("withdraw", study, "-p", "01", "--reason", "moved away", "--dataset", root)
-    assert (code, "nobody enrols, consents or withdraws" in err, "palpate enrol --pilot" in err) == (2, True, True), err
+    assert code == 2
+    assert on_any_machine(err, tmp_path) == approved
     monkeypatch.chdir(tmp_path)
     code, tables, _ = palpate("analyse", root, "--no-figures")
     assert (code, tables.count("PRACTICE") > 0) == (0, True)
@@ -130,7 +133,7 @@ def test_a_task_that_was_practised_has_its_tables_whatever_ends_the_next(
     root = tmp_path / "participants" / "practice-small"
     assert verify(root).refused == 0
     code, out, err = palpate("analyse", root, "--no-figures", "--out", tmp_path / "tables")
-    assert (code, "no footer ends it" in err, "PRACTICE" in out) == (0, True, True), err
+    assert (code, "no footer" in err, "PRACTICE" in out) == (0, True, True), err
 
 
 @pytest.mark.usefixtures("working_folder")
@@ -141,7 +144,7 @@ def test_a_new_study_of_five_materials_is_practised_and_has_its_tables(
     materials = [word for name, key in KEYS.items() for word in ("--material", f"{name}, {key}")]
     assert palpate("new", "mystudy.toml", *materials, "--tasks", "virtual", "--repetitions", 1, "--yes")[0] == 0
     code, screen = practise(tmp_path, "mystudy.toml", "--task", "virtual", stop_after=5)
-    assert (code, "The session is complete: 5 answers." in screen) == (0, True), screen
+    assert (code, "complete: 5 answers" in screen) == (0, True), screen
     code, tables, err = palpate("analyse", "participants/practice-mystudy", "--no-figures")
     assert (code, err) == (0, "")
     assert [name for name in KEYS if name not in tables] == []
@@ -174,9 +177,12 @@ def test_what_cannot_be_practised_is_refused_and_leaves_nothing(
     assert sorted(tmp_path.rglob("*")) == before
 
 
-def test_practice_and_a_rehearsal_stand_apart(tmp_path: Path, one: Path, palpate: Palpate) -> None:
+def test_practice_and_a_rehearsal_stand_apart(
+    tmp_path: Path, one: Path, palpate: Palpate, approved: SnapshotAssertion
+) -> None:
     code, _, err = palpate("run", shipped("okamoto2012.toml"), "--practice", "--dataset", one)
-    assert (code, "holds practice of something else (label REHEARSAL there, PRACTICE asked for" in err) == (2, True)
+    assert code == 2
+    assert on_any_machine(err, tmp_path) == approved
 
 
 def test_a_task_that_presents_one_material_is_practised_and_analysed(tmp_path: Path, palpate: Palpate) -> None:
@@ -184,10 +190,10 @@ def test_a_task_that_presents_one_material_is_practised_and_analysed(tmp_path: P
         SMALL.replace('stimulus = "real"', 'stimulus = "real"\nmaterials = ["cork"]'), "utf-8"
     )
     code, screen = practise(tmp_path, "small.toml", "--task", "two", stop_after=TRIALS)
-    assert (code, "The session is complete: 2 answers." in screen) == (0, True), screen
+    assert (code, "complete: 2 answers" in screen) == (0, True), screen
     root = tmp_path / "participants" / "practice-small"
     order = journal.read(storage.journal_path(root, "01", "two")).header.order
     assert [trial.presented for trial in order] == [("cork",)] * 2
     assert verify(root).refused == 0
     code, out, err = palpate("analyse", root, "--no-figures", "--out", tmp_path / "tables")
-    assert (code, "felt is not presented in this task." in out) == (0, True), err
+    assert (code, "felt is not" in out) == (0, True), err

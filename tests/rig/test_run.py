@@ -6,6 +6,7 @@ import csv
 import gzip
 import json
 import re
+import shlex
 import shutil
 import signal
 from collections.abc import Callable, Iterator, Sequence
@@ -14,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
@@ -26,6 +28,7 @@ from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.rehearsal.footstep.panel import Panel
+from tests.approved import on_any_machine
 from tests.conftest import Palpate
 from tests.plugged import PluggedLine
 from tests.rig.faults import Faults
@@ -89,6 +92,7 @@ def test_a_session_from_the_experimenters_chair(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     palpate: Palpate,
+    approved: SnapshotAssertion,
 ) -> None:
     protocol = files.load(tmp_path / "study.toml")
     recordings = tmp_path / "recordings"
@@ -96,7 +100,8 @@ def test_a_session_from_the_experimenters_chair(
     where = ["--rig", "rig.toml", "--dataset", "dataset", "--recordings", recordings]
     if task == "virtual":
         code, _, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
-        assert (code, "the recordings are simulated; record real ones" in err) == (2, True)
+        assert code == 2
+        assert on_any_machine(err, tmp_path) == approved
         assert not (tmp_path / "dataset" / "stimuli").exists()
     # From here on they stand in for a laboratory's own.
     manifest.write_text(manifest.read_text("utf-8").replace("simulated = true", "simulated = false"), "utf-8")
@@ -117,7 +122,7 @@ def test_a_session_from_the_experimenters_chair(
     monkeypatch.setattr(TerminalConsole, "show", shown)
     code, out, _ = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
     assert code == 0
-    assert "The session is complete: 4 answers." in out
+    assert "complete: 4 answers" in out
     assert prompts.count("Lay out") == (4 if task == "real" else 0)
     left_out = r"Rig 'rehearsal': at most 34\.\d\d% \(rms\) of copy paper at 200 mm/s \(.*\) is left out; limits of "
     # Before anything was asked.
@@ -167,9 +172,9 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
     )
     assert (code, err) == (0, "")
-    assert "plug the device in again. The session waits for 300 s, and goes on by itself; nothing is lost." in out
-    assert "The tracker is back; the trial begins again." in out
-    assert "The session is complete: 4 answers." in out
+    assert "waits for 300 s" in out
+    assert "tracker is back" in out
+    assert "complete: 4 answers" in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
     attempts = [(e.trial, e.attempt) for e in entries if e.kind in ("step", "broken-off")]
@@ -180,7 +185,7 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
     assert (broken.trial, broken.felt) == (3, False)
     assert broken.link.received > 0
     events = (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
-    assert events.count("the port has gone") == 1
+    assert events.count("port has gone") == 1
 
 
 @pytest.mark.parametrize("task", ["real"])
@@ -206,8 +211,8 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
     )
     assert (code, err) == (0, "")
-    assert "The tracker is back; the trial begins again." in out
-    assert "The session is complete: 4 answers." in out
+    assert "tracker is back" in out
+    assert "complete: 4 answers" in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
     attempts = [(e.trial, e.attempt) for e in entries if e.kind in ("step", "broken-off")]
@@ -244,8 +249,8 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
     where = ["--rig", "rig.toml", "--dataset", "dataset"]
     code, out, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
     assert (code, err) == (0, "")
-    assert re.search(r"zeroing: got heights that spread by .* mm; allowed: at most 0.5 mm; rest the foot", out)
-    assert "The session is complete: 4 answers." in out
+    assert re.search(r"zeroing: .*; allowed: .* 0\.5 mm", out)
+    assert "complete: 4 answers" in out
     path = Path("dataset") / "sourcedata" / "sub-01" / f"sub-01_task-{task}_journal.jsonl"
     entries = journal.read(path).entries
     zeros = [e for e in entries if e.kind == "zeroed"]
@@ -264,13 +269,13 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
     landed = [heights_mm[round((s - begins_s) * 1000) + 30 :][:60] for s in landings_s]
     assert [float(np.median(after)) for after in landed] == pytest.approx([0.0] * 4, abs=0.1)
     code, told, _ = palpate("journal", path)
-    assert len(re.findall(r"zeroed: the foot rests at [+-]\d\.\d\d mm from contact, spread 0\.\d\d mm", told)) == 2
+    assert len(re.findall(r"zeroed: .* [+-]\d\.\d\d mm .* 0\.\d\d mm", told)) == 2
 
 
 @pytest.mark.parametrize("task", ["real"])
 @pytest.mark.usefixtures("laboratory")
 def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_session(
-    task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate
+    task: str, monkeypatch: pytest.MonkeyPatch, palpate: Palpate, approved: SnapshotAssertion
 ) -> None:
     typed, append = iter("ccaanntt"), journal.Journal.append
 
@@ -288,7 +293,8 @@ def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_s
     where = ["--rig", "rig.toml", "--dataset", "dataset"]
     code, _, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
     signal.signal(signal.SIGINT, before)
-    assert (code, err) == (130, "palpate: interrupted; run the same command to continue or to begin again\n")
+    assert code == 130
+    assert err == approved
     path = Path("dataset") / "sourcedata" / "sub-01" / f"sub-01_task-{task}_journal.jsonl"
     assert journal.read(path).entries[-1] == Footer(reason="complete", answered=4)
     assert [row["origin"] for row in counted(Path("dataset"), task)] == ["PARTICIPANT"] * 4
@@ -301,6 +307,7 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     palpate: Palpate,
+    approved: SnapshotAssertion,
 ) -> None:
     rig = tmp_path / "rig.toml"
     rig.write_text(rig.read_text("utf-8") + '\n[anchors]\nfile = "~/lab share/register"\n', "utf-8")
@@ -312,22 +319,26 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     )
     session = ["run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"]
     code, out, _ = palpate(*session)
-    assert (code, "The session is paused by the experimenter, with 1 answer on disk. The" in out) == (0, True)
-    assert "For the lab book: " in out
-    assert f"NOT ANCHORED: {tmp_path}/lab share/register: the anchor cannot be written" in out
-    assert f"run: palpate anchor dataset --to '{tmp_path}/lab share/register'" in out
+    assert (code, "1 answer on disk" in out) == (0, True)
+    assert "the lab book" in out
+    assert f"NOT ANCHORED: {tmp_path}/lab share/register: " in out
+    remedy = shlex.join(["palpate", "anchor", "dataset", "--to", f"{tmp_path}/lab share/register"])
+    assert f"run: {remedy}" in out
     (tmp_path / "lab share").mkdir()
     shutil.copytree("dataset", "backup")
     code, out, _ = palpate(*session)
-    assert (code, "The session is complete: 4 answers." in out) == (0, True)
-    assert f"Anchored in {tmp_path}/lab share/register. This register is a new file." in out
+    assert (code, "complete: 4 answers" in out) == (0, True)
+    assert f"Anchored in {tmp_path}/lab share/register." in out
+    assert "a new file" in out
     number = re.findall(r"For the lab book: .* (\S+)\n", out)[0]
-    assert re.search(r"This session goes on from \S+: 1 of 4 trials are answered; trial 2 comes again", out)
+    assert re.search(r": 1 of 4 trials .*; trial 2 ", out)
     code, out, _ = palpate(*session)
-    assert (code, "For the lab book" in out) == (0, False)
-    assert "already; nothing was added to it.\nThe session is complete: 4 answers.\n" in out
+    assert (code, "the lab book" in out) == (0, False)
+    assert out.endswith(": 4 answers.\n")
+    assert "nothing was added" in out
     code, out, _ = palpate("verify", "dataset", "--register", "lab share/register", "--number", number)
     assert (code, out.count("PROVEN by"), "NOT PROVEN" in out) == (0, 2, False)
     # A backup that was restored does not put to anybody again what the newer state has answered.
     code, _, err = palpate(*session[:-1], "backup")
-    assert (code, err.count("\n"), "share/register: holds another state of this dataset" in err) == (2, 1, True)
+    assert (code, err.count("\n")) == (2, 1)
+    assert on_any_machine(re.sub(r"line \d+", "line N", err), tmp_path) == approved
