@@ -64,7 +64,7 @@ class TaskText:
     """What the sidecar of a task's events says.
 
     `materials` maps ids to descriptions, `presented` are the task's, None for all; `session_id` is None without a
-    journal. `answers` are those of a comparison, each with what it names; None elsewhere.
+    journal. `kind` is that of its trials, and `answers` are those that are no materials, each with what it names.
     """
 
     id: str
@@ -76,7 +76,8 @@ class TaskText:
     origin: Origin
     notes: Mapping[str, object] = field(default_factory=dict)
     session_id: str | None = None
-    answers: Mapping[str, str] | None = None
+    kind: str = "footstep"
+    answers: Mapping[str, str] = field(default_factory=dict)
     presented: tuple[str, ...] | None = None
 
 
@@ -190,14 +191,12 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
     path = beh_path(root, participant, task.id, "events.tsv")
     attempts = list(rows)
     known = {name for row in attempts for name in row}
-    own = columns_of("footstep" if task.answers is None else "comparison")
-    texts = {**own, **{name: text for name, text in columns_of("further").items() if name in known}}
+    texts = {**columns_of(task.kind), **{name: text for name, text in columns_of("further").items() if name in known}}
     described = _described(texts, task.origin)
     for name in ("presented", "first", "second"):
         if name in described:
             described[name]["Levels"] = {one: task.materials[one] for one in task.presented or task.materials}
-    answers = task.materials if task.answers is None else task.answers
-    described["answered"]["Levels"] = {**answers, NO_ANSWER: "no material was named"}
+    described["answered"]["Levels"] = {**(task.answers or task.materials), NO_ANSWER: "no material was named"}
     sidecar: dict[str, object] = {
         "TaskName": task.id,
         "TaskTitle": task.title,
@@ -206,7 +205,7 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
         "StimulusPresentation": dict(task.stimulus_presentation),
         "Materials": list(task.materials),
         **({"Presented": list(task.presented)} if task.presented else {}),
-        **({"Answers": list(task.answers)} if task.answers is not None else {}),
+        **({"Answers": list(task.answers)} if task.answers else {}),
         "Rows": len(attempts),
         **({"SessionId": task.session_id} if task.session_id else {}),
         **task.notes,

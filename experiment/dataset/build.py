@@ -1,25 +1,20 @@
-"""From journals to the study's BIDS dataset: events, foot traces, participants. Reads only what is on disk."""
+"""From journals to the study's BIDS dataset: events, traces, participants. Reads only what is on disk."""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import tomllib
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib import import_module
 from itertools import zip_longest
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from palpate.experiment import storage
-from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.tracker import frames
-from palpate.experiment.apparatus.tracker.clock_map import ClockMap
-from palpate.experiment.dataset import bids, comparison
+from palpate.experiment.dataset import bids
 from palpate.experiment.dataset.beliefs import (
     OPEN,
     Believed,
@@ -34,19 +29,8 @@ from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
 from palpate.experiment.records.events import NO_ANSWER
-from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.records.progress import progress
-from palpate.experiment.records.stimulus import Onset, Stimulus
-from palpate.experiment.storage import foot_path, rig_path
-
-LONGEST_GAP_S = 600.0
-"""After a longer pause, or where time goes back by more than a frame, the foot trace continues in a new recording."""
-
-FOOT_COLUMNS = {
-    "foot_height": "Height of the sole above the panel.",
-    "foot_along": "Place of the sole along the face, as the planar tracker was calibrated.",
-}
-"""What a trace of the foot tells; the second stands where the tracker was planar."""
+from palpate.experiment.storage import foot_path
 
 ORIGINS: dict[entries.Purpose, bids.Origin] = {
     "STUDY": "PARTICIPANT",
@@ -65,32 +49,34 @@ READ = {
 }
 """What analysis reads of JSON files, by the end of their names; the rest is told by each version in its own words."""
 
+Cells = Mapping[str, object]
+"""Column -> what stands in a row."""
+
+
+def _materials(protocol: Protocol, task: Task) -> str:
+    count = len(protocol.presented(task))
+    return f"{count} material{'s' if count != 1 else ''}"
+
 
 @dataclass(frozen=True)
-class _Session:
-    path: Path
-    contents: journal.Contents
-    steps: tuple[Placed, ...]
+class DatasetKind:
+    """A kind of trial in a dataset.
 
-
-@dataclass(frozen=True)
-class Placed:
-    """A step on the session's clock.
-
-    `at_us` is the device time of its contact or break, `at_s` the same in s from the tracker's first frame; `drift_ppm`
-    is the session's clock against the device's. `zero_mm` is how far from contact the foot rested when last zeroed.
+    `cells` yields each outcome of a journal, at this path, that has a row, with the cells that are the kind's own.
+    `presented` is what a task presents, in words, and `answers` what each answer names that is no material. `write`
+    gets dataset, journal, its contents, raw frames of its outcomes and the origin, and writes what is beside the table.
     """
 
-    step: FootStep | BrokenOff
-    at_us: float
-    at_s: float
-    drift_ppm: float
-    zero_mm: float
+    cells: Callable[[Path, journal.Contents], Iterator[tuple[entries.Outcome, Cells]]]
+    presented: Callable[[Protocol, Task], str] = _materials
+    answers: Callable[[Protocol], Mapping[str, str]] = lambda _: {}
+    write: Callable[[Path, Path, journal.Contents, Sequence[bytes], bids.Origin], None] = lambda *_: None
 
-    def seconds(self, device_us: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Return device times, any shape, on the clock of `at_s`, s."""
-        passed_s = (device_us - self.at_us) / 1e6
-        return np.asarray(self.at_s + passed_s * (1 + self.drift_ppm * 1e-6), np.float64)
+
+def kind_of(task: Task) -> DatasetKind:
+    """Return the kind of a task's trials."""
+    kind: DatasetKind = import_module(f"palpate.experiment.dataset.kinds.{task.kind}").DATASET
+    return kind
 
 
 def build(root: Path, each: Each = map) -> None:
@@ -120,10 +106,12 @@ def unmade(root: Path, dataset: Believed) -> bool:
 
 
 def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, path: Path) -> None:
-    session = _session(path, journal.read(path))
-    _write_foot(root, session, ORIGINS[purpose])
+    contents, origin = journal.read(path), ORIGINS[purpose]
+    kind = kind_of(protocol.task(contents.header.task))
+    outcomes = [outcome for outcome, _ in kind.cells(path, contents)]
+    kind.write(root, path, contents, raw_frames(path, outcomes), origin)
     # The table comes last: where it is, nothing of its session is missing.
-    bids.write_files(_events(root, protocol, purpose, session))
+    bids.write_files(_events(root, protocol, purpose, path, contents))
 
 
 def check_tables(root: Path) -> Believed:
@@ -183,26 +171,25 @@ def edited(
         # Before the first session ends nothing is made that could be missed.
         found = unlike({path: content for path, content in files.items() if told or path.exists()})
     doubts += found
-    for session in _sessions(dataset):
-        made = partial(_events, root, dataset.protocol, dataset.purpose)
-        found = unlike(made(session))
-        if found and session.path in under_way:
-            earlier = (
-                unlike(_events(root, dataset.protocol, dataset.purpose, then)) for then in _since_footer(session)
-            )
-            unmade = not until_footer(session.contents).lines and not _has_table(root, session.contents.header)
+    for path, header in dataset.sessions:
+        made, contents = partial(_events, root, dataset.protocol, dataset.purpose, path), journal.read(path)
+        found = unlike(made(contents))
+        if found and path in under_way:
+            earlier = (unlike(made(then)) for then in _since_footer(contents))
+            unmade = not until_footer(contents).lines and not _has_table(root, header)
             found = [] if unmade else min([found, *earlier], key=len)
         doubts += found
         with collected(doubts):
-            raw_frames(session.path, [placed.step for placed in session.steps])
+            kind = kind_of(dataset.protocol.task(header.task))
+            raw_frames(path, [outcome for outcome, _ in kind.cells(path, contents)])
     return doubts
 
 
-def _since_footer(session: _Session) -> Iterator[_Session]:
-    """Yield a session as it was after each line since its last footer, the latest first, and at that footer."""
-    lines, ended = session.contents.lines, len(until_footer(session.contents).lines)
+def _since_footer(contents: journal.Contents) -> Iterator[journal.Contents]:
+    """Yield a journal as it was after each line since its last footer, the latest first, and at that footer."""
+    lines, ended = contents.lines, len(until_footer(contents).lines)
     for count in range(len(lines) - 1, max(ended, 1) - 1, -1):
-        yield _session(session.path, replace(session.contents, lines=lines[:count]))
+        yield replace(contents, lines=lines[:count])
 
 
 def until_footer(contents: journal.Contents) -> journal.Contents:
@@ -215,17 +202,13 @@ def _has_table(root: Path, header: entries.Header) -> bool:
     return bids.beh_path(root, header.participant, header.task, "events.tsv").exists()
 
 
-def _sessions(dataset: Believed) -> Iterator[_Session]:
-    """Read one journal after another, so that a large dataset takes no more memory than its longest session."""
-    return (_session(path, journal.read(path)) for path, _ in dataset.sessions)
-
-
-def _events(root: Path, protocol: Protocol, purpose: entries.Purpose, session: _Session) -> bids.Files:
-    origin, header = ORIGINS[purpose], session.contents.header
-    task = _task_text(protocol, protocol.task(header.task), origin, header.session_id)
-    paired = protocol.comparison is not None
-    rows = comparison.rows(session.contents, origin) if paired else _rows(session, origin)
-    return bids.events(root, header.participant, task, rows)
+def _events(
+    root: Path, protocol: Protocol, purpose: entries.Purpose, path: Path, contents: journal.Contents
+) -> bids.Files:
+    origin, header = ORIGINS[purpose], contents.header
+    task = protocol.task(header.task)
+    text = _task_text(protocol, task, origin, header.session_id)
+    return bids.events(root, header.participant, text, event_rows(kind_of(task), path, contents, origin))
 
 
 def _study_files(root: Path, dataset: Believed) -> bids.Files:
@@ -251,7 +234,7 @@ def _study_files(root: Path, dataset: Believed) -> bids.Files:
         authors=("palpate, simulated",) if simulated else ("The laboratory named in the protocol",),
         tasks=tuple(task.id for task in protocol.tasks),
         references=(protocol.study.source,),
-        readme=(readmes["all"] | readmes["pairs" if protocol.comparison is not None else "all"])[origin],
+        readme=(readmes["all"] | readmes.get(protocol.tasks[0].kind, {}))[origin],
         software=software.this(),
     )
     return bids.participants(root, people, origin=origin) | bids.description(root, text)
@@ -284,70 +267,33 @@ def _check_table(root: Path, path: Path, content: bytes) -> None:
             raise DatasetError(path, f"line {number} is not what the journal gives: {remedy}")
 
 
-def _session(path: Path, contents: journal.Contents) -> _Session:
-    zero_ns: int | None = None
-    zero_mm = 0.0
-    steps: list[Placed] = []
-    for entry in contents.entries:
-        if isinstance(entry, entries.TrackerOpened):
-            zero_ns = entry.t_ns if zero_ns is None else zero_ns
-        elif isinstance(entry, Zeroed):
-            zero_mm = entry.offset_mm
-        elif isinstance(entry, FootStep | BrokenOff):
-            at_us, clock = entry.at_us if isinstance(entry, BrokenOff) else entry.contact_us, entry.clock
-            if at_us is None or clock is None:
-                # No frame came.
-                continue
-            if zero_ns is None:
-                raise DatasetError(
-                    path,
-                    "got a step before its tracker was opened",
-                    "restore the journal from a backup",
-                    allowed="the tracker first",
-                )
-            at_ns = ClockMap(clock.anchor_us, clock.anchor_ns, clock.drift_ppm).session_ns(at_us)
-            at_s = (at_ns - zero_ns) / 1e9
-            steps.append(Placed(entry, at_us, at_s, clock.drift_ppm, zero_mm))
-    return _Session(path, contents, tuple(steps))
-
-
-def _rows(session: _Session, origin: bids.Origin) -> list[dict[str, object]]:
-    recorded = session.contents.entries
+def event_rows(
+    kind: DatasetKind, path: Path, contents: journal.Contents, origin: bids.Origin
+) -> list[dict[str, object]]:
+    """Return a row for each attempt that has one: the cells that every kind has, with those of its own."""
+    recorded = contents.entries
     answers, corrections = _by_attempt(recorded, entries.Answer), _by_attempt(recorded, entries.Correction)
     redone, spoken = _by_attempt(recorded, entries.Redo), _by_attempt(recorded, entries.Spoken)
     maskers = _maskers(recorded)
     rows: list[dict[str, object]] = []
-    for placed in session.steps:
-        step = placed.step
-        attempt = step.trial, step.attempt
-        answer, correction = answers.get(attempt), corrections.get(attempt)
+    for outcome, own in kind.cells(path, contents):
+        attempt = outcome.trial, outcome.attempt
+        answer, correction, redo = answers.get(attempt), corrections.get(attempt), redone.get(attempt)
         last = correction or answer
-        stimulus, onset = (step.stimulus, step.onset) if isinstance(step, FootStep) else (None, None)
-        heard = onset.delivered if onset else None
         unanswered = None if answer else "no answer was confirmed"
-        reason = redone[attempt].reason if attempt in redone else unanswered
         rows.append(
             {
-                "onset": round(placed.at_s, 6),
-                "duration": stimulus.samples / stimulus.rate_hz if stimulus else None,
-                "trial": step.trial,
-                "attempt": step.attempt,
-                "counted": answer is not None and attempt not in redone,
-                "presented": " | ".join(step.presented),
+                "trial": outcome.trial,
+                "attempt": outcome.attempt,
+                "counted": answer is not None and redo is None,
                 "answered": None if last is None else last.answered or NO_ANSWER,
                 "response_time": round(answer.response_time_s, 6) if answer else None,
-                "foot_speed": round(step.speed_mm_s, 3) if step.speed_mm_s is not None else None,
-                "frames_lost": step.link.lost + step.link.damaged,
-                "floored_bins": stimulus.floored_bins if stimulus else None,
-                "delivered": heard.delivered if heard else None,
-                "onset_error": _onset_error_s(onset),
-                "redo_reason": step.reason if isinstance(step, BrokenOff) else reason,
+                "redo_reason": unanswered if redo is None else redo.reason,
                 "origin": origin,
                 **({"corrected_from": answer.answered or NO_ANSWER} if answer and correction else {}),
                 **maskers[attempt],
-                **_timing_s(step, onset),
                 **_answer_cells(answer, spoken.get(attempt)),
-                **_played(stimulus),
+                **own,
             }
         )
     return rows
@@ -368,16 +314,9 @@ def _maskers(recorded: Sequence[object]) -> dict[tuple[int, int], dict[str, obje
     for entry in recorded:
         if isinstance(entry, entries.MaskerSet):
             cell = {"masker_level": entry.level_db_a}
-        elif isinstance(entry, FootStep | BrokenOff):
+        elif isinstance(entry, entries.Outcome):
             cells[entry.trial, entry.attempt] = cell
     return cells
-
-
-def _onset_error_s(onset: Onset | None) -> float | None:
-    """Return by how much the measured onset missed the contact, s; None if it was not measured."""
-    if onset is None or onset.delivered is None or onset.delivered.onset_ns is None:
-        return None
-    return round((onset.delivered.onset_ns - onset.contact_ns) / 1e9, 6)
 
 
 def _answer_cells(answer: entries.Answer | None, spoken: entries.Spoken | None) -> dict[str, object]:
@@ -401,77 +340,10 @@ def _answer_cells(answer: entries.Answer | None, spoken: entries.Spoken | None) 
     }
 
 
-def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, object]:
-    """Return what is known of a step's timing, by column, s."""
-    heard = onset.delivered if onset else None
-    known_ms = {
-        "contact_standard_error": step.contact_standard_error_ms if isinstance(step, FootStep) else None,
-        "prediction_error": onset.prediction_error_ms if onset else None,
-        "delivery_error": heard.onset_error_ms if heard else None,
-        "gate_to_scheduled": onset.gate_to_scheduled_ms if onset else None,
-        "dead_time": step.dead_time_ms,
-    }
-    return {column: round(ms / 1e3, 6) for column, ms in known_ms.items() if ms is not None}
-
-
-def _played(stimulus: Stimulus | None) -> dict[str, object]:
-    """Return what is known of how a stimulus was played, by column; nothing where a journal is from before that."""
-    made = stimulus.computed if stimulus is not None else None
-    if made is None or made.left_out is None or made.dissimilarity_m_s2 is None:
-        return {}
-    return {
-        "stimulus_method": made.method,
-        "stimulus_error": round(made.relative_error, 9),
-        "left_out": round(made.left_out, 9),
-        "dissimilarity": round(made.dissimilarity_m_s2, 9),
-    }
-
-
-def _write_foot(root: Path, session: _Session, origin: bids.Origin) -> None:
-    """Write the foot's height (and place, if planar) on a grid of the rig's rate that begins anew with each step.
-
-    Between steps it is n/a. A device's clock that drifts leaves a place empty now and then, or has two frames in one.
-    """
-    if not session.steps:
-        return
-    header = session.contents.header
-    rig = rigs.kept(rig_path(session.path), header.rig_sha256)
-    rate_hz = rig.tracker.rate_hz
-    parts_of_steps = raw_frames(session.path, [placed.step for placed in session.steps])
-    places: list[NDArray[np.float64]] = []
-    read_mm: list[NDArray[np.float64]] = []
-    for placed, part in zip(session.steps, parts_of_steps, strict=True):
-        _, decoded = frames.Decoder(near_us=int(placed.at_us), readings=rig.tracker.readings).feed(part)
-        seconds = placed.seconds(decoded.device_us)
-        places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
-        heights_mm, along_mm = rig.tracker.height_mm(decoded.counts), rig.tracker.along_mm(decoded.along)
-        read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
-    onward = np.diff(np.concatenate(places))
-    # Time goes back where the session continued after the wall clock was set back: what was there already stays.
-    cuts = np.flatnonzero((onward > LONGEST_GAP_S * rate_hz) | (onward < -1)) + 1
-    parts = (np.split(np.concatenate(whole), cuts) for whole in (places, read_mm))
-    for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
-        place = (on_grid - on_grid.min()).astype(np.int64)
-        grid = np.full((int(place.max()) + 1, rig.tracker.readings), np.nan)
-        grid[place] = mm
-        recording = f"recording-foot{number if number > 1 else ''}_physio.tsv.gz"
-        bids.write_physio(
-            bids.beh_path(root, header.participant, header.task, recording),
-            {
-                name: bids.PhysioColumn(mm, text, "mm", 3)
-                for mm, (name, text) in zip(grid.T, FOOT_COLUMNS.items(), strict=False)
-            },
-            rate_hz=rate_hz,
-            start_s=round(float(on_grid.min()) / rate_hz, 6),
-            task=header.task,
-            description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
-            origin=origin,
-        )
-
-
-def raw_frames(journal_file: Path, steps: Sequence[FootStep | BrokenOff]) -> list[bytes]:
-    """Return the raw frames of each step. Raises `DatasetError` if they are not those that the journal names."""
-    if not steps:
+def raw_frames(journal_file: Path, outcomes: Iterable[entries.Outcome]) -> list[bytes]:
+    """Return the raw frames of each outcome with any. Raises `DatasetError` if they are not those it names."""
+    traced = [(outcome, outcome.frames) for outcome in outcomes if outcome.frames is not None]
+    if not traced:
         return []
     path = foot_path(journal_file)
     try:
@@ -479,31 +351,28 @@ def raw_frames(journal_file: Path, steps: Sequence[FootStep | BrokenOff]) -> lis
     except OSError as error:
         raise DatasetError(path, f"cannot read the foot trace ({error.strerror})", "restore it") from error
     parts = []
-    for step in steps:
-        part = raw[step.trace.offset : step.trace.offset + step.trace.length]
-        if hashlib.sha256(part).hexdigest() != step.trace.sha256:
+    for outcome, trace in traced:
+        part = raw[trace.offset : trace.offset + trace.length]
+        if hashlib.sha256(part).hexdigest() != trace.sha256:
             raise DatasetError(
-                path, f"the frames of trial {step.trial} are not those that the journal names", "restore the file"
+                path, f"the frames of trial {outcome.trial} are not those that the journal names", "restore the file"
             )
         parts.append(part)
     return parts
 
 
 def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: str) -> bids.TaskText:
-    count = len(protocol.presented(task))
-    what, answers = "1 material" if count == 1 else f"{count} materials", None
-    if (compared := protocol.comparison) is not None:
-        what = f"{len(protocol.presentations(task))} pairs of {what}, compared by their {compared.quality}"
-        answers = {answer: comparison.ANSWERS[answer] for answer in compared.answers.values()}
+    kind = kind_of(task)
     return bids.TaskText(
         id=task.id,
         title=task.title,
-        description=f"{task.title}. {what}, {task.repetitions} trials each.",
+        description=f"{task.title}. {kind.presented(protocol, task)}, {task.repetitions} trials each.",
         instructions=task.instruction,
         materials={m.id: m.description for m in protocol.materials},
         presented=task.materials,
         stimulus_presentation={"SoftwareName": "palpate", "SoftwareVersion": software.this().version},
         origin=origin,
         session_id=session_id,
-        answers=answers,
+        kind=task.kind,
+        answers=kind.answers(protocol),
     )

@@ -31,8 +31,7 @@ from palpate.experiment.errors import (
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.page import count
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Header, Purpose
-from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
+from palpate.experiment.records.entries import Header, Outcome, Purpose
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import enrolment
 from palpate.experiment.study.roster import Roster
@@ -220,7 +219,7 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
         participant, task = header.participant, header.task
         contents = journal.read(journal_file)
         ended = build.until_footer(contents) if journal_file in dataset.under_way else contents
-        stepped = any(isinstance(entry, FootStep) for entry in ended.entries)
+        stepped = any(isinstance(entry, Outcome) and entry.frames and entry.asks for entry in ended.entries)
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():
@@ -260,9 +259,10 @@ def _session(path: Path, headers: list[Header]) -> str:
     rig = rigs.kept(rig_file, contents.header.rig_sha256)
     if rig.actuator.shaping:
         rigs.response_table(rig_file.parent, rig.actuator.shaping)
-    steps = [entry for entry in contents.entries if isinstance(entry, FootStep | BrokenOff)]
-    build.raw_frames(path, steps)
-    end = max((step.trace.offset + step.trace.length for step in steps), default=0)
+    outcomes = [entry for entry in contents.entries if isinstance(entry, Outcome)]
+    steps = [trace for outcome in outcomes if (trace := outcome.frames)]
+    build.raw_frames(path, outcomes)
+    end = max((trace.offset + trace.length for trace in steps), default=0)
     more = storage.size(storage.foot_path(path)) - end
     if more and progress(contents.entries).complete:
         raise DatasetError(

@@ -36,6 +36,14 @@ class Entry(Record):
         return ()
 
 
+class Trace(Record):
+    """Where the raw tracker frames of an attempt stand in the session's file of them."""
+
+    offset: int
+    length: int
+    sha256: str
+
+
 class OfAttempt(Entry):
     """Base of every entry about one attempt at a trial."""
 
@@ -53,6 +61,11 @@ class Outcome(OfAttempt):
     """Base of the entry of a kind with which an attempt is over, so that it has a row in the table of its session."""
 
     presented: tuple[str, ...]
+
+    @property
+    def frames(self) -> Trace | None:
+        """Where its raw tracker frames stand; None where none are kept."""
+        return None
 
     @property
     def asks(self) -> bool:
@@ -113,14 +126,6 @@ class TrackerOpened(Entry):
     port: str
     device_us: int
     t_ns: int
-
-
-class Trace(Record):
-    """Where the raw tracker frames of an attempt stand in the session's file of them."""
-
-    offset: int
-    length: int
-    sha256: str
 
 
 LOUDEST_DB_A = 200.0

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 NO_ANSWER = "(none)"
 """How a trial without an answer stands in tables."""
@@ -14,7 +14,7 @@ Columns = Mapping[str, Mapping[str, object]]
 
 
 @cache
-def columns_of(kind: Literal["footstep", "comparison", "further", "imported", "participants"]) -> Columns:
+def columns_of(kind: str) -> Columns:
     """Return the columns of one kind, as events.json and sidecars describe them.
 
     `further` are absent where a session does not know them, `imported` replace descriptions of imported answers, and

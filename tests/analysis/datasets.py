@@ -85,7 +85,8 @@ def write_dataset(
                 stimulus_presentation={"SoftwareName": "palpate"},
                 origin=origin,
                 session_id=(session_ids or {}).get((label, task)),
-                answers=None if answers is None else {answer: f"the {answer}" for answer in answers},
+                kind="footstep" if answers is None else "comparison",
+                answers={answer: f"the {answer}" for answer in answers or ()},
                 presented=(presented or {}).get(task),
             )
             write_files(events(root, label, said, [{**row, "origin": origin} for row in rows]))

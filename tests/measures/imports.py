@@ -2,9 +2,10 @@
 
 A trunk is the module that it begins at, and every module that one of its modules imports, at the top of the file, in a
 function or for the type checker alone, with the `__init__.py` of each room on the way. The session trunk begins at
-`session/run.py`, which `palpate run` calls for a participant in the room. It leaves out the rooms of voice, tapping,
-servo, contact and stepping, and so what only they import; it counts three modules of tapping that modules of the trunk
-import, until they no longer do. The analysis trunk begins at `analyse.py` and leaves nothing out.
+`session/run.py`, which `palpate run` calls for a participant in the room, and at what that looks up by name for a
+footstep. It leaves out the rooms of voice, tapping, servo, contact and stepping, and so what only they import; it
+counts three modules of tapping that modules of the trunk import, until they no longer do. The analysis trunk begins at
+`analyse.py` and leaves nothing out.
 
 A wing is what would leave the source with it. A module is in one wing at most, and in a trunk as well while a module of
 the trunk imports it.
@@ -29,6 +30,8 @@ class Trunk:
     root: str
     without: tuple[str, ...] = ()
     """Rooms that do not count, with what only they import."""
+    looked_up: tuple[str, ...] = ()
+    """Modules of kinds of trial, which are imported by name."""
 
 
 TRUNKS: Mapping[str, Trunk] = {
@@ -41,6 +44,7 @@ TRUNKS: Mapping[str, Trunk] = {
             "experiment/synthesis/contact",
             "experiment/synthesis/stepping",
         ),
+        looked_up=("experiment/dataset/kinds/footstep.py",),
     ),
     "analysis": Trunk("analysis/analyse.py"),
 }
@@ -58,7 +62,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "analysis/report/comparison_sections.py",
         "experiment/apparatus/doctor/force.py",
         "experiment/apparatus/servo",
-        "experiment/dataset/comparison.py",
+        "experiment/dataset/kinds/comparison.py",
         "experiment/records/kinds/tapping.py",
         "experiment/rehearsal/tapping",
         "experiment/rehearsal/wires/force_device.py",
@@ -88,8 +92,10 @@ def trunk_modules(trunk: Trunk, imports: Imports) -> set[str]:
     for one, other in imports:
         if not any(f"{other}.".startswith(f"{room}.") for room in left_out):
             onward.setdefault(one, set()).add(other)
-    root = module_of(trunk.root)
-    return {room for module in {root} | _reachable(root, onward) for room in _module_and_rooms(module)}
+    roots = [module_of(path) for path in (trunk.root, *trunk.looked_up)]
+    return {
+        room for root in roots for module in {root} | _reachable(root, onward) for room in _module_and_rooms(module)
+    }
 
 
 def _module_and_rooms(module: str) -> Iterable[str]:

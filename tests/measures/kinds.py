@@ -22,7 +22,7 @@ ROOMS = (
     "analysis/report/comparison_figures.py",
     "analysis/report/comparison_sections.py",
     "analysis/report/identification_sections.py",
-    "experiment/dataset/comparison.py",
+    "experiment/dataset/kinds",
     "experiment/records/kinds",
     "experiment/rehearsal/footstep",
     "experiment/rehearsal/tapping",

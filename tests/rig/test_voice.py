@@ -7,10 +7,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.experiment.desk.voice.cancelling import cancelled
 from palpate.experiment.desk.voice.features import RATE_HZ as BAND_HZ
 from palpate.experiment.desk.voice.features import banded
-from palpate.experiment.desk.voice.hearing import listen
+from palpate.experiment.desk.voice.hearing import cancelled, listen
 from tests.benchmarks import voice as benchmark
 from tests.rig import speech
 from tests.rig.speech import ANSWERABLE_S, RATE_HZ

@@ -79,6 +79,10 @@ class FootStep(Outcome):
     onset: Onset | None
 
     @property
+    def frames(self) -> Trace:
+        return self.trace
+
+    @property
     def felt_s(self) -> tuple[float, ...]:
         return () if self.stimulus is None else (self.stimulus.lasts_s,)
 
@@ -104,6 +108,10 @@ class BrokenOff(Outcome):
     speed_mm_s: float | None
     link: Link
     trace: Trace
+
+    @property
+    def frames(self) -> Trace:
+        return self.trace
 
     @property
     def asks(self) -> bool:

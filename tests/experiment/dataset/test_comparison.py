@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from palpate.experiment.dataset import build, comparison
+from palpate.experiment.dataset import build
+from palpate.experiment.dataset.kinds.comparison import DATASET
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.messages import Correct
 from palpate.experiment.errors import DatasetError, RigError
@@ -20,7 +21,7 @@ from tests.experiment.session.tapping.bench import console, contents, run
 
 def test_a_row_for_each_pair_that_was_laid_out(tmp_path: Path) -> None:
     run(protocol(tie_key="3"), console(["/", "1", "3", Correct(trial=2, key="2", reason="misheard"), "0"]), tmp_path)
-    rows = comparison.rows(contents(tmp_path), "PILOT")
+    rows = build.event_rows(DATASET, tmp_path, contents(tmp_path), "PILOT")
     asked = "asked for by the experimenter"
     # 2 s of laying out after 100 s of familiarisation, 1 s until each key and each remark.
     assert rows == [

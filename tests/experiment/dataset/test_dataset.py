@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment.dataset import build
-from palpate.experiment.records.entries import MaskerSet, Trace
+from palpate.experiment.dataset.kinds.footstep import DATASET
+from palpate.experiment.records.entries import MaskerSet, Trace, TrackerOpened
 from palpate.experiment.records.journal import AnyEntry, Contents, Line
-from palpate.experiment.records.kinds.footstep import BrokenOff, Link
+from palpate.experiment.records.kinds.footstep import BrokenOff, Link, TrackerClock
 
 
 def _step(trial: int, attempt: int = 1) -> BrokenOff:
@@ -19,7 +20,7 @@ def _step(trial: int, attempt: int = 1) -> BrokenOff:
         presented=("glass",),
         reason="the foot turned back",
         felt=False,
-        clock=None,
+        clock=TrackerClock(anchor_us=0, anchor_ns=0, drift_ppm=0.0),
         dead_time_ms=None,
         at_us=1000 * trial,
         gate_top_us=None,
@@ -35,11 +36,9 @@ def _masker(level_db_a: float | None) -> MaskerSet:
 
 
 def _levels(entries: list[AnyEntry]) -> list[object]:
-    lines = tuple(Line(number, entry) for number, entry in enumerate(entries))
-    steps = tuple(
-        build.Placed(entry, entry.at_us or 0, 0.0, 0.0, 0.0) for entry in entries if isinstance(entry, BrokenOff)
-    )
-    rows = build._rows(build._Session(Path(), Contents(lines), steps), "PARTICIPANT")
+    opened = TrackerOpened(port="", device_us=0, t_ns=0)
+    lines = tuple(Line(number, entry) for number, entry in enumerate([opened, *entries]))
+    rows = build.event_rows(DATASET, Path(), Contents(lines), "PARTICIPANT")
     return [row.get("masker_level", "no column") for row in rows]
 
 

@@ -20,6 +20,7 @@ from palpate.experiment.apparatus.tracker.gate import Scrutiny
 from palpate.experiment.apparatus.tracker.serial_tracker import KEPT_S
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
+from palpate.experiment.dataset.kinds.footstep import placed_steps, write_foot
 from palpate.experiment.errors import TrackerStopped
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
@@ -165,24 +166,25 @@ def test_events_stand_where_they_happened_whatever_the_trackers_clock_does(tmp_p
     footer = run(tmp_path, clock, tracker, "c" * TRIALS, TRIALS)
     assert footer == Footer(reason="complete", answered=TRIALS)
     path = storage.journal_path(tmp_path, "01", "real")
-    session = build._session(path, journal.read(path))
-    zero_ns = next(entry.t_ns for entry in session.contents.entries if entry.kind == "tracker")
-    landed = [placed for placed in session.steps if placed.step.kind == "step"]
+    contents = journal.read(path)
+    steps = placed_steps(path, contents)
+    zero_ns = next(entry.t_ns for entry in contents.entries if entry.kind == "tracker")
+    landed = [placed for placed in steps if placed.step.kind == "step"]
     contacts_ns = np.array([placed.at_s for placed in landed]) * 1e9 + zero_ns
     assert np.abs(contacts_ns - tracker.contacts_ns).max() < 0.1e6
     # The frames of a step, those of the broken one included, from arming on.
     raw, frames = storage.foot_path(path).read_bytes(), 0
-    for placed in session.steps:
+    for placed in steps:
         trace = placed.step.trace
         _, decoded = Decoder(near_us=int(placed.at_us)).feed(raw[trace.offset : trace.offset + trace.length])
         true_ns = np.array([tracker.true_ns(us) for us in decoded.device_us.tolist()])
         assert np.abs(placed.seconds(decoded.device_us) * 1e9 + zero_ns - true_ns).max() < 0.2e6
         frames += decoded.device_us.size
-    assert len(session.steps) == TRIALS + 1
+    assert len(steps) == TRIALS + 1
     # The device's millisecond is not the session's: some places of the grid stay empty, or take two frames.
-    build._write_foot(tmp_path, session, "REHEARSAL")
+    write_foot(tmp_path, path, contents, build.raw_frames(path, [one.step for one in steps]), "REHEARSAL")
     (kept,) = heights(tmp_path).values()
-    assert frames * (1 - 1.1e-6 * abs(drift_ppm)) - 2 * len(session.steps) <= kept <= frames
+    assert frames * (1 - 1.1e-6 * abs(drift_ppm)) - 2 * len(steps) <= kept <= frames
 
 
 @pytest.mark.parametrize("before_s", [0.0, 86_400.0])
@@ -196,9 +198,10 @@ def test_a_wall_clock_that_was_set_back_before_a_session_went_on_overwrites_no_f
     # To just where the first step was, or a day before.
     second = ManualClock(opened_ns - int(before_s * 1e9))
     assert run(tmp_path, second, Wandering(second, 0.0), "cc", 5).reason == "complete"
-    session = build._session(path, journal.read(path))
-    build._write_foot(tmp_path, session, "REHEARSAL")
-    frames = [placed.step.trace.length // FRAME_BYTES[1] for placed in session.steps]
+    contents = journal.read(path)
+    steps = placed_steps(path, contents)
+    write_foot(tmp_path, path, contents, build.raw_frames(path, [one.step for one in steps]), "REHEARSAL")
+    frames = [placed.step.trace.length // FRAME_BYTES[1] for placed in steps]
     # Four steps were before the pause, two after. Each has a place of its own.
     assert len(frames) == 6
     found = heights(tmp_path)
@@ -217,8 +220,9 @@ def test_a_planar_trace_keeps_the_place_along_the_face_as_a_column(tmp_path: Pat
     root = tmp_path / "dataset"
     assert run(root, clock, Wandering(clock, 0.0, 1725), "cc", 2, rig_file).reason == "complete"
     path = storage.journal_path(root, "01", "real")
-    session = build._session(path, journal.read(path))
-    build._write_foot(root, session, "REHEARSAL")
+    contents = journal.read(path)
+    steps = placed_steps(path, contents)
+    write_foot(root, path, contents, build.raw_frames(path, [one.step for one in steps]), "REHEARSAL")
     (table,) = root.glob("sub-01/beh/*_physio.tsv.gz")
     sidecar = json.loads(table.with_name(table.name.removesuffix(".tsv.gz") + ".json").read_text())
     assert sidecar["Columns"] == ["foot_height", "foot_along"]
@@ -231,4 +235,4 @@ def test_a_planar_trace_keeps_the_place_along_the_face_as_a_column(tmp_path: Pat
     known = [row for row in rows if row != ["n/a", "n/a"]]
     # 1725 counts are 2.25 mm, and every frame has its row.
     assert {along for _, along in known} == {"2.250"}
-    assert len(known) == sum(placed.step.trace.length // FRAME_BYTES[2] for placed in session.steps)
+    assert len(known) == sum(placed.step.trace.length // FRAME_BYTES[2] for placed in steps)

@@ -13,6 +13,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
+from palpate.experiment.dataset.kinds.footstep import DATASET
 from palpate.experiment.desk.messages import Correct, Gauges, Repeat, Standing, TakeNote
 from palpate.experiment.desk.port import Attended, Remark
 from palpate.experiment.errors import ScreenGone
@@ -80,8 +81,7 @@ def test_the_table_takes_the_correction_and_the_journal_holds_both(
     (shown,) = [line for line in console.shown if line.startswith("Trial 2: ")]
     assert f" {material or 'no answer'}." in shown
     path = storage.journal_path(tmp_path, "01", "real")
-    session = build._session(path, journal.read(path))
-    rows = build._rows(session, "PARTICIPANT")
+    rows = build.event_rows(DATASET, path, journal.read(path), "PARTICIPANT")
     assert [row["answered"] for row in rows] == ["copy paper", material or "(none)", "typing paper"]
     assert [row.get("corrected_from", "n/a") for row in rows] == ["n/a", "polypropylene", "n/a"]
     assert f" corrected to {material or 'no answer'}: misheard" in transcript.text(journal.read(path))
@@ -91,7 +91,7 @@ def test_the_last_of_several_corrections_counts(protocol: Protocol, tmp_path: Pa
     slips = Correct(trial=1, key="t", reason="misheard"), Correct(trial=1, key="p", reason="a slip of the hand")
     run(protocol, tmp_path, "c", "p", "t", remarks=slips)
     path = storage.journal_path(tmp_path, "01", "real")
-    (row, *_) = build._rows(build._session(path, journal.read(path)), "PARTICIPANT")
+    (row, *_) = build.event_rows(DATASET, path, journal.read(path), "PARTICIPANT")
     assert (row["answered"], row["corrected_from"]) == ("polypropylene", "copy paper")
 
 
@@ -134,7 +134,7 @@ def test_an_answer_that_was_corrected_and_then_done_again_is_the_new_one(protoco
     again[-1] = again[-1].model_copy(update={"answered": "polypropylene"})
     redo = Redo(trial=1, attempt=1, reason="asked to", put_off=False)
     lines = tuple(replace(contents.lines[-1], entry=entry) for entry in (redo, *again))
-    rows = build._rows(build._session(path, replace(contents, lines=contents.lines + lines)), "PARTICIPANT")
+    rows = build.event_rows(DATASET, path, replace(contents, lines=contents.lines + lines), "PARTICIPANT")
     found = [(row["attempt"], row["counted"], row["answered"], row.get("corrected_from")) for row in rows]
     assert found[0] == (1, False, "typing paper", "copy paper")
     assert found[-1] == (2, True, "polypropylene", None)
@@ -208,7 +208,7 @@ def test_an_answered_trial_is_done_again_and_its_answer_no_longer_counts(protoco
     assert [e for e in found if isinstance(e, Redo)] == [redone]
     assert [(e.trial, e.attempt) for e in found if isinstance(e, Answer)] == [(1, 1), (2, 1), (3, 1), (1, 2)]
     path = storage.journal_path(tmp_path, "01", "real")
-    rows = build._rows(build._session(path, journal.read(path)), "PARTICIPANT")
+    rows = build.event_rows(DATASET, path, journal.read(path), "PARTICIPANT")
     assert [(row["trial"], row["counted"]) for row in rows] == [(1, 0), (2, 1), (3, 1), (1, 1)]
 
 

@@ -21,6 +21,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import Loudness, Recorded
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
+from palpate.experiment.dataset.kinds.footstep import DATASET
 from palpate.experiment.desk.voice import ear as ears
 from palpate.experiment.desk.voice import enrolling
 from palpate.experiment.desk.voice.ear import Ear
@@ -144,7 +145,7 @@ def test_what_was_said_is_on_record_and_the_key_decides(
     answers = [entry for entry in entries(tmp_path / "d", "real") if isinstance(entry, Answer)]
     assert [each.answered for each in answers] == ["copy paper", "polypropylene", "typing paper"]
     path = storage.journal_path(tmp_path / "d", "01", "real")
-    rows = build._rows(build._session(path, journal.read(path)), "PARTICIPANT")
+    rows = build.event_rows(DATASET, path, journal.read(path), "PARTICIPANT")
     assert [row["response_end"] for row in rows] == ["voice", "choice", "voice"]
     for row, said, answer in zip(rows, found, answers, strict=True):
         assert said.onset_s is not None
@@ -330,5 +331,5 @@ def test_bench_has_no_microphone_by_itself(protocol: Protocol, tmp_path: Path) -
     one = bench("cpt")
     one.run(protocol, header("real"), tmp_path)
     path = storage.journal_path(tmp_path, "01", "real")
-    rows = build._rows(build._session(path, journal.read(path)), "PARTICIPANT")
+    rows = build.event_rows(DATASET, path, journal.read(path), "PARTICIPANT")
     assert all("response_end" not in row and "voice_onset" not in row for row in rows)

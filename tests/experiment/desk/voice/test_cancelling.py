@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate.experiment.desk.voice import cancelling
-from palpate.experiment.desk.voice.cancelling import SHORTEST, TAPS, cancelled, leak
+from palpate.experiment.desk.voice import hearing
+from palpate.experiment.desk.voice.hearing import SHORTEST, TAPS, cancelled, leak
 from palpate.experiment.errors import VoiceError
 from palpate.experiment.synthesis.noise import noise
 from tests.approved import Refuses
@@ -43,16 +43,16 @@ def test_the_masker_itself_is_taken_out() -> None:
 
 def test_it_is_the_least_squares_solution(monkeypatch: pytest.MonkeyPatch) -> None:
     """`numpy.linalg.lstsq` of the same equations, with the ridge as rows of their own."""
-    monkeypatch.setattr(cancelling, "TAPS", 40)
-    monkeypatch.setattr(cancelling, "SHORTEST", 120)
-    monkeypatch.setattr(cancelling, "_SOLVED", 1e-10)
+    monkeypatch.setattr(hearing, "TAPS", 40)
+    monkeypatch.setattr(hearing, "SHORTEST", 120)
+    monkeypatch.setattr(hearing, "_SOLVED", 1e-10)
     played = np.cumsum(white(400)) * 0.1 + white(400, 3)
     microphone = np.convolve(played, room(60))[:400] + 0.3 * white(400, 4)
     rows = np.stack([played[39 - k : 400 - k] for k in range(40)], axis=1)
     # The power that the ridge is a part of: of all samples, as in the first value of the autocorrelation.
     ridge = np.sqrt(1e-6 * np.sum(played**2)) * np.eye(40)
     wanted, *_ = np.linalg.lstsq(np.vstack([rows, ridge]), np.append(microphone[39:], np.zeros(40)), rcond=None)
-    found = cancelling.leak(microphone, played)
+    found = hearing.leak(microphone, played)
     assert np.linalg.norm(found - wanted) < 1e-7 * np.linalg.norm(wanted)
 
 

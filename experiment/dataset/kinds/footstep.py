@@ -1,0 +1,179 @@
+"""Footsteps in a dataset: a row for each step, on the session's clock, and traces of the foot."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.tracker import frames
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.dataset import bids
+from palpate.experiment.dataset.build import Cells, DatasetKind
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records import entries
+from palpate.experiment.records.journal import Contents
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
+from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.storage import rig_path
+
+LONGEST_GAP_S = 600.0
+"""After a longer pause, or where time goes back by more than a frame, the foot trace continues in a new recording."""
+
+FOOT_COLUMNS = {
+    "foot_height": "Height of the sole above the panel.",
+    "foot_along": "Place of the sole along the face, as the planar tracker was calibrated.",
+}
+"""What a trace of the foot tells; the second stands where the tracker was planar."""
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A step on the session's clock.
+
+    `at_us` is the device time of its contact or break, `at_s` the same in s from the tracker's first frame; `drift_ppm`
+    is the session's clock against the device's. `zero_mm` is how far from contact the foot rested when last zeroed.
+    """
+
+    step: FootStep | BrokenOff
+    at_us: float
+    at_s: float
+    drift_ppm: float
+    zero_mm: float
+
+    def seconds(self, device_us: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return device times, any shape, on the clock of `at_s`, s."""
+        passed_s = (device_us - self.at_us) / 1e6
+        return np.asarray(self.at_s + passed_s * (1 + self.drift_ppm * 1e-6), np.float64)
+
+
+def placed_steps(path: Path, contents: Contents) -> list[Placed]:
+    """Return the steps of a journal at which any frame came. Raises `DatasetError` for one before its tracker."""
+    zero_ns: int | None = None
+    zero_mm = 0.0
+    steps: list[Placed] = []
+    for entry in contents.entries:
+        if isinstance(entry, entries.TrackerOpened):
+            zero_ns = entry.t_ns if zero_ns is None else zero_ns
+        elif isinstance(entry, Zeroed):
+            zero_mm = entry.offset_mm
+        elif isinstance(entry, FootStep | BrokenOff):
+            at_us, clock = entry.at_us if isinstance(entry, BrokenOff) else entry.contact_us, entry.clock
+            if at_us is None or clock is None:
+                # No frame came.
+                continue
+            if zero_ns is None:
+                raise DatasetError(
+                    path,
+                    "got a step before its tracker was opened",
+                    "restore the journal from a backup",
+                    allowed="the tracker first",
+                )
+            at_ns = ClockMap(clock.anchor_us, clock.anchor_ns, clock.drift_ppm).session_ns(at_us)
+            at_s = (at_ns - zero_ns) / 1e9
+            steps.append(Placed(entry, at_us, at_s, clock.drift_ppm, zero_mm))
+    return steps
+
+
+def _cells(path: Path, contents: Contents) -> Iterator[tuple[entries.Outcome, Cells]]:
+    for placed in placed_steps(path, contents):
+        step = placed.step
+        stimulus, onset = (step.stimulus, step.onset) if isinstance(step, FootStep) else (None, None)
+        heard = onset.delivered if onset else None
+        yield (
+            step,
+            {
+                "onset": round(placed.at_s, 6),
+                "duration": stimulus.lasts_s if stimulus else None,
+                "presented": " | ".join(step.presented),
+                "foot_speed": round(step.speed_mm_s, 3) if step.speed_mm_s is not None else None,
+                "frames_lost": step.link.lost + step.link.damaged,
+                "floored_bins": stimulus.floored_bins if stimulus else None,
+                "delivered": heard.delivered if heard else None,
+                "onset_error": _onset_error_s(onset),
+                **({"redo_reason": step.reason} if isinstance(step, BrokenOff) else {}),
+                **_timing_s(step, onset),
+                **_played(stimulus),
+            },
+        )
+
+
+def _onset_error_s(onset: Onset | None) -> float | None:
+    """Return by how much the measured onset missed the contact, s; None if it was not measured."""
+    if onset is None or onset.delivered is None or onset.delivered.onset_ns is None:
+        return None
+    return round((onset.delivered.onset_ns - onset.contact_ns) / 1e9, 6)
+
+
+def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, object]:
+    """Return what is known of a step's timing, by column, s."""
+    heard = onset.delivered if onset else None
+    known_ms = {
+        "contact_standard_error": step.contact_standard_error_ms if isinstance(step, FootStep) else None,
+        "prediction_error": onset.prediction_error_ms if onset else None,
+        "delivery_error": heard.onset_error_ms if heard else None,
+        "gate_to_scheduled": onset.gate_to_scheduled_ms if onset else None,
+        "dead_time": step.dead_time_ms,
+    }
+    return {column: round(ms / 1e3, 6) for column, ms in known_ms.items() if ms is not None}
+
+
+def _played(stimulus: Stimulus | None) -> dict[str, object]:
+    """Return what is known of how a stimulus was played, by column; nothing where a journal is from before that."""
+    made = stimulus.computed if stimulus is not None else None
+    if made is None or made.left_out is None or made.dissimilarity_m_s2 is None:
+        return {}
+    return {
+        "stimulus_method": made.method,
+        "stimulus_error": round(made.relative_error, 9),
+        "left_out": round(made.left_out, 9),
+        "dissimilarity": round(made.dissimilarity_m_s2, 9),
+    }
+
+
+def write_foot(
+    root: Path, path: Path, contents: Contents, parts_of_steps: Sequence[bytes], origin: bids.Origin
+) -> None:
+    """Write the foot's height (and place, if planar) on a grid of the rig's rate that begins anew with each step.
+
+    Between steps it is n/a. A device's clock that drifts leaves a place empty now and then, or has two frames in one.
+    """
+    if not parts_of_steps:
+        return
+    header = contents.header
+    rig = rigs.kept(rig_path(path), header.rig_sha256)
+    rate_hz = rig.tracker.rate_hz
+    places: list[NDArray[np.float64]] = []
+    read_mm: list[NDArray[np.float64]] = []
+    for placed, part in zip(placed_steps(path, contents), parts_of_steps, strict=True):
+        _, decoded = frames.Decoder(near_us=int(placed.at_us), readings=rig.tracker.readings).feed(part)
+        seconds = placed.seconds(decoded.device_us)
+        places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
+        heights_mm, along_mm = rig.tracker.height_mm(decoded.counts), rig.tracker.along_mm(decoded.along)
+        read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
+    onward = np.diff(np.concatenate(places))
+    # Time goes back where the session continued after the wall clock was set back: what was there already stays.
+    cuts = np.flatnonzero((onward > LONGEST_GAP_S * rate_hz) | (onward < -1)) + 1
+    parts = (np.split(np.concatenate(whole), cuts) for whole in (places, read_mm))
+    for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
+        place = (on_grid - on_grid.min()).astype(np.int64)
+        grid = np.full((int(place.max()) + 1, rig.tracker.readings), np.nan)
+        grid[place] = mm
+        recording = f"recording-foot{number if number > 1 else ''}_physio.tsv.gz"
+        bids.write_physio(
+            bids.beh_path(root, header.participant, header.task, recording),
+            {
+                name: bids.PhysioColumn(mm, text, "mm", 3)
+                for mm, (name, text) in zip(grid.T, FOOT_COLUMNS.items(), strict=False)
+            },
+            rate_hz=rate_hz,
+            start_s=round(float(on_grid.min()) / rate_hz, 6),
+            task=header.task,
+            description="Foot height from the tracker, from arming to just after contact; n/a between the steps.",
+            origin=origin,
+        )
+
+
+DATASET = DatasetKind(_cells, write=write_foot)
