@@ -386,7 +386,7 @@ def withdraw(
     from palpate.experiment.dataset import beliefs
     from palpate.experiment.dataset import build as datasets
     from palpate.experiment.protocol import files
-    from palpate.experiment.protocol.page import count
+    from palpate.experiment.protocol.blocks import count
     from palpate.experiment.study import enrolment, people
 
     if yes and not erase:

@@ -232,7 +232,7 @@ def check(
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.errors import ProtocolError
-    from palpate.experiment.protocol import advice, approval, files, page
+    from palpate.experiment.protocol import approval, blocks, files, page
 
     try:
         protocol = files.load(protocol_file)
@@ -248,18 +248,16 @@ def check(
     told, refusal = _judged(protocol, rig_file, recordings) if rig_file is not None else ("", None)
     screen = rigs.load(rig_file).screen if rig_file is not None else None
     words = screen.words.own if screen is not None and screen.words is not None else {}
-    of_screen: list[page.Block] = []
+    of_screen: list[blocks.Block] = []
     if words:
         said = "The participant's screen says in words of this rig, which no approval of the protocol holds:"
-        of_screen = [page.Said(said), page.facts(*((name, page.Free(text)) for name, text in words.items()))]
+        of_screen = [blocks.Said(said), blocks.facts(*((name, blocks.Free(text)) for name, text in words.items()))]
     if page_file is not None:
-        from palpate.experiment.protocol.html import html
-
         if page_file.suffix != ".html":
             raise PalpateError(f"got the file {quoted(str(page_file))}", allowed="a name that ends in .html")
-        judged = [page.Said(one) for one in (told, "" if refusal is None else str(refusal)) if one]
+        judged = [blocks.Said(one) for one in (told, "" if refusal is None else str(refusal)) if one]
         options.put_file(
-            page_file, html(protocol, str(protocol_file), state, seal, today, [*judged, *of_screen]).encode()
+            page_file, page.html(protocol, str(protocol_file), state, seal, today, [*judged, *of_screen]).encode()
         )
     if as_json:
         import json
@@ -267,7 +265,7 @@ def check(
         sha256, document = approval.sha256(protocol), json.loads(approval.canonical(protocol))
         approved = seal.model_dump(mode="json", exclude={"protocol"}) if seal else None
         known = {"file": str(protocol_file), "valid": True, "sha256": sha256, "seal": state, "approval": approved}
-        known["advice"] = [one.record() for one in advice.advice(protocol)]
+        known["advice"] = [one.record() for one in page.advice(protocol)]
         if rig_file is not None:
             refused = None if refusal is None else str(refusal)
             known["rig"] = {"file": str(rig_file), "told": told, "refused": refused, "words": words}
@@ -280,7 +278,7 @@ def check(
     if told and not as_json:
         typer.echo(f"\n{told}")
     if words and not as_json:
-        typer.echo("\n".join(("", *page.lines(of_screen))))
+        typer.echo("\n".join(("", *blocks.lines(of_screen))))
     if refusal is not None:
         if as_json:
             raise typer.Exit(refusal.exit_code)

@@ -29,7 +29,7 @@ from palpate.experiment.errors import (
     Verdict,
 )
 from palpate.experiment.protocol import approval
-from palpate.experiment.protocol.page import count
+from palpate.experiment.protocol.blocks import count
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Header, Outcome, Purpose
 from palpate.experiment.records.progress import progress

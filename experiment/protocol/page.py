@@ -1,37 +1,29 @@
-"""The page that states every fact of a protocol to an ethics board, and its form as plain text.
+"""The page that states every fact of a protocol to an ethics board, as plain text and as HTML, and odd values of it."""
 
-No quoted text can pass for words of palpate: free text stands behind a bar, on lines of its own where letters run from
-right to left, and names stand between double quotes and are never broken.
-"""
-
-import textwrap
-import unicodedata
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
-from math import log
+from datetime import date
+from itertools import pairwise
+from math import factorial, log
+from pathlib import Path
 
-from palpate.experiment.protocol import approval
-from palpate.experiment.protocol.advice import advice
+from palpate.experiment.errors import Finding, mismatch
+from palpate.experiment.protocol import approval, blocks
 from palpate.experiment.protocol.approval import Seal
+from palpate.experiment.protocol.blocks import Block, Free, Gap, Item, Quoted, Rows, Said, count, facts, named, number
 from palpate.experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Step, Task, Virtual
-from palpate.experiment.settings.characters import leftward, plain
-
-WIDTH = 92
-"""Columns of a line, at most."""
-
-LEFT_EMPTY = "(left for the laboratory)"
-"""How an empty field reads."""
+from palpate.experiment.settings.load import written
 
 IN_SEAL = "(in the seal, once the board has approved)"
 """How an empty field reads that the seal holds and the file leaves out."""
 
-BAR = "| "
-"""Stands before each line of free text."""
+NOTHING_RUNS = "default-src 'none'; style-src 'unsafe-inline'"
+"""What a browser is told of the file, should an escape ever fail: nothing is fetched, and no script runs."""
 
-UNBROKEN, SECOND_HALF, OPEN, CLOSE = "\ue000", "\ue001", "\ue002", "\ue003"
-"""Stand for a blank inside a name, for the second column of a wide character, while lines are broken, and for the
-double quotes about a name; no text holds them."""
+ROUNDED = 0.025
+"""A chance this near to that of a guess is one that was rounded, of itself: 0.17 for 1/6, 0.33 for 1/3."""
 
+LEAST_S = 5.0
+"""A trial takes a step, a stimulus and an answer that is keyed twice: less time than this is no plan; ours."""
 
 STOPS = (
     "Software alone keeps all of these limits, and software is no safety function. In hardware, a laboratory limits "
@@ -42,143 +34,54 @@ STOPS = (
 )
 """What the board reads below the limits of a protocol that renders something."""
 
-
-@dataclass(frozen=True)
-class Free:
-    """Text of the file, as the board is to read it, word for word."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Said:
-    """A paragraph in words of palpate."""
-
-    text: str
-    indent: str = ""
-
-
-@dataclass(frozen=True)
-class Item:
-    """An item of a list in words of palpate."""
-
-    text: str
-
-
-@dataclass(frozen=True)
-class Quoted:
-    """Free text behind bars, below what is said of it; or as an `item` of its own."""
-
-    text: str
-    item: bool = False
-
-
-@dataclass(frozen=True)
-class Facts:
-    """Names with what is said or quoted beside each; an empty text reads `LEFT_EMPTY`."""
-
-    known: tuple[tuple[str, str | Free], ...]
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Columns under a heading row, in words of palpate."""
-
-    rows: tuple[tuple[str, ...], ...]
-
-
-@dataclass(frozen=True)
-class Gap:
-    """An empty line."""
-
-
-Block = Said | Item | Quoted | Facts | Rows | Gap
-"""What a page is made of, whether it becomes text or HTML."""
-
-
-def facts(*known: tuple[str, str | Free]) -> Facts:
-    return Facts(tuple((name, value if isinstance(value, str) else Free(value.text.strip())) for name, value in known))
-
-
-def named(name: str) -> str:
-    """Return a name of the file between double quotes, to be kept on one line."""
-    return f"{OPEN}{plain(name, keep='')}{CLOSE}".replace(" ", UNBROKEN)
-
-
-def lines(blocks: Iterable[Block]) -> Iterator[str]:
-    """Yield blocks as lines of text."""
-    for block in blocks:
-        match block:
-            case Said(text, indent):
-                yield from _wrapped(text, indent, indent)
-            case Item(text):
-                yield from _wrapped(text, "    ", "  - ")
-            case Quoted(text, item):
-                yield from _barred(text, "    ", "  - " if item else "    ")
-            case Facts(known):
-                yield from _facts(known)
-            case Rows(rows):
-                yield from _rows(rows)
-            case Gap():
-                yield ""
-
-
-def _wrapped(text: str, indent: str, first: str) -> list[str]:
-    """Return a wrapped paragraph; `first` stands before its first line, and `indent` before the others."""
-    wide = "".join(one + SECOND_HALF * (unicodedata.east_asian_width(one) in "WF") for one in " ".join(text.split()))
-    found = textwrap.wrap(wide, WIDTH, initial_indent=first, subsequent_indent=indent, break_on_hyphens=False)
-    return [line.replace(SECOND_HALF, "").translate(_SHOWN) for line in found]
-
-
-_SHOWN = str.maketrans({UNBROKEN: " ", OPEN: '"', CLOSE: '"'})
-
-
-def _barred(text: str, indent: str, first: str) -> list[str]:
-    if leftward(text) and first.strip():
-        return [first.rstrip(), *_barred(text, indent, indent)]
-    return _wrapped(plain(text, keep="\n"), indent + BAR, first + BAR)
-
-
-def _facts(known: tuple[tuple[str, str | Free], ...]) -> Iterator[str]:
-    left = max(len(name) for name, _ in known) + 4
-    for name, value in known:
-        text = value.text if isinstance(value, Free) else value
-        laid = _barred if isinstance(value, Free) and text else _wrapped
-        yield from laid(text or LEFT_EMPTY, " " * left, f"  {name}".ljust(left))
-
-
-def _rows(rows: tuple[tuple[str, ...], ...]) -> Iterator[str]:
-    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
-    for place, row in enumerate(rows):
-        yield "  " + "   ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
-        if place == 0:
-            yield "  " + "   ".join("-" * width for width in widths)
-
-
 OF_A_RIG = "Of a rig; no part of the protocol or its seal"
 """Heads what a board's page says of a laboratory."""
 
 
-def number(value: float) -> str:
-    """Return a number without a needless `.0`."""
-    return str(int(value)) if value == int(value) else str(value)
-
-
-def count(things: int, noun: str) -> str:
-    return f"{things} {noun}{'s' if things != 1 else ''}"
-
-
 def page(protocol: Protocol, file: str) -> str:
     """Return the page of the protocol in `file`, in lines of at most 92 columns, ending in a newline."""
-    made = [heading(protocol), "=" * WIDTH, *lines(title(protocol, file))]
-    for place, (name, blocks) in enumerate(sections(protocol), start=1):
-        made += ["", f"{place}. {name}", "-" * WIDTH, *lines(blocks)]
+    made = [heading(protocol), "=" * blocks.WIDTH, *blocks.lines(title(protocol, file))]
+    for place, (name, section) in enumerate(sections(protocol), start=1):
+        made += ["", f"{place}. {name}", "-" * blocks.WIDTH, *blocks.lines(section)]
     return "\n".join(made) + "\n"
 
 
 def approved(seal: Seal) -> str:
     """Return what a seal says, in lines as those of the page."""
-    return "\n".join(lines([approval_of(seal)]))
+    return "\n".join(blocks.lines([approval_of(seal)]))
+
+
+def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: date, rig: Iterable[Block] = ()) -> str:
+    """Return the page as one file of HTML for a browser and for A4, in which nothing runs or is fetched.
+
+    `state` and `seal` are those of `approval.state`; `rig` stands last. The foot of every printed sheet names the
+    version and whether it is approved.
+    """
+    word = state.partition(":")[0]
+    until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
+    said = Said(f"{state} This was so on {today}.")
+    known: list[Block] = [said, approval_of(seal)] if seal else [said]
+    parts = [f"<h1>{blocks.html_text(heading(protocol))}</h1>", f'<div class="state">{blocks.html_blocks(known)}</div>']
+    parts.append(blocks.html_blocks(title(protocol, file)))
+    parts += [
+        f"<section><h2>{place}. {blocks.html_text(name)}</h2>{blocks.html_blocks(section)}</section>"
+        for place, (name, section) in enumerate(sections(protocol), start=1)
+    ]
+    if rig := tuple(rig):
+        parts.append(f"<section><h2>{blocks.html_text(OF_A_RIG)}</h2>{blocks.html_blocks(rig)}</section>")
+    foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
+    style = Path(__file__).with_name("page.css").read_text("utf-8")
+    return (
+        '<!DOCTYPE html>\n<html lang="en" dir="ltr"><head><meta charset="utf-8">'
+        '<meta name="generator" content="palpate">'
+        f'<meta http-equiv="Content-Security-Policy" content="{NOTHING_RUNS}">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{blocks.html_text(heading(protocol))}</title><style>\n{style}</style></head>\n"
+        '<body><table class="sheet" role="presentation">'
+        f'<tfoot><tr><td><p>{blocks.html_text(foot)} <span class="hash">{approval.sha256(protocol)}</span></p></td>'
+        "</tr></tfoot>\n"
+        f"<tbody><tr><td><main>{''.join(parts)}</main></td></tr></tbody></table></body></html>\n"
+    )
 
 
 def heading(protocol: Protocol) -> str:
@@ -205,7 +108,7 @@ def sections(protocol: Protocol) -> tuple[tuple[str, Iterator[Block]], ...]:
     )
 
 
-def approval_of(seal: Seal) -> Facts:
+def approval_of(seal: Seal) -> blocks.Facts:
     """Return what a seal says."""
     return facts(
         ("Board", Free(seal.board)),
@@ -404,8 +307,8 @@ def _order(task: Task, presented: str) -> str:
         case "full-random":
             return "full-random: every order of the trials is equally likely"
         case "blocked-random":
-            blocks = count(task.repetitions, "block")
-            return f"blocked-random: {blocks}, each with every {presented} once, in random order"
+            number_of_blocks = count(task.repetitions, "block")
+            return f"blocked-random: {number_of_blocks}, each with every {presented} once, in random order"
         case "max-run":
             return (
                 f"max-run: every order in which no material is presented more than {task.order.max_run} times in a row "
@@ -646,3 +549,74 @@ def _odd(protocol: Protocol) -> Iterator[Block]:
         yield Said("palpate finds no value that is allowed and unlikely to be meant.")
     for one in found:
         yield Item(f"{one.sentence()}.")
+
+
+def advice(protocol: Protocol) -> tuple[Finding, ...]:
+    """Return each value that is legal but odd, which nothing refuses: its field, and what it would be as a rule."""
+    checks = (_unasked_consent, _chances, _open_anovas, _band, _orders, _duration)
+    return tuple(problem for check in checks for problem in check(protocol))
+
+
+def _unasked_consent(protocol: Protocol) -> Iterator[Finding]:
+    if not protocol.consent.required:
+        allowed = "as a rule true: without it a session begins although nobody has agreed on record"
+        yield mismatch("consent.required", None, "false", allowed)
+
+
+def _chances(protocol: Protocol) -> Iterator[Finding]:
+    count = len(protocol.materials)
+    for place, test in enumerate(protocol.analysis):
+        if test.chance is not None and abs(test.chance * count - 1) > ROUNDED:
+            allowed = (
+                f"as a rule {1 / count:.4g}: who guesses among {count} materials is right in one of {count} trials"
+            )
+            yield mismatch(written(("analysis", place, "chance")), None, f"{test.chance:g}", allowed)
+
+
+def _open_anovas(protocol: Protocol) -> Iterator[Finding]:
+    """Give each planned one-way ANOVA that does not name its materials."""
+    for place, test in enumerate(protocol.analysis):
+        if test.test == "one-way ANOVA" and test.materials is None:
+            allowed = "as a rule the two materials that it compares: without them its table is exploratory"
+            yield mismatch(written(("analysis", place, "materials")), None, "none", allowed)
+
+
+def _band(protocol: Protocol) -> Iterator[Finding]:
+    if protocol.footstep is None:
+        return
+    high_hz, rate_hz = protocol.footstep.tactile.high_hz, protocol.footstep.synthesis.rate_hz
+    if high_hz > rate_hz / 2:
+        allowed = (
+            f"as a rule at most {rate_hz / 2:g}, half of footstep.synthesis.rate_hz: recordings hold no frequency above"
+        )
+        yield mismatch("footstep.tactile.high_hz", None, f"{high_hz:g}", allowed)
+
+
+def _orders(protocol: Protocol) -> Iterator[Finding]:
+    """Yield each group with the same tasks that cannot be divided equally among their orders."""
+    if protocol.task_order.kind != "counterbalanced":
+        return
+    ends = sorted({0, *(task.participants for task in protocol.tasks)})
+    for first, last in pairwise(ends):
+        own = [place for place, task in enumerate(protocol.tasks) if task.participants >= last]
+        people, orders = last - first, factorial(len(own))
+        if people % orders:
+            field = next(place for place in own if protocol.tasks[place].participants == last)
+            told = f"{last}, so that {people} do {len(own)} tasks"
+            allowed = (
+                f"as a rule a multiple of {orders} who do them: each of their {orders} orders as often as any other"
+            )
+            yield mismatch(written(("tasks", field, "participants")), None, told, allowed)
+
+
+def _duration(protocol: Protocol) -> Iterator[Finding]:
+    if protocol.duration is None:
+        return
+    trials = sum(map(protocol.trials, protocol.tasks))
+    besides_s = sum(task.familiarisation.min_s for task in protocol.tasks)
+    besides_s += protocol.task_order.break_min_s * (len(protocol.tasks) - 1)
+    least_min = (besides_s + LEAST_S * trials) / 60
+    if protocol.duration.longest_min < least_min:
+        taken = f"{trials} trials of {LEAST_S:g} s, familiarisation and breaks"
+        allowed = f"as a rule at least {least_min:.0f}, which {taken} take"
+        yield mismatch("duration.longest_min", None, f"{protocol.duration.longest_min:g}", allowed)

@@ -1,8 +1,9 @@
 """Models of the journal entries that every kind of trial shares: a `Header`, then entries, then a `Footer`."""
 
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from hashlib import sha256
-from typing import Annotated, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
@@ -33,7 +34,12 @@ class Entry(Record):
     @property
     def felt_s(self) -> tuple[float, ...]:
         """How long each stimulus lasts that this entry puts on record, s."""
-        return ()
+        stimulus = getattr(self, "stimulus", None)
+        return () if stimulus is None else (stimulus.lasts_s,)
+
+
+Lines = Mapping[type[Entry], Callable[[Any], str]]
+"""Entries of a kind of trial, each with what makes its line in a transcript."""
 
 
 class Trace(Record):
@@ -62,15 +68,13 @@ class Outcome(OfAttempt):
 
     presented: tuple[str, ...]
 
+    asks: ClassVar[bool] = True
+    """Whether an answer is asked for next."""
+
     @property
     def frames(self) -> Trace | None:
         """Where its raw tracker frames stand; None where none are kept."""
         return None
-
-    @property
-    def asks(self) -> bool:
-        """Whether an answer is asked for next."""
-        return True
 
     @property
     def put_off(self) -> bool:

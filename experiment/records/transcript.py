@@ -6,15 +6,12 @@ from palpate.experiment.clock import utc
 from palpate.experiment.errors import JournalError
 from palpate.experiment.records import entries
 from palpate.experiment.records.journal import Contents, Line, Unreadable
-from palpate.experiment.records.kinds import RecordsKind, footstep, tapping
+from palpate.experiment.records.kinds import footstep, tapping
 from palpate.experiment.records.progress import progress
 from palpate.experiment.settings.characters import keyed, plain
 
-KINDS: tuple[RecordsKind, ...] = (footstep.RECORDS, tapping.RECORDS)
-"""Every kind of trial."""
-
-LINES = {entry: line for kind in KINDS for entry, line in kind.lines.items()}
-"""What makes the line of each entry of a kind."""
+LINES: entries.Lines = {**footstep.LINES, **tapping.LINES}
+"""What makes the line of each entry of a kind of trial."""
 
 WIDTH = 100
 """No line of a transcript is wider, in characters."""

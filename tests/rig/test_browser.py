@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from palpate.analysis.analyse import analyse
-from palpate.experiment.protocol.html import html
 from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.page import html
 from tests.analysis.datasets import balanced, write_dataset
 from tests.experiment.protocol.small import changed, document
 from tests.experiment.protocol.test_html import HOSTILE

@@ -4,8 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from palpate.experiment.records.entries import Entry, Outcome, Record, Trace
-from palpate.experiment.records.kinds import RecordsKind
+from palpate.experiment.records.entries import Entry, Lines, Outcome, Record, Trace
 from palpate.experiment.records.stimulus import MOST_US, DeviceUs, Onset, Stimulus, onset_line, played_line
 
 MOST_PPM = 1e6
@@ -33,10 +32,6 @@ class Probed(Entry):
     material: str
     speed_mm_s: float
     stimulus: Stimulus
-
-    @property
-    def felt_s(self) -> tuple[float, ...]:
-        return (self.stimulus.lasts_s,)
 
 
 class Link(Record):
@@ -82,10 +77,6 @@ class FootStep(Outcome):
     def frames(self) -> Trace:
         return self.trace
 
-    @property
-    def felt_s(self) -> tuple[float, ...]:
-        return () if self.stimulus is None else (self.stimulus.lasts_s,)
-
 
 class BrokenOff(Outcome):
     """A step that ended before the foot had landed, or before its landing was saved; its stimulus was withdrawn if
@@ -95,6 +86,8 @@ class BrokenOff(Outcome):
     time of the newest sample) and `clock` before any sample. `felt`: something may have been felt, so the trial moves
     to the end of its block; otherwise it is armed again. `silent` and `dead_time_ms` are as in `Footer` and `FootStep`.
     """
+
+    asks = False
 
     kind: Literal["broken-off"] = "broken-off"
     reason: str
@@ -112,10 +105,6 @@ class BrokenOff(Outcome):
     @property
     def frames(self) -> Trace:
         return self.trace
-
-    @property
-    def asks(self) -> bool:
-        return False
 
     @property
     def put_off(self) -> bool:
@@ -151,4 +140,4 @@ def _dead(dead_time_ms: float | None) -> str:
     return "" if dead_time_ms is None else f"; armed {dead_time_ms:.1f} ms after the answer before it"
 
 
-RECORDS = RecordsKind("footstep", {Zeroed: _zeroed, Probed: _probed, FootStep: _stepped, BrokenOff: _broken_off})
+LINES: Lines = {Zeroed: _zeroed, Probed: _probed, FootStep: _stepped, BrokenOff: _broken_off}

@@ -2,8 +2,7 @@
 
 from typing import Literal
 
-from palpate.experiment.records.entries import OfAttempt, Outcome
-from palpate.experiment.records.kinds import RecordsKind
+from palpate.experiment.records.entries import Lines, OfAttempt, Outcome
 from palpate.experiment.records.stimulus import DeviceUs, Onset, Stimulus, onset_line, played_line
 
 FIRST, SECOND, TIE = "first", "second", "tie"
@@ -43,10 +42,6 @@ class Tapped(OfAttempt):
     stimulus: Stimulus
     onset: Onset
 
-    @property
-    def felt_s(self) -> tuple[float, ...]:
-        return (self.stimulus.lasts_s,)
-
 
 def _laid_out(entry: PairLaidOut) -> str:
     return f"{entry.label}: {' and '.join(entry.presented)} are laid out"
@@ -64,4 +59,4 @@ def _tapped(entry: Tapped) -> str:
     )
 
 
-RECORDS = RecordsKind("comparison", {PairLaidOut: _laid_out, Changed: _changed, Tapped: _tapped})
+LINES: Lines = {PairLaidOut: _laid_out, Changed: _changed, Tapped: _tapped}

@@ -11,9 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.protocol.advice import advice
 from palpate.experiment.protocol.models import PlannedTest, Protocol
-from palpate.experiment.protocol.page import page
+from palpate.experiment.protocol.page import advice, page
 from palpate.experiment.study.schedule import allocate
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol
 

@@ -13,9 +13,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.experiment.protocol.approval import Seal, sha256
-from palpate.experiment.protocol.html import html
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.protocol.page import page
+from palpate.experiment.protocol.page import html, page
 from palpate.experiment.settings.characters import JOINERS, hidden
 from tests.experiment.protocol.small import changed, document, okamoto2012, protocol, with_text
 
