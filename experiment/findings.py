@@ -10,6 +10,7 @@ import subprocess
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from textwrap import TextWrapper
 from typing import Literal
 
 Verdict = Literal["passes", "unknown", "warns", "refuses"]
@@ -73,6 +74,13 @@ class Finding:
     def sentence(self, root: Path | None = None) -> str:
         """Return all of it as one line: the place, with files below `root` by their paths in there, and the clause."""
         return ": ".join(part for part in (self.place(root), self.clause()) if part)
+
+    def lines(self, width: int, root: Path, indents: tuple[str, str]) -> list[str]:
+        """Return the sentence in lines, none of which ends inside of a command: pasted, the first part would run."""
+        command = shown(self.remedy.command) if isinstance(self.remedy, Remedy) else ""
+        text = self.sentence(root).replace(command, command.replace(" ", "\0"))
+        filler = TextWrapper(width, *indents, break_long_words=False, break_on_hyphens=False)
+        return [line.replace("\0", " ") for line in filler.wrap(text)]
 
     def record(self) -> dict[str, object]:
         """Return a finding of a settings file for programs."""

@@ -20,7 +20,7 @@ from palpate.analysis.documents import page
 from palpate.experiment import storage
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.dataset import build
-from palpate.experiment.dataset.beliefs import Plan
+from palpate.experiment.dataset.checks import Plan
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings.manifest import Manifest

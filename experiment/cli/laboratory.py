@@ -37,11 +37,11 @@ ConsentOn = Annotated[
 def _check_roster(protocol_file: Path, dataset: Path | None, *, pilot: bool = False) -> None:
     """Return when nothing in the dataset contradicts its roster, to which a line is about to be added."""
     from palpate.experiment.clock import day, wall_ns
-    from palpate.experiment.dataset import beliefs
+    from palpate.experiment.dataset import checks
     from palpate.experiment.protocol import files
     from palpate.experiment.study import enrolment
 
-    last_ns = beliefs.check_roster(dataset or enrolment.default_root(files.load(protocol_file), pilot=pilot))
+    last_ns = checks.check_roster(dataset or enrolment.default_root(files.load(protocol_file), pilot=pilot))
     if wall_ns() < last_ns:
         typer.echo(
             f"palpate: this machine's clock says {day(wall_ns())}, and the roster's last line is of {day(last_ns)}: "
@@ -213,7 +213,7 @@ def schedule(
     """
     from palpate.experiment import storage
     from palpate.experiment.clock import day, wall_ns
-    from palpate.experiment.dataset import beliefs
+    from palpate.experiment.dataset import checks
     from palpate.experiment.protocol import files
     from palpate.experiment.records import journal
     from palpate.experiment.study import enrolment, roster
@@ -235,7 +235,7 @@ def schedule(
         for task in allocation.tasks
     ]
     if reveal and not all(shown):
-        beliefs.check_roster(root)
+        checks.check_roster(root)
         known.reveal(participant, day(wall_ns()))
         shown = [True] * len(shown)
     orders = [
@@ -383,8 +383,8 @@ def withdraw(
     deleted, once their label was typed again; the roster keeps it, their consent, the withdrawal, and that their data
     were erased. To finish what was interrupted, run the same command again. An anchor is kept in the dataset.
     """
-    from palpate.experiment.dataset import beliefs
     from palpate.experiment.dataset import build as datasets
+    from palpate.experiment.dataset import checks
     from palpate.experiment.protocol import files
     from palpate.experiment.protocol.blocks import count
     from palpate.experiment.study import enrolment, people
@@ -422,7 +422,7 @@ def withdraw(
     else:
         typer.echo("Their data stay and are not analysed. To delete them for good, add --erase to the same command.")
     typer.echo(
-        f"For the lab book: {beliefs.keep_anchor(root)[0].line}\n"
+        f"For the lab book: {checks.keep_anchor(root)[0].line}\n"
         f"Enter it in the register too: palpate anchor {quote(str(root))} --to REGISTER."
     )
 
@@ -461,12 +461,12 @@ def anchor(
     kept in the dataset alone, and its number belongs in the lab book. `palpate run` does the same at each session's
     end, with the register that the rig file names.
     """
-    from palpate.experiment.dataset import beliefs, register
+    from palpate.experiment.dataset import checks, register
     from palpate.experiment.errors import DatasetError
 
     if key and not to:
         raise DatasetError("got --sign without --to", remedy="name the register too", allowed="both, or --to alone")
-    made, _ = beliefs.keep_anchor(dataset)
+    made, _ = checks.keep_anchor(dataset)
     entered = f"\n{register.enter(made, dataset, to, key)}" if to else ""
     typer.echo(f"For the lab book: {made.line}{entered}")
 
@@ -539,8 +539,8 @@ def review(
     """
     from dataclasses import asdict
 
-    from palpate.experiment.dataset.beliefs import origin_of
     from palpate.experiment.dataset.bids import LABELS
+    from palpate.experiment.dataset.checks import origin_of
     from palpate.experiment.desk.voice import review as reviews
     from palpate.experiment.protocol import files
     from palpate.experiment.storage import protocol_path

@@ -6,6 +6,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from importlib import import_module
@@ -15,16 +16,7 @@ from typing import TypeVar
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids
-from palpate.experiment.dataset.beliefs import (
-    OPEN,
-    Believed,
-    Each,
-    believed,
-    build_again,
-    collected,
-    has_journals,
-    origin_of,
-)
+from palpate.experiment.dataset.checks import OPEN, Dataset, Each, build_again, has_journals, load_sound, origin_of
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records import entries, journal, software
@@ -82,10 +74,10 @@ def kind_of(task: Task) -> DatasetKind:
 def build(root: Path, each: Each = map) -> None:
     """Write the BIDS files of every session under `root/sourcedata`, replacing earlier ones.
 
-    `each` is as for `believed`. Journals without a header are omitted. Raises as `believed`, and `DatasetError` without
-    journals (unless erased) or if a foot trace is not the one its journal names.
+    `each` is as for `checks.load`. Journals without a header are omitted. Raises as `load_sound`, and `DatasetError`
+    without journals (unless erased) or if a foot trace is not the one its journal names.
     """
-    dataset = believed(root, each)
+    dataset = load_sound(root, each)
     if not storage.journals(root) and not (dataset.roster and dataset.roster.erased):
         raise DatasetError(root, "got no journal", "run a session first", allowed="one or more")
     bids.write_files(_study_files(root, dataset))
@@ -96,7 +88,7 @@ def build(root: Path, each: Each = map) -> None:
 UNMADE = "a rehearsal makes its tables at its end, and not all are there yet; the same palpate rehearse goes on with it"
 
 
-def unmade(root: Path, dataset: Believed) -> bool:
+def unmade(root: Path, dataset: Dataset) -> bool:
     """Return whether a rehearsal without `derivatives` was interrupted, so that its tables may be missing or old."""
     if dataset.purpose != "REHEARSAL":
         return False
@@ -114,12 +106,12 @@ def _build_session(root: Path, protocol: Protocol, purpose: entries.Purpose, pat
     bids.write_files(_events(root, protocol, purpose, path, contents))
 
 
-def check_tables(root: Path) -> Believed:
-    """Return `believed` if journals, tables and raw frames agree, apart from open sessions.
+def check_tables(root: Path) -> Dataset:
+    """Return a dataset if journals, tables and raw frames agree, apart from open sessions.
 
-    Raises as `believed`, and `DatasetError` for the first difference, or if no session has ended and none has a table.
+    Raises as `load_sound`, and `DatasetError` for the first difference, or if no session ended and none has a table.
     """
-    dataset = believed(root)
+    dataset = load_sound(root)
     doubts = edited(root, dataset, dataset.under_way)
     none = dataset.under_way and not any(_has_table(root, header) for _, header in dataset.sessions)
     if (doubts or none) and unmade(root, dataset):
@@ -147,9 +139,7 @@ def check_analysed(root: Path) -> tuple[str, ...]:
     return ()
 
 
-def edited(
-    root: Path, dataset: Believed, under_way: Collection[Path] = (), *, whole: bool = True
-) -> list[PalpateError]:
+def edited(root: Path, dataset: Dataset, under_way: Collection[Path] = (), *, whole: bool = True) -> list[PalpateError]:
     """Return an error for each table that the journals do not give, and for frames that they do not name.
 
     Journals `under_way` may have tables since their last footer. Files of all participants are compared in a `whole`
@@ -160,7 +150,7 @@ def edited(
     def unlike(files: bids.Files) -> list[PalpateError]:
         found: list[PalpateError] = []
         for path, content in files.items():
-            with collected(found):
+            with _collected(found):
                 _check_table(root, path, content)
         return found
 
@@ -179,10 +169,19 @@ def edited(
             unmade = not until_footer(contents).lines and not _has_table(root, header)
             found = [] if unmade else min([found, *earlier], key=len)
         doubts += found
-        with collected(doubts):
+        with _collected(doubts):
             kind = kind_of(dataset.protocol.task(header.task))
             raw_frames(path, [outcome for outcome, _ in kind.cells(path, contents)])
     return doubts
+
+
+@contextmanager
+def _collected(doubts: list[PalpateError]) -> Iterator[None]:
+    """Add the error that ends the block to `doubts`, and go on after it."""
+    try:
+        yield
+    except PalpateError as doubt:
+        doubts.append(doubt)
 
 
 def _since_footer(contents: journal.Contents) -> Iterator[journal.Contents]:
@@ -211,7 +210,7 @@ def _events(
     return bids.events(root, header.participant, text, event_rows(kind_of(task), path, contents, origin))
 
 
-def _study_files(root: Path, dataset: Believed) -> bids.Files:
+def _study_files(root: Path, dataset: Dataset) -> bids.Files:
     """Return the files that stand once in a dataset."""
     protocol, origin = dataset.protocol, ORIGINS[dataset.purpose]
     withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}

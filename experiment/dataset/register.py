@@ -10,7 +10,7 @@ import os
 import re
 import subprocess
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
@@ -19,7 +19,7 @@ import rfc8785
 from pydantic import Field, ValidationError
 
 from palpate.experiment import storage
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, Finding
 from palpate.experiment.records import chain
 from palpate.experiment.records.entries import Purpose, Record, Utc
 from palpate.experiment.study.roster import Roster
@@ -80,6 +80,15 @@ class Kept(Record):
 
     anchor: Anchor
     signature: str | None = None
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """Anchors of the dataset in one place; `guard` is what a forger would have had to do besides, if anything."""
+
+    place: str
+    anchors: tuple[Anchor, ...]
+    guard: str = ""
 
 
 def enter(anchor: Anchor, root: Path, to: Path, key: Path | None) -> str:
@@ -149,6 +158,96 @@ def line_hashes(path: Path) -> tuple[str, ...]:
     except OSError as error:
         raise DatasetError(path, f"cannot be read ({error.strerror})", "restore it") from error
     return tuple(hashlib.sha256(line).hexdigest() for line in chain.split(data)[0])
+
+
+def log_findings(root: Path, roster: Roster, of: tuple[str, Purpose] | None = None) -> Iterator[Finding]:
+    """Yield what a dataset's log of anchors shows: each file that was not erased and is not as it was anchored.
+
+    `of` are the study and purpose of the dataset, if they are known: an anchor of others shows that the log is not its
+    own.
+    """
+    log = root / LOG
+    kept, broken = read(log) if log.exists() else ((), ())
+    if broken and not kept:
+        yield Finding("holds no anchor that can be read", log, remedy="restore it from a backup")
+    if of and (foreign := foreign_anchors(log, kept, of)):
+        yield foreign
+    anchors = tuple(one.anchor for one in kept if of in (None, (one.anchor.study, one.anchor.purpose)))
+    names = {prefix.file for one in anchors for prefix in one.prefixes}
+    files = {name: line_hashes(root / name) for name in names}
+    yield from contradictions(root, roster, files, [Evidence(str(log), anchors)])
+
+
+def foreign_anchors(log: Path, kept: Sequence[Kept], *known: tuple[str, Purpose]) -> Finding | None:
+    """Return the finding of a dataset's log that has anchors of studies and purposes which are not its `known` ones."""
+    if others := sorted({(one.anchor.study, one.anchor.purpose) for one in kept}.difference(known)):
+        named = " and ".join(f"the {purpose} {study}" for study, purpose in others)
+        return Finding(f"has anchors of another dataset: {named}", log, remedy="restore it from a backup")
+    return None
+
+
+@dataclass(frozen=True)
+class Anchored:
+    """That a file had so many lines on a day, by one anchor; `same` tells whether it still begins with them."""
+
+    lines: int
+    day: str
+    place: str
+    same: bool
+
+
+def anchors_of_file(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> list[Anchored]:
+    """Return what is anchored of a file, the fewest lines first."""
+    return sorted(
+        (
+            Anchored(prefix.lines, anchor.anchored_utc[:10], place.place, prefix.begins(hashes))
+            for place in evidence
+            for anchor in place.anchors
+            for prefix in anchor.prefixes
+            if prefix.file == name
+        ),
+        key=lambda anchored: (anchored.lines, anchored.day),
+    )
+
+
+def contradictions(
+    root: Path, roster: Roster | None, files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]
+) -> Iterator[Finding]:
+    """Yield each file of a dataset that is not as it was anchored, and was not erased.
+
+    `files` have the hashes of the lines of those that are there. `roster` is None where it cannot be read.
+    """
+    named = {prefix.file for place in evidence for anchor in place.anchors for prefix in anchor.prefixes}
+    for name in sorted({*files, *named}):
+        hashes = files.get(name, ())
+        anchored = () if roster and roster.has_erased(name) else anchors_of_file(name, hashes, evidence)
+        broken = [one for one in anchored if not one.same]
+        if not broken:
+            continue
+        first, last = broken[0], broken[-1]
+        it = "the roster first, which shows whether this was erased" if _may_be_erased(root, roster, name) else "it"
+        if first.lines > len(hashes):
+            gone = last.lines - len(hashes)
+            are, by = "is" if gone == 1 else "are", f"the anchor of {last.day} in {last.place}"
+            text = (
+                f"an older state, or one that went on from there: {gone} of its {last.lines} lines {are} missing since "
+                f"{by}; compare both, for each may have lines that the other lacks, and go on with the newer"
+                if hashes
+                else f"is missing: it had {last.lines} {'line' if last.lines == 1 else 'lines'} by {by}; restore {it}"
+            )
+        else:
+            kept = max((one.lines for one in anchored if one.same and one.lines < first.lines), default=0)
+            where = f"line {first.lines}" if first.lines == kept + 1 else f"a line from {kept + 1} to {first.lines}"
+            text = f"{where} is another than by the anchor of {first.day} in {first.place}: the file was made anew"
+        yield Finding(text, root / name)
+
+
+def _may_be_erased(root: Path, roster: Roster | None, name: str) -> bool:
+    """Return whether a file that is missing was erased for all that is known: the roster is lost, or has lost lines."""
+    participant = Path(name).parent.name.removeprefix("sub-")
+    if roster is None:
+        return root / name != storage.roster_path(root)
+    return participant not in roster.withdrawn and storage.withdrawal_path(root, participant).exists()
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,7 @@
 import shutil
 from calendar import monthrange
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, timedelta
 from pathlib import Path
@@ -12,10 +12,10 @@ from textwrap import fill, shorten, wrap
 from typing import Literal
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs
-from palpate.experiment.dataset.beliefs import Believed
+from palpate.experiment.dataset import checks
 from palpate.experiment.dataset.build import LABELS
-from palpate.experiment.errors import DatasetError, ProtocolError
+from palpate.experiment.dataset.checks import Dataset
+from palpate.experiment.errors import DatasetError, Finding, ProtocolError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose
@@ -98,7 +98,7 @@ class Status:
     erased: frozenset[str]
     revealed: Mapping[str, date]
     to_enrol: str | None
-    doubts: tuple[str, ...]
+    doubts: tuple[Finding, ...]
     reminders: tuple[str, ...]
     excluded: Mapping[str, str] | None = field(default_factory=dict)
     keep_until: Mapping[str, date] = field(default_factory=dict)
@@ -156,7 +156,7 @@ class Status:
                 {"tasks": order, **{column.replace(" ", "_"): counts[column] for column in TABLE}}
                 for order, counts in self.orders().items()
             ],
-            "doubts": self.doubts,
+            "doubts": [one.sentence(self.root) for one in self.doubts],
             "reminders": self.reminders,
         }
 
@@ -184,7 +184,7 @@ class Status:
                 *_listed("Revealed before a session:", [f"{who}, on {day}." for who, day in self.revealed.items()]),
                 *_listed("Under way:", [one.told for one in under_way]),
                 *_listed("Next:", come),
-                *_listed("AGAINST THE EVIDENCE (palpate verify tells more):", self.doubts),
+                *_listed("AGAINST THE EVIDENCE (palpate verify tells more):", self.doubts, self.root),
                 *_listed("To do:", self.reminders),
             ]
         )
@@ -241,28 +241,32 @@ MOST_ARMS = 4
 
 
 def status(given: Path, today: date) -> Status:
-    """Return the progress in this dataset folder, or in a protocol file's. Raises `DatasetError`, as `doubted`."""
+    """Return the progress in this dataset folder, or in a protocol file's.
+
+    Raises as `checks.load`, and `DatasetError` where the folder holds no study.
+    """
     protocol_file = given if given.is_file() else None
     root = enrolment.default_root(files.load(given)) if protocol_file else given
     storage.refuse_other_format(root)
-    if not beliefs.has_journals(root):
+    if not checks.has_journals(root):
         described = (root / "dataset_description.json").exists()
-        alone = beliefs.ALONE.get(beliefs.origin_of(root)) if described else None
+        alone = checks.ALONE.get(checks.origin_of(root)) if described else None
         held = f"it holds {alone}, of which palpate analyse {quote(str(root))} makes tables and a report"
         mend = held if alone else "enrol somebody first (palpate enrol)"
         raise DatasetError(root, "holds no study", mend, allowed="the dataset of one")
-    dataset, doubts = beliefs.doubted(root)
+    dataset = checks.load(root)
+    doubts = tuple(checks.findings(dataset))
     known, protocol = dataset.roster, dataset.protocol
-    believed = {path for path, _ in dataset.sessions}
+    sound = {path for path, _ in dataset.sessions}
     people: list[Person] = []
     for participant in dataset.tasks if known is None else known.consent_on:
         order = dataset.tasks.get(participant, ())
         own = [storage.journal_path(root, participant, task) for task in order]
-        begun = tuple(progress(journal.read(path).entries) for path in own if path in believed)
+        begun = tuple(progress(journal.read(path).entries) for path in own if path in sound)
         state: State = "to begin"
         if known is not None and participant in known.withdrawn:
             state = "withdrawn"
-        elif any(storage.size(one) for path in own if path not in believed for one in (path, chain.head_path(path))):
+        elif any(storage.size(one) for path in own if path not in sound for one in (path, chain.head_path(path))):
             state = "doubted"
         elif begun:
             state = "done" if len([one for one in begun if one.complete]) == len(order) else "under way"
@@ -286,13 +290,13 @@ def status(given: Path, today: date) -> Status:
         erased=frozenset(known.erased if known else ()),
         revealed=dict(known.revealed if known else {}),
         to_enrol=left[0] if left else None,
-        doubts=tuple(doubt.finding.sentence(root) for doubt in doubts),
+        doubts=doubts,
         reminders=(*wanted, *_reminders(root, dataset, people), *_due(keep_until, today)),
         keep_until=keep_until,
     )
 
 
-def _seal(root: Path, protocol_file: Path | None, dataset: Believed, today: date) -> tuple[str, list[str]]:
+def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date) -> tuple[str, list[str]]:
     """Return the approval in a sentence, and what to do about it, by the seal that `palpate run` would check."""
     file = protocol_file or storage.protocol_path(root)
     if protocol_file is None and not approval.seal_path(file).exists():
@@ -313,7 +317,7 @@ def _seal(root: Path, protocol_file: Path | None, dataset: Believed, today: date
     return f"Sealed until {seal.expires_on}, approval number {seal.approval_number}.", wanted
 
 
-def _reminders(root: Path, dataset: Believed, people: list[Person]) -> Iterator[str]:
+def _reminders(root: Path, dataset: Dataset, people: list[Person]) -> Iterator[str]:
     asked = dataset.roster.consent_on if dataset.roster and dataset.protocol.consent.required else {}
     for one in people:
         if one.state == "to begin" and asked.get(one.participant, date.min) is None:
@@ -330,7 +334,7 @@ def _reminders(root: Path, dataset: Believed, people: list[Person]) -> Iterator[
         yield f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."
 
 
-def _keep_until(dataset: Believed, people: list[Person]) -> dict[str, date]:
+def _keep_until(dataset: Dataset, people: list[Person]) -> dict[str, date]:
     """Return the last day on which the data of each participant may be kept; of a simulation none has to go."""
     months = dataset.protocol.consent.kept_months
     if dataset.roster is None or months is None:
@@ -375,12 +379,12 @@ def _people(labels: Mapping[str, date]) -> str:
     return f"{'participant' if len(labels) == 1 else 'participants'} {', '.join(labels)}"
 
 
-def _listed(heading: str, sentences: list[str] | tuple[str, ...]) -> Iterator[str]:
+def _listed(heading: str, sentences: Sequence[str | Finding], root: Path = Path()) -> Iterator[str]:
     """Give a list of sentences under a heading; nothing without any."""
     if not sentences:
         return
     yield from ("", heading)
-    for sentence in sentences[:SHOWN]:
-        yield from wrap(sentence, COLUMNS, initial_indent="  ", subsequent_indent="    ")
+    for one in sentences[:SHOWN]:
+        yield from (one if isinstance(one, Finding) else Finding(one)).lines(COLUMNS, root, ("  ", "    "))
     if len(sentences) > SHOWN:
         yield f"  ... and {len(sentences) - SHOWN} more (--json has all)."

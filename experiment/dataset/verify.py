@@ -15,19 +15,10 @@ from typing import Literal
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.dataset import beliefs, bids, build, register
-from palpate.experiment.dataset.beliefs import Believed
-from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Signer
-from palpate.experiment.errors import (
-    DatasetError,
-    Finding,
-    OtherFormat,
-    PalpateError,
-    RecordingError,
-    Remedy,
-    RosterError,
-    Verdict,
-)
+from palpate.experiment.dataset import bids, build, checks, register
+from palpate.experiment.dataset.checks import Dataset
+from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Evidence, Signer, anchors_of_file, contradictions
+from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, RecordingError, Remedy, Verdict
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.blocks import count
 from palpate.experiment.records import journal
@@ -53,7 +44,7 @@ WORDS: Mapping[Verdict, Literal["holds", "refused", "note"]] = {
 }
 """What a verdict is called in the report."""
 
-CUT_SHORT = "withdrawals"
+CUT_SHORT = "unfinished withdrawals"
 """The check that finds a withdrawal which was cut short."""
 
 
@@ -73,15 +64,6 @@ class Report:
     def records(self) -> list[dict[str, str]]:
         """Return of each finding whether it holds, the item, and the text: a path inside the dataset, or a thing."""
         return [{"word": WORDS[one.verdict], "item": str(one.where), "text": one.clause()} for one in self.findings]
-
-
-@dataclass(frozen=True)
-class Evidence:
-    """Anchors of the dataset in one place; `guard` is what a forger would have had to do besides, if anything."""
-
-    place: str
-    anchors: tuple[Anchor, ...]
-    guard: str = ""
 
 
 def verify(
@@ -108,8 +90,8 @@ def verify(
         storage.refuse_other_format(root)
     except OtherFormat as other:
         verdict = "NOT CHECKED: this palpate does not read datasets of that format, and found no damage."
-        return Report(f"a dataset of another format: {root}", (_refused(root, other),), (verdict,))
-    journals = beliefs.journals(root)
+        return Report(f"a dataset of another format: {root}", (_inside(root, other.finding),), (verdict,))
+    journals = checks.journals(root)
     roster = storage.roster_path(root)
     headers: list[Header] = []
     rosters: list[Roster] = []
@@ -123,15 +105,16 @@ def verify(
     files = {path.relative_to(root).as_posix(): register.line_hashes(path) for path in (roster, *journals)}
     foreign = [place for place in evidence if _is_foreign(place, files)]
     ours = [place for place in evidence if place not in foreign]
-    unlike = [one for one in _contradictions(files, ours) if not people.has_erased(str(one.where))]
+    readable = people if rosters or storage.plan_path(root).exists() else None
+    unlike = [_inside(root, one) for one in contradictions(root, readable, files, ours)]
     unlike += _other_seal(root, ours)
     refused = {str(finding.where) for finding in (*findings, *unlike) if finding.verdict == "refuses"}
     unlike += [Finding(FOREIGN, place.place) for place in foreign]
     if named := {header.recordings_sha256 for header in headers} - {None}:
         findings.append(_file_finding(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
     already = {(one.where, one.clause()) for one in findings}
-    findings += _together(root, already, evidence, refused) if beliefs.has_journals(root) else _tables_alone(root)
-    findings = list(_cut_short(findings, beliefs.unfinished(root, people)))
+    findings += _together(root, already, evidence, refused) if checks.has_journals(root) else _tables_alone(root)
+    findings = list(_cut_short(findings, checks.unfinished(root, people)))
     findings += _leftovers(root)
     if (root / "derivatives").exists():
         anew = shlex.join(["palpate", "analyse", str(root)])
@@ -148,25 +131,23 @@ def _together(
     root: Path, told: set[tuple[Path | str, str]], evidence: Sequence[Evidence], refused: set[str]
 ) -> Iterator[Finding]:
     """Tell what several files show together, but for what is `told` already; those that are `refused` show nothing."""
-    held: Believed | None = None
+    held: Dataset | None = None
     unmade = stopped = False
-    roster = storage.roster_path(root)
-    doubts: list[PalpateError] = []
-    tables: list[PalpateError] = []
+    doubts: list[Finding] = []
+    tables: list[Finding] = []
     try:
-        dataset, doubts = beliefs.examined(root)
-        refused = refused | {doubt.finding.place(root) for doubt in doubts}
+        dataset = checks.load(root)
+        doubts = [_inside(root, one) for one in checks.findings(dataset) if one.check != "anchors"]
+        refused = refused | {str(one.where) for one in doubts}
         sound = tuple(one for one in dataset.sessions if one[0].relative_to(root).as_posix() not in refused)
         held = replace(dataset, sessions=sound, under_way=dataset.under_way.intersection(path for path, _ in sound))
         if sound:
-            tables = [*build.edited(root, held, held.under_way, whole=not refused), *_lost_traces(root, held)]
+            edited = build.edited(root, held, held.under_way, whole=not refused)
+            tables = [_inside(root, error.finding) for error in (*edited, *_lost_traces(root, held))]
             unmade = bool(tables) and build.unmade(root, dataset)
     except PalpateError as error:
-        doubts, stopped = [*doubts, error], True
-    for doubt in (*doubts, *(() if unmade else tables)):
-        # A roster that was cut is told once, and not for each session that began under it.
-        cause = doubt.__cause__
-        finding = _refused(root, cause if isinstance(cause, RosterError) and cause.finding.where == roster else doubt)
+        doubts, stopped = [*doubts, _inside(root, error.finding)], True
+    for finding in (*doubts, *(() if unmade else tables)):
         if (finding.where, finding.clause()) not in told:
             told.add((finding.where, finding.clause()))
             yield finding
@@ -190,7 +171,7 @@ def _together(
         text = f"is missing: {why if ended else 'no session has ended yet'}; each that ends adds an anchor to it"
         yield Finding(text, LOG.as_posix(), verdict="unknown")
     for path in sorted(held.under_way):
-        yield Finding(beliefs.OPEN, path.relative_to(root).as_posix(), verdict="unknown")
+        yield Finding(checks.OPEN, path.relative_to(root).as_posix(), verdict="unknown")
     if unmade:
         yield Finding(f"were not compared: {build.UNMADE}", "tables", verdict="unknown")
         return
@@ -205,7 +186,7 @@ def _together(
 
 def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     """Yield the seal under which the study was begun; only an anchor shows that its approval was not edited."""
-    seal, now = approval.read(storage.protocol_path(root)), beliefs.seal_sha256(root)
+    seal, now = approval.read(storage.protocol_path(root)), checks.seal_sha256(root)
     anchored = any(one.seal_sha256 == now for place in evidence for one in place.anchors)
     verdict: Verdict = "passes" if anchored else "unknown"
     yield Finding("is of the protocol", "seal", verdict="passes")
@@ -214,7 +195,7 @@ def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     yield Finding(" ".join(seal.board.split()), "board", verdict=verdict)
 
 
-def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
+def _lost_traces(root: Path, dataset: Dataset) -> Iterator[PalpateError]:
     for journal_file, header in dataset.sessions:
         participant, task = header.participant, header.task
         contents = journal.read(journal_file)
@@ -223,16 +204,16 @@ def _lost_traces(root: Path, dataset: Believed) -> Iterator[PalpateError]:
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():
-                yield DatasetError(path, "is missing", beliefs.build_again(root, "make it again"))
+                yield DatasetError(path, "is missing", checks.build_again(root, "make it again"))
 
 
 def _tables_alone(root: Path) -> Iterator[Finding]:
     """Tell what stands behind tables without journals."""
-    if (origin := beliefs.origin_of(root)) not in beliefs.ALONE:
+    if (origin := checks.origin_of(root)) not in checks.ALONE:
         text = f"holds no journal, and the tables say {origin}; restore it from a backup"
         yield Finding(text, "sourcedata")
         return
-    text = f"no journal is behind these tables, {beliefs.ALONE[origin]}: no change shows"
+    text = f"no journal is behind these tables, {checks.ALONE[origin]}: no change shows"
     yield Finding(text, origin, verdict="unknown")
 
 
@@ -241,12 +222,12 @@ def _file_finding(root: Path, path: Path, check: Callable[[], str]) -> Finding:
     try:
         return Finding(check(), path.relative_to(root).as_posix(), verdict="passes")
     except PalpateError as error:
-        return _refused(root, error)
+        return _inside(root, error.finding)
 
 
-def _refused(root: Path, error: PalpateError) -> Finding:
-    """Return an error as a finding of the file inside the dataset that it names."""
-    return replace(error.finding, where=error.finding.place(root))
+def _inside(root: Path, finding: Finding) -> Finding:
+    """Return a finding with its file by the path inside the dataset."""
+    return replace(finding, where=finding.place(root))
 
 
 def _session(path: Path, headers: list[Header]) -> str:
@@ -380,6 +361,8 @@ def _evidence(
     for path in (*([root / LOG] if (root / LOG).exists() else []), *registers):
         inside = path == root / LOG
         kept, broken = register.read(path)
+        if inside and known and (others := register.foreign_anchors(path, kept, *known)):
+            findings.append(_inside(root, others))
         if broken:
             lines = ", ".join(map(str, broken))
             verdict: Verdict = "refuses" if inside and not kept else "unknown"
@@ -426,56 +409,6 @@ def _evidence(
     return evidence, findings
 
 
-@dataclass(frozen=True)
-class _Anchored:
-    """That a file had so many lines on a day, by one anchor; `same` tells whether it still begins with them."""
-
-    lines: int
-    day: str
-    place: str
-    same: bool
-
-
-def _anchors_of_file(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> list[_Anchored]:
-    """Return what is anchored of a file, the fewest lines first."""
-    return sorted(
-        (
-            _Anchored(prefix.lines, anchor.anchored_utc[:10], place.place, prefix.begins(hashes))
-            for place in evidence
-            for anchor in place.anchors
-            for prefix in anchor.prefixes
-            if prefix.file == name
-        ),
-        key=lambda anchored: (anchored.lines, anchored.day),
-    )
-
-
-def _contradictions(files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]) -> Iterator[Finding]:
-    """Tell each file that is not as it was anchored."""
-    named = {prefix.file for place in evidence for anchor in place.anchors for prefix in anchor.prefixes}
-    for name in sorted({*files, *named}):
-        hashes = files.get(name, ())
-        anchored = _anchors_of_file(name, hashes, evidence)
-        broken = [one for one in anchored if not one.same]
-        if not broken:
-            continue
-        first, last = broken[0], broken[-1]
-        if first.lines > len(hashes):
-            gone = last.lines - len(hashes)
-            are, by = "is" if gone == 1 else "are", f"the anchor of {last.day} in {last.place}"
-            text = (
-                f"an older state, or one that went on from there: {gone} of its {last.lines} lines {are} missing since "
-                f"{by}; compare both, for each may have lines that the other lacks, and go on with the newer"
-                if hashes
-                else f"is missing: it had {count(last.lines, 'line')} by {by}; restore it"
-            )
-        else:
-            kept = max((one.lines for one in anchored if one.same and one.lines < first.lines), default=0)
-            where = f"line {first.lines}" if first.lines == kept + 1 else f"a line from {kept + 1} to {first.lines}"
-            text = f"{where} is another than by the anchor of {first.day} in {first.place}: the file was made anew"
-        yield Finding(text, name)
-
-
 def _is_foreign(place: Evidence, files: Mapping[str, Sequence[str]]) -> bool:
     """Return whether a place outside agrees with no line of a dataset: it is of another, or all was made anew."""
     told = [(files.get(prefix.file, ()), prefix) for anchor in place.anchors for prefix in anchor.prefixes]
@@ -487,7 +420,7 @@ def _is_foreign(place: Evidence, files: Mapping[str, Sequence[str]]) -> bool:
 
 def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     """Tell a seal that is not the one that was anchored, by the first anchor that has another."""
-    path, now = approval.seal_path(storage.protocol_path(root)), beliefs.seal_sha256(root)
+    path, now = approval.seal_path(storage.protocol_path(root)), checks.seal_sha256(root)
     for place in evidence:
         for anchor in place.anchors:
             if anchor.seal_sha256 not in (None, now):
@@ -516,7 +449,7 @@ def _verdict(
         best = [
             same[-1]
             for name in files
-            if (same := [one for one in _anchors_of_file(name, files[name], [place]) if one.same])
+            if (same := [one for one in anchors_of_file(name, files[name], [place]) if one.same])
         ]
         if not best:
             continue
@@ -543,4 +476,4 @@ def _command_suffices(finding: Finding) -> bool:
 
 
 def _most_lines(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> int:
-    return max((one.lines for one in _anchors_of_file(name, hashes, evidence) if one.same), default=0)
+    return max((one.lines for one in anchors_of_file(name, hashes, evidence) if one.same), default=0)

@@ -16,7 +16,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel.conditioning import open_drive
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.dataset import build
-from palpate.experiment.dataset.beliefs import Plan
+from palpate.experiment.dataset.checks import Plan
 from palpate.experiment.desk.port import Attended, Console
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import approval, files

@@ -14,7 +14,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings as servo
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
-from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.desk.port import LAB_BOOK, NOT_ANCHORED, Attended, Console
 from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError, RosterError, SessionLocked
 from palpate.experiment.protocol import approval, files
@@ -74,7 +74,7 @@ def run(
     )
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or enrolment.default_root(protocol)
-    beliefs.check_roster(root)
+    checks.check_roster(root)
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
     if rig.rig.simulated:
@@ -90,7 +90,7 @@ def run(
         console.show(build.LABELS["PILOT"])
     takes = roster.Roster.load(storage.roster_path(root)).takes
     allocation = find_allocation(allocated(protocol, seed, takes), participant)
-    beliefs.believed(root)
+    checks.load_sound(root)
     if anchored_in:
         register.check_state(root, anchored_in[0], (protocol.study.id, purpose))
     left = tuple(task for task in allocation.tasks if not _is_complete(root, participant, task))
@@ -326,7 +326,7 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
     """Show a new anchor for the lab book, and enter it where the rig says, if possible; return False for an old one."""
     again = ["palpate", "anchor", str(root)]
     try:
-        anchor, is_new = beliefs.keep_anchor(root)
+        anchor, is_new = checks.keep_anchor(root)
         if not is_new:
             return False
         console.show(f"{LAB_BOOK}{anchor.line}")

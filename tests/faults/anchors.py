@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs, build, register, verify
+from palpate.experiment.dataset import build, checks, register, verify
 from palpate.experiment.dataset.verify import Report
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.records import chain, journal
@@ -115,7 +115,7 @@ class _Bench:
 
     def anchor(self, root: Path) -> str:
         """Anchor a dataset in the register, not in its own log, and return the number."""
-        anchor = beliefs.anchor(root)
+        anchor = checks.anchor(root)
         register.enter(anchor, root, self.register, None)
         return anchor.number
 
@@ -234,7 +234,7 @@ def _cut(bench: _Bench, size: Size) -> Count:
 
 def _lost(bench: _Bench) -> Count:
     """Every file deleted, one at a time, the dataset's own log of anchors too."""
-    beliefs.keep_anchor(bench.sound)
+    checks.keep_anchor(bench.sound)
     tally = _Tally("a file of a dataset deleted: refused, and named")
     for path in sorted(bench.sound.rglob("*")):
         file = path.relative_to(bench.sound).as_posix()

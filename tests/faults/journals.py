@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs, build, verify
+from palpate.experiment.dataset import build, checks, verify
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.records import chain, journal
 from palpate.experiment.study import enrolment, roster
@@ -112,7 +112,7 @@ def _count(fault: str, mutants: Iterable[tuple[str, bytes, bytes | None]], path:
     for name, data, head in mutants:
         tried += 1
         _put(path, data, head)
-        if not _refused(read, path) and not _refused(beliefs.believed, root):
+        if not _refused(read, path) and not _refused(checks.load_sound, root):
             let_in.append(f"{fault}: {name}")
     return Count(fault, tried, tried - len(let_in), len(let_in), tuple(let_in))
 

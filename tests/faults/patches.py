@@ -284,7 +284,7 @@ PATCHES = (
     ),
     Patch(
         "foreign journal believed",
-        "experiment/dataset/beliefs.py",
+        "experiment/dataset/checks.py",
         "def _foreign(path: Path, got: str, allowed: str) -> DatasetError:\n",
         "def _check_header(path: Path, header: Header, study: _Study) -> None:\n    return\n\n\n"
         "def _foreign(path: Path, got: str, allowed: str) -> DatasetError:\n",

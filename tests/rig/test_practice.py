@@ -14,7 +14,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs
+from palpate.experiment.dataset import checks
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
@@ -112,7 +112,7 @@ def test_a_session_is_practised_paused_and_continued_at_a_terminal(
     # What was typed before the participant had spoken answered nothing.
     assert sum(isinstance(entry, Ignored) for entry in entries) >= TRIALS
     assert_all_say(root, "PRACTICE")
-    assert beliefs.believed(root).purpose == "PRACTICE"
+    assert checks.load_sound(root).purpose == "PRACTICE"
     assert verify(root).refused == 0
     code, _, err = palpate("withdraw", study, "-p", "01", "--reason", "moved away", "--dataset", root)
     assert code == 2

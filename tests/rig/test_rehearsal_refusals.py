@@ -16,7 +16,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import opening
-from palpate.experiment.dataset import beliefs, build
+from palpate.experiment.dataset import build, checks
 from palpate.experiment.dataset.status import status
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
@@ -127,7 +127,7 @@ def test_of_two_rehearsals_that_begin_at_once_in_one_folder_one_is_refused_and_t
         refused += 1
 
     def beginning(*of: Any) -> None:
-        plan = beliefs.Plan(**json.loads(storage.plan_path(out).read_text("utf-8")))
+        plan = checks.Plan(**json.loads(storage.plan_path(out).read_text("utf-8")))
         second()
         assert is_begun(out, plan)
         monkeypatch.setattr(study, "rehearse_participant", participant)

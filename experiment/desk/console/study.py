@@ -230,7 +230,7 @@ def sentences(status: Status) -> Text:
 def _report_lines(status: Status) -> Iterator[tuple[str, str, list[str]]]:
     due, under_way = status.those("to begin"), status.those("under way")
     if status.doubts:
-        yield "AGAINST THE EVIDENCE", f"bold {BAD}", list(status.doubts)
+        yield "AGAINST THE EVIDENCE", f"bold {BAD}", [one.sentence(status.root) for one in status.doubts]
     if under_way:
         yield "Under way", f"bold {YELLOW}", [one.told for one in under_way]
     come = [f"{due[0].participant}, {due[0].place}; the order of their tasks is concealed."] if due else []

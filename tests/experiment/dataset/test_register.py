@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.dataset.register import LOG, Anchor
-from palpate.experiment.errors import DatasetError, JournalError
+from palpate.experiment.errors import DatasetError
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import make_study
@@ -31,7 +31,7 @@ def dataset(made: Path, tmp_path: Path) -> Path:
 
 
 def test_an_anchor_has_the_length_and_the_last_hash_of_every_journal(dataset: Path) -> None:
-    anchor = beliefs.anchor(dataset)
+    anchor = checks.anchor(dataset)
     assert [prefix.file for prefix in anchor.prefixes] == [
         path.relative_to(dataset).as_posix() for path in (storage.roster_path(dataset), *storage.journals(dataset))
     ]
@@ -42,7 +42,7 @@ def test_an_anchor_has_the_length_and_the_last_hash_of_every_journal(dataset: Pa
 
 
 def test_its_number_is_the_hash_of_its_canonical_json(dataset: Path) -> None:
-    anchor, _ = beliefs.keep_anchor(dataset)
+    anchor, _ = checks.keep_anchor(dataset)
     stated = json.loads((dataset / LOG).read_bytes())["anchor"]
     # Plain ASCII and whole numbers: sorted keys without blanks are RFC 8785.
     canonical = json.dumps(stated, sort_keys=True, separators=(",", ":")).encode()
@@ -52,25 +52,25 @@ def test_its_number_is_the_hash_of_its_canonical_json(dataset: Path) -> None:
 
 
 def test_a_torn_line_is_not_anchored_and_a_session_that_never_began_is_left_out(dataset: Path) -> None:
-    before = beliefs.anchor(dataset).prefixes
+    before = checks.anchor(dataset).prefixes
     begun = storage.journals(dataset)[0]
     begun.with_name(f"sub-01_task-{'real' if 'virtual' in begun.name else 'virtual'}_journal.jsonl").touch()
     with begun.open("ab") as file:
         file.write(b'{"n": 17, "t_')
-    assert beliefs.anchor(dataset).prefixes == before
+    assert checks.anchor(dataset).prefixes == before
 
 
 def test_what_is_broken_is_not_anchored(dataset: Path) -> None:
     path = storage.journals(dataset)[0]
     path.write_bytes(path.read_bytes().replace(b"familiarising", b"familiarisinG"))
-    with pytest.raises(JournalError, match="does not follow"):
-        beliefs.keep_anchor(dataset)
+    with pytest.raises(DatasetError, match="does not follow"):
+        checks.keep_anchor(dataset)
     assert not (dataset / LOG).exists()
 
 
 def test_a_roster_is_anchored_before_the_first_session(tmp_path: Path) -> None:
     study = make_study(tmp_path / "study", sessions=0)
-    anchor = beliefs.anchor(study.root)
+    anchor = checks.anchor(study.root)
     assert [prefix.file for prefix in anchor.prefixes] == ["sourcedata/roster.jsonl"]
     assert (anchor.study, anchor.purpose) == ("okamoto2012", "STUDY")
 
@@ -78,16 +78,16 @@ def test_a_roster_is_anchored_before_the_first_session(tmp_path: Path) -> None:
 def test_a_register_is_no_other_file(dataset: Path, tmp_path: Path) -> None:
     (tmp_path / "notes").write_text("mine", "utf-8")
     with pytest.raises(DatasetError, match="holds no anchor, so it is no register"):
-        register.enter(beliefs.anchor(dataset), dataset, tmp_path / "notes", None)
+        register.enter(checks.anchor(dataset), dataset, tmp_path / "notes", None)
     assert (tmp_path / "notes").read_text("utf-8") == "mine"
 
 
 def test_a_register_keeps_every_anchor_and_tells_when_it_is_new(dataset: Path, tmp_path: Path) -> None:
     to = tmp_path / "register"
-    first, _ = beliefs.keep_anchor(dataset)
+    first, _ = checks.keep_anchor(dataset)
     assert register.enter(first, dataset, to, None) == f"Anchored in {to}. This register is a new file."
     Roster.load(storage.roster_path(dataset)).withdraw("02", "asked to stop")
-    second, _ = beliefs.keep_anchor(dataset)
+    second, _ = checks.keep_anchor(dataset)
     assert register.enter(second, dataset, to, None) == f"Anchored in {to}."
     for path in (to, dataset / LOG):
         kept, broken = register.read(path)
@@ -96,7 +96,7 @@ def test_a_register_keeps_every_anchor_and_tells_when_it_is_new(dataset: Path, t
 
 def test_a_line_that_was_never_finished_hides_no_other(dataset: Path, tmp_path: Path) -> None:
     to = tmp_path / "register"
-    anchor = beliefs.anchor(dataset)
+    anchor = checks.anchor(dataset)
     register.enter(anchor, dataset, to, None)
     whole = to.read_bytes()
     for length in range(1, len(whole) - 1, 97):
@@ -107,7 +107,7 @@ def test_a_line_that_was_never_finished_hides_no_other(dataset: Path, tmp_path: 
 
 
 def test_a_register_is_outside_of_the_dataset_and_in_a_folder_that_is_there(dataset: Path, tmp_path: Path) -> None:
-    anchor = beliefs.anchor(dataset)
+    anchor = checks.anchor(dataset)
     (tmp_path / "link").symlink_to(dataset)
     for inside in (dataset / "register", tmp_path / "link" / "register"):
         with pytest.raises(DatasetError, match="inside the dataset"):
@@ -122,7 +122,7 @@ def test_a_register_is_outside_of_the_dataset_and_in_a_folder_that_is_there(data
     "file", ["../../secret", "/etc/passwd", "sourcedata/../x.jsonl", "sourcedata/sub-01/a/b.jsonl"]
 )
 def test_an_anchor_names_only_files_of_a_dataset(dataset: Path, tmp_path: Path, file: str) -> None:
-    document = beliefs.anchor(dataset).model_dump(mode="json")
+    document = checks.anchor(dataset).model_dump(mode="json")
     document["prefixes"][0]["file"] = file
     (tmp_path / "register").write_text(json.dumps({"anchor": document}) + "\n")
     assert register.read(tmp_path / "register") == ((), (1,))
@@ -142,30 +142,30 @@ def test_the_command_prints_the_line_for_the_lab_book(dataset: Path, tmp_path: P
 
 def test_no_older_state_is_anchored_beside_a_newer_one(tmp_path: Path) -> None:
     study, to = make_study(tmp_path / "study"), tmp_path / "register"
-    register.enter(beliefs.anchor(study.root), study.root, to, None)
+    register.enter(checks.anchor(study.root), study.root, to, None)
     backup = Path(shutil.copytree(study.root, tmp_path / "backup"))
     one = study.tasks[0]
     study.run(study.header(one.participant, one.tasks[1]))
     build.build(study.root)
-    register.enter(beliefs.anchor(study.root), study.root, to, None)
+    register.enter(checks.anchor(study.root), study.root, to, None)
     known = to.read_bytes()
     with pytest.raises(
         DatasetError, match=r"register: holds another state of this dataset: up to line \d+, .*_journal.jsonl is not"
     ):
-        register.enter(beliefs.anchor(backup), backup, to, None)
+        register.enter(checks.anchor(backup), backup, to, None)
     assert to.read_bytes() == known
-    register.enter(beliefs.anchor(backup), backup, tmp_path / "new", None)
+    register.enter(checks.anchor(backup), backup, tmp_path / "new", None)
     register.check_state(study.root, to, ("okamoto2012", "STUDY"))
     register.check_state(backup, to, ("okamoto2012", "PILOT"))
 
 
 def test_anchors_survive_json(dataset: Path) -> None:
-    anchor = beliefs.anchor(dataset)
+    anchor = checks.anchor(dataset)
     assert Anchor.model_validate_json(anchor.model_dump_json()) == anchor
 
 
 def test_a_pipe_is_no_key_and_nothing_waits_for_it(dataset: Path, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "key")
     with pytest.raises(DatasetError, match="key: is no file; allowed: a private SSH key"):
-        register.enter(beliefs.anchor(dataset), dataset, tmp_path / "register", tmp_path / "key")
+        register.enter(checks.anchor(dataset), dataset, tmp_path / "register", tmp_path / "key")
     assert not (tmp_path / "register").exists()

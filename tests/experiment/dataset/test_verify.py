@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs, bids, build, register, status
+from palpate.experiment.dataset import bids, build, checks, register, status
 from palpate.experiment.dataset.verify import MISTYPED, Report, verify
 from palpate.experiment.errors import DatasetError, OtherFormat
 from palpate.experiment.protocol import approval
@@ -40,7 +40,7 @@ def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
 @pytest.fixture
 def anchored(study: MadeStudy, tmp_path: Path) -> Path:
     """A register that has an anchor of the dataset."""
-    register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
+    register.enter(checks.anchor(study.root), study.root, tmp_path / "register", None)
     return tmp_path / "register"
 
 
@@ -57,7 +57,7 @@ def cut(path: Path, lines: int) -> None:
 
 
 def test_a_sound_dataset_holds_and_intent_is_not_excluded(study: MadeStudy) -> None:
-    beliefs.keep_anchor(study.root)
+    checks.keep_anchor(study.root)
     report = verify(study.root)
     assert {finding.verdict for finding in report.findings} == {"passes"}
     assert report.title == f"STUDY of okamoto2012: {study.root}"
@@ -123,10 +123,10 @@ def test_anchors_of_a_paused_session_name_the_stretch_that_was_changed(study: Ma
     study.run(asked, "cq")
     path = study.journal(0, 1)
     paused = len(path.read_bytes().splitlines())
-    register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
+    register.enter(checks.anchor(study.root), study.root, tmp_path / "register", None)
     study.run(asked, "apt")
     build.build(study.root)
-    register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
+    register.enter(checks.anchor(study.root), study.root, tmp_path / "register", None)
     whole = len(path.read_bytes().splitlines())
     assert verify(study.root, [tmp_path / "register"]).refused == 0
     forge(study.root, path, paused + 1)
@@ -149,7 +149,7 @@ def test_an_older_state_is_told_with_what_it_lacks(study: MadeStudy, made: MadeS
     one = study.tasks[0]
     study.run(study.header(one.participant, one.tasks[1]))
     build.build(study.root)
-    register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
+    register.enter(checks.anchor(study.root), study.root, tmp_path / "register", None)
     assert verify(made.root).refused == 0
     report = verify(made.root, [tmp_path / "register"])
     assert "is missing: it had" in refused(report)[inside(study, study.journal(0, 1))]
@@ -163,7 +163,7 @@ def test_where_a_dataset_stands_does_not_matter(study: MadeStudy, anchored: Path
 
 
 def test_a_number_in_a_lab_book_proves_what_the_log_of_the_dataset_has(study: MadeStudy) -> None:
-    anchor, _ = beliefs.keep_anchor(study.root)
+    anchor, _ = checks.keep_anchor(study.root)
     for typed in (anchor.line.split()[-1], anchor.line, f"For the lab book: {anchor.line.upper()} "):
         report = verify(study.root, (), [typed])
         assert (report.refused, "would have had to change the lab book too" in report.verdict[1]) == (0, True)
@@ -177,21 +177,21 @@ def test_a_number_in_a_lab_book_proves_what_the_log_of_the_dataset_has(study: Ma
 
 
 def test_the_log_of_the_dataset_alone_refuses_but_proves_nothing(study: MadeStudy) -> None:
-    beliefs.keep_anchor(study.root)
+    checks.keep_anchor(study.root)
     assert verify(study.root).verdict[1].startswith(ANEW)
     forge(study.root, study.journal(), 5)
     assert list(refused(verify(study.root))) == [inside(study, study.journal())]
 
 
 def test_a_log_of_anchors_that_is_gone_is_told_and_one_that_was_overwritten_is_refused(study: MadeStudy) -> None:
-    beliefs.keep_anchor(study.root)
+    checks.keep_anchor(study.root)
     log = study.root / register.LOG
     # A kill while the first anchor was written leaves a part of it.
     log.write_bytes(log.read_bytes()[:40])
-    beliefs.believed(study.root)
+    checks.load_sound(study.root)
     log.write_text("another text\n")
     with pytest.raises(DatasetError, match=r"anchors\.log: holds no anchor that can be read; restore it from a backup"):
-        beliefs.believed(study.root)
+        checks.load_sound(study.root)
     log.unlink()
     notes = {
         finding.place(): finding.clause() for finding in verify(study.root).findings if finding.verdict == "unknown"
@@ -216,7 +216,7 @@ def test_a_seal_that_was_edited_is_refused_by_an_anchor(study: MadeStudy, anchor
 
 
 def test_a_register_inside_the_dataset_proves_nothing_however_its_path_is_spelt(study: MadeStudy) -> None:
-    register.enter(beliefs.anchor(study.root), study.root, study.root.parent / "register", None)
+    register.enter(checks.anchor(study.root), study.root, study.root.parent / "register", None)
     inner = study.root / "sourcedata" / "sub-01" / ".." / "register"
     inner.write_bytes((study.root.parent / "register").read_bytes())
     with pytest.raises(DatasetError, match="stands inside the dataset"):
@@ -230,7 +230,7 @@ def test_a_signer_without_a_register_is_refused(study: MadeStudy, tmp_path: Path
 
 @pytest.mark.parametrize("digits", [1, 2, 3])
 def test_a_number_that_was_mistyped_speaks_against_no_dataset(study: MadeStudy, digits: int, palpate: Palpate) -> None:
-    number = beliefs.keep_anchor(study.root)[0].number
+    number = checks.keep_anchor(study.root)[0].number
     typed = "".join(f"{(int(one, 16) + 1) % 16:x}" for one in number[:digits]) + number[digits:]
     code, out, err = palpate("verify", study.root, "--number", typed)
     if digits > MISTYPED:
@@ -249,7 +249,7 @@ def test_what_was_typed_in_the_place_of_a_register_speaks_against_no_dataset(
 
 def test_a_register_of_another_dataset_proves_nothing(study: MadeStudy, tmp_path: Path) -> None:
     other = make_study(tmp_path / "other", study="another", sessions=1)
-    register.enter(beliefs.anchor(other.root), other.root, tmp_path / "register", None)
+    register.enter(checks.anchor(other.root), other.root, tmp_path / "register", None)
     report = verify(study.root, [tmp_path / "register"])
     assert refused(report) == {str(tmp_path / "register"): "has no anchor of this dataset"}
 
@@ -258,7 +258,7 @@ def test_a_register_of_a_dataset_of_the_same_study_is_told_once_and_accuses_no_f
     study: MadeStudy, tmp_path: Path
 ) -> None:
     other = make_study(tmp_path / "other", seed=2)
-    register.enter(beliefs.anchor(other.root), other.root, tmp_path / "register", None)
+    register.enter(checks.anchor(other.root), other.root, tmp_path / "register", None)
     found = refused(verify(study.root, [tmp_path / "register"]))
     assert list(found) == [str(tmp_path / "register")]
     assert "agrees with no line of this dataset: it is of another dataset of the same study" in found.popitem()[1]
@@ -310,7 +310,7 @@ def test_in_the_first_session_of_a_participant_no_table_is_missed(study: MadeStu
     path = study.journal(0, 1)
     rechained(path, path.read_bytes().splitlines(keepends=True)[:-2])
     assert verify(study.root).refused == 0
-    assert "is missing" in " ".join(map(str, build.edited(study.root, beliefs.believed(study.root))))
+    assert "is missing" in " ".join(map(str, build.edited(study.root, checks.load_sound(study.root))))
 
 
 def test_an_open_session_is_told_as_open_and_not_accused(study: MadeStudy, visited: Path, palpate: Palpate) -> None:
@@ -374,7 +374,7 @@ def test_frames_that_no_line_names_are_refused_of_a_complete_session_and_noted_o
 
 def test_an_older_state_of_every_file_is_no_other_dataset(study: MadeStudy, made: MadeStudy, tmp_path: Path) -> None:
     one = study.tasks[0]
-    register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
+    register.enter(checks.anchor(study.root), study.root, tmp_path / "register", None)
     for path in (storage.roster_path(study.root), study.journal(0), study.journal(1)):
         rechained(path, path.read_bytes().splitlines(keepends=True)[:-1])
     found = refused(verify(study.root, [tmp_path / "register"]))
@@ -399,7 +399,7 @@ def test_a_clock_that_went_back_is_told(study: MadeStudy) -> None:
 
 
 def test_lines_are_proven_for_the_day_on_which_each_was_anchored(study: MadeStudy, tmp_path: Path) -> None:
-    made = beliefs.anchor(study.root)
+    made = checks.anchor(study.root)
     for day, prefixes in (("2001-10-01", made.prefixes), ("2001-10-03", made.prefixes[:1])):
         one = made.model_copy(update={"anchored_utc": day + made.anchored_utc[10:], "prefixes": prefixes})
         register.enter(one, study.root, tmp_path / day, None)
@@ -441,7 +441,7 @@ def test_every_finding_is_told(study: MadeStudy) -> None:
 
 
 def test_a_log_without_an_anchor_that_can_be_read_is_refused(study: MadeStudy) -> None:
-    beliefs.keep_anchor(study.root)
+    checks.keep_anchor(study.root)
     (study.root / register.LOG).write_text("{}\n", "utf-8")
     assert any(item.endswith(register.LOG.name) for item in refused(verify(study.root)))
 
@@ -527,7 +527,7 @@ def test_what_could_be_read_is_told_beside_what_is_refused(study: MadeStudy) -> 
 def test_a_roster_that_is_refused_shows_nothing_of_the_seed(study: MadeStudy, made: MadeStudy) -> None:
     """An older one, with its head, under which every session began."""
     enrolment.enrol(study.file, "03", date(2001, 9, 9), root=study.root, seed=None)
-    beliefs.keep_anchor(study.root)
+    checks.keep_anchor(study.root)
     for path in (storage.roster_path(made.root), chain.head_path(storage.roster_path(made.root))):
         shutil.copy(path, study.root / "sourcedata")
     report = verify(study.root)

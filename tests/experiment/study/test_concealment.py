@@ -9,7 +9,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs
+from palpate.experiment.dataset import checks
 from palpate.experiment.study.roster import Roster
 from tests.approved import anywhere
 from tests.conftest import Palpate
@@ -55,7 +55,7 @@ def test_what_is_revealed_is_on_record_and_speaks_against_nothing(study: MadeStu
     assert palpate(*asked(study, "03", "--reveal"))[0] == 0, "not enrolled yet"
     known = Roster.load(storage.roster_path(study.root))
     assert list(known.revealed) == ["02", "03"]
-    assert beliefs.believed(study.root).roster == known
+    assert checks.load_sound(study.root).roster == known
     code, out, _ = palpate("status", study.root)
     assert code == 0
     assert f"  02, on {known.revealed['02']}." in out.splitlines()

@@ -15,7 +15,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol import files
@@ -32,7 +32,7 @@ from tests.faults.wrong import copied
 def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
     """Two participants with a session each, anchored in the dataset."""
     study = make_study(tmp_path_factory.mktemp("made") / "study")
-    beliefs.keep_anchor(study.root)
+    checks.keep_anchor(study.root)
     return study
 
 
@@ -70,14 +70,14 @@ def test_all_of_the_participant_goes_and_nothing_of_the_other(study: MadeStudy) 
 def test_verify_tells_the_erasure_in_one_line_also_with_an_anchor_whose_journal_is_gone(
     study: MadeStudy, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
-    register.enter(beliefs.anchor(study.root), study.root, tmp_path / "register", None)
+    register.enter(checks.anchor(study.root), study.root, tmp_path / "register", None)
     erase(study)
     report = verify(study.root, [tmp_path / "register"])
     told = [one for one in report.findings if "02" in one.place()]
     assert [(one.verdict, one.place()) for one in told] == [("unknown", "sub-02")]
     assert [one.clause() for one in told] == approved
     assert any(sentence.startswith("PROVEN") for sentence in report.verdict)
-    beliefs.keep_anchor(study.root)
+    checks.keep_anchor(study.root)
     assert verify(study.root, [tmp_path / "register"]).refused == 0
 
 
@@ -307,7 +307,7 @@ def test_nothing_is_added_to_a_roster_that_forgot_a_line(study: MadeStudy, palpa
         ("schedule", study.file, "-p", "02", "--reveal"),
     ):
         code, _, err = palpate(*command, "--dataset", study.root)
-        assert (code, "restore" in err, err.count("\n")) == (2, True, 1), command
+        assert (code, err.startswith(f"palpate: {path}: "), err.count("\n")) == (2, True, 1), command
         assert path.read_bytes() == before[0]
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs, build
+from palpate.experiment.dataset import build, checks
 from palpate.experiment.dataset.status import status
 from palpate.experiment.errors import RosterError
 from palpate.experiment.study import enrolment
@@ -64,14 +64,14 @@ def test_whoever_takes_a_place_is_run_believed_and_replaced_in_turn(study: MadeS
     order = enrol(study, "16")
     study.run(study.header("16", order[0]))
     build.build(study.root)
-    assert beliefs.believed(study.root).tasks["16"] == order
+    assert checks.load_sound(study.root).tasks["16"] == order
     assert palpate("verify", study.root)[0] == 0
     assert order[0] in palpate("schedule", study.file, "-p", "16", "--dataset", study.root)[1]
     found = status(study.root, DAY)
     assert (found.planned, len(found.people), found.to_enrol) == (15, 16, None)
     withdraw(study, "16")
     assert enrol(study, "17") == order
-    beliefs.believed(study.root)
+    checks.load_sound(study.root)
 
 
 def test_nobody_takes_the_place_of_one_who_completed_or_is_still_there(study: MadeStudy) -> None:

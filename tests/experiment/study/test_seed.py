@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs
+from palpate.experiment.dataset import checks
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.records import chain
@@ -82,7 +82,7 @@ def test_another_seed_or_salt_is_refused_wherever_it_is_read(
     calls: tuple[Callable[[], object], ...] = (
         lambda: enrolment.seed_of(study.root),
         lambda: enrolment.enrol(study.file, "03", None, root=study.root, seed=None),
-        lambda: beliefs.believed(study.root),
+        lambda: checks.load_sound(study.root),
     )
     for call in calls:
         with pytest.raises(DatasetError, match=ANOTHER):
@@ -103,12 +103,12 @@ def test_a_seed_without_its_salt_is_refused_until_a_journal_says_which_it_was(
     assert "seed" in [one.place() for one in verify(study.root).findings if one.verdict == "passes"]
     change(study, salt=None)
     assert enrolment.seed_of(study.root) == 1
-    assert beliefs.believed(study.root).sessions
+    assert checks.load_sound(study.root).sessions
     assert not enrolment.seed_is_proven(study.root)
     assert "seed" not in [one.place() for one in verify(study.root).findings]
     change(study, seed=2, salt=None)
     with pytest.raises(DatasetError, match="seed 1; allowed: 2"):
-        beliefs.believed(study.root)
+        checks.load_sound(study.root)
 
 
 def test_a_roster_written_anew_without_the_hash_is_refused(begun: MadeStudy, refuses: Refuses) -> None:

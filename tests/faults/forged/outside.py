@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.dataset.register import Kept
 from tests.experiment.dataset.studies import make_study
 from tests.faults.forged.case import (
@@ -104,7 +104,7 @@ def _ask_register_of(**how: Any) -> Act:
 
     def act(case: Case) -> None:
         other = make_study(case.outside("other"), sessions=1, **how)
-        register.enter(beliefs.anchor(other.root), other.root, case.outside("elsewhere"), None)
+        register.enter(checks.anchor(other.root), other.root, case.outside("elsewhere"), None)
         case.registers.append(case.outside("elsewhere"))
 
     return act
@@ -155,7 +155,7 @@ def _sign(*then: Act, key: str = "key.pub") -> Act:
             made = ("ssh-keygen", "-q", "-t", "ed25519", "-N", "", "-C", "lab", "-f", str(case.outside(name)))
             subprocess.run(made, check=True)
         _register(case).unlink()
-        register.enter(beliefs.anchor(case.root), case.root, _register(case), case.outside("key"))
+        register.enter(checks.anchor(case.root), case.root, _register(case), case.outside("key"))
         in_turn(*then, ask_register)(case)
         case.signer = case.outside(key)
 
@@ -163,7 +163,7 @@ def _sign(*then: Act, key: str = "key.pub") -> Act:
 
 
 def _add_unsigned(case: Case) -> None:
-    register.append(_register(case), Kept(anchor=beliefs.anchor(case.root)))
+    register.append(_register(case), Kept(anchor=checks.anchor(case.root)))
 
 
 def _ask_signer_alone(case: Case) -> None:

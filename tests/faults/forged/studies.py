@@ -12,7 +12,7 @@ from pathlib import Path
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.dataset import beliefs, build, register
+from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.dataset.imported import import_trials
 from palpate.experiment.dataset.reconstruction import import_counts, study_text
 from palpate.experiment.dataset.trial_files import Layout
@@ -71,7 +71,7 @@ def write_chain(path: Path, lines: Lines) -> None:
 
 def anchor(study: MadeStudy) -> None:
     """Anchor a dataset in its log, in the register beside it, and in the lab book."""
-    made, _ = beliefs.keep_anchor(study.root)
+    made, _ = checks.keep_anchor(study.root)
     register.enter(made, study.root, study.file.with_name("register"), None)
     with study.file.with_name("book").open("a", encoding="utf-8") as book:
         book.write(f"{made.line}\n")
@@ -206,7 +206,7 @@ def _practice(folder: Path) -> Clean:
     """Practice of the comparisons, as far as the first participant."""
     made = MadeStudy(_short_pairs(folder), folder / "dataset")
     rig = rigs.load(shipped("rigs/rehearsal.toml"))
-    plan = beliefs.Plan(
+    plan = checks.Plan(
         label="PRACTICE",
         protocol_sha256=approval.sha256(made.protocol),
         rig_sha256=rigs.sha256(rig),

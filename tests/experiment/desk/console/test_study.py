@@ -13,7 +13,7 @@ from textual.pilot import Pilot
 
 from palpate.experiment.dataset.status import Person, Status
 from palpate.experiment.desk.console.study import StudyPage
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, Finding
 
 STUDY = Status(
     root=Path("study"),
@@ -32,7 +32,7 @@ STUDY = Status(
     erased=frozenset(),
     revealed={},
     to_enrol="05",
-    doubts=("sub-04: cut",),
+    doubts=(Finding("cut", "sub-04"),),
     reminders=("Make room.",),
 )
 

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import beliefs, build
-from palpate.experiment.errors import DatasetError, PalpateError, RosterError
+from palpate.experiment.dataset import build, checks, register
+from palpate.experiment.dataset.verify import verify
+from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Withdrawal
 from palpate.experiment.records.progress import progress
@@ -31,7 +32,7 @@ def test_a_study_whose_journals_are_its_own_is_believed(made: MadeStudy) -> None
     assert (found.purpose, len(found.sessions)) == ("STUDY", 2)
     assert found.roster is not None
     assert list(found.roster.consent_on) == ["01", "02", "03"]
-    assert beliefs.has_journals(made.root)
+    assert checks.has_journals(made.root)
 
 
 @pytest.mark.parametrize("wrong", WRONG, ids=[one.name for one in WRONG])
@@ -49,6 +50,70 @@ def test_what_is_wrong_is_refused_by_name(made: MadeStudy, wrong: Wrong, tmp_pat
             build.build(study.root)
 
 
+@pytest.mark.parametrize(
+    ("check", "name"),
+    {
+        "anchors": "a session erased but for its anchor",
+        "strays": "a journal copied beside itself",
+        "journals": "a journal of another seed",
+        "frames": "a session erased but for its frames",
+        "copies": "a journal with the session_id of another",
+        "tables": "a trace of no journal",
+        "participants": "a session erased but for its participant's row",
+        "withdrawals": "a roster that forgot a withdrawal",
+    }.items(),
+)
+def test_each_check_finds_what_it_is_for(made: MadeStudy, tmp_path: Path, check: str, name: str) -> None:
+    study = copied(made, tmp_path / "study")
+    next(one for one in WRONG if one.name == name).act(study, tmp_path)
+    found = [one.check for one in checks.findings(checks.load(study.root))]
+    assert check in found
+    assert found == sorted(found, key=list(checks.CHECKS).index)
+    with pytest.raises(DatasetError) as refused:
+        checks.load_sound(study.root)
+    assert refused.value.finding.check == found[0]
+
+
+def test_what_a_backup_brought_back_is_the_finding_of_a_check(made: MadeStudy, tmp_path: Path) -> None:
+    study = copied(made, tmp_path / "study")
+    enrolment.withdraw(study.file, "02", "asked to erase", root=study.root, rebuild=build.build, erase=True)
+    folder = Path("sourcedata", "sub-02")
+    shutil.copytree(made.root / folder, study.root / folder, dirs_exist_ok=True)
+    (finding,) = checks.findings(checks.load(study.root))
+    assert (finding.check, isinstance(finding.remedy, Remedy)) == ("erased", True)
+
+
+def test_a_roster_that_was_cut_is_found_once_and_its_sessions_are_not_accused(made: MadeStudy, tmp_path: Path) -> None:
+    study = copied(made, tmp_path / "study")
+    next(one for one in WRONG if one.name == "a roster written anew").act(study, tmp_path)
+    found = list(checks.findings(checks.load(study.root)))
+    assert [(one.check, one.where) for one in found] == [("journals", storage.roster_path(study.root))]
+
+
+def test_the_log_of_another_study_is_refused_and_accuses_no_file(made: MadeStudy, tmp_path: Path) -> None:
+    study, log = copied(made, tmp_path / "study"), Path(register.LOG)
+    other = make_study(tmp_path / "other", study="other")
+    checks.keep_anchor(other.root)
+    shutil.copy(other.root / log, study.root / log)
+    (finding,) = checks.findings(checks.load(study.root))
+    assert (finding.check, finding.where) == ("anchors", study.root / log)
+    assert [one.where for one in verify(study.root).findings if one.verdict == "refuses"] == [log.as_posix()]
+
+
+def test_where_the_roster_is_lost_the_data_of_nobody_who_may_be_erased_are_asked_for(
+    made: MadeStudy, tmp_path: Path
+) -> None:
+    study = copied(made, tmp_path / "study")
+    checks.keep_anchor(study.root)
+    gone = study.journal(1).relative_to(study.root).as_posix()
+    enrolment.withdraw(study.file, "02", "asked to erase", root=study.root, rebuild=build.build, erase=True)
+    roster_file = storage.roster_path(study.root)
+    assert not [one for one in verify(study.root).findings if one.where == gone]
+    roster_file.write_bytes(roster_file.read_bytes()[5:])
+    (missing,) = (one for one in verify(study.root).findings if one.where == gone)
+    assert missing.what.endswith("restore the roster first, which shows whether this was erased")
+
+
 def test_a_journal_presents_what_its_task_presents(tmp_path: Path) -> None:
     some = '["copy paper", "typing paper"]'
     further = {f'stimulus = "{kind}"': f'stimulus = "{kind}"\nmaterials = {some}' for kind in ("virtual", "real")} | {
@@ -56,7 +121,7 @@ def test_a_journal_presents_what_its_task_presents(tmp_path: Path) -> None:
         'materials = ["aluminum foil", "typing paper"]': f"materials = {some}",
     }
     study = make_study(tmp_path / "study", further=further, enrolled=3, sessions=1, keys="cp")
-    assert len(beliefs.believed(study.root).sessions) == 1
+    assert len(checks.load_sound(study.root).sessions) == 1
     events = sorted((study.root / "sub-01").rglob("*_events.json"))
     told = json.loads(events[0].read_text("utf-8"))
     assert (told["Presented"], len(told["Materials"])) == (["copy paper", "typing paper"], 4)
@@ -68,7 +133,7 @@ def test_a_journal_presents_what_its_task_presents(tmp_path: Path) -> None:
     study.run(asked.model_copy(update={"order": (foreign, *asked.order[1:])}), "ap")
     said = f"trials with aluminum foil; allowed: copy paper, typing paper, which task {asked.task} presents"
     with pytest.raises(PalpateError, match=said):
-        beliefs.believed(study.root)
+        checks.load_sound(study.root)
 
 
 @pytest.mark.parametrize("command", ["build", "anchor"])
@@ -228,7 +293,7 @@ def test_a_torn_line_that_a_withdrawal_drops_is_on_record(made: MadeStudy, tmp_p
 
 def test_a_pilot_is_no_data_of_the_study_and_says_so_everywhere(tmp_path: Path) -> None:
     pilot = make_study(tmp_path / "pilot", pilot=True)
-    assert beliefs.believed(pilot.root).purpose == "PILOT"
+    assert checks.load_sound(pilot.root).purpose == "PILOT"
     tables = [path for path in pilot.root.rglob("*") if path.suffix in (".tsv", ".json") and path.parent != pilot.root]
     tables += [pilot.root / name for name in ("participants.tsv", "dataset_description.json", "README")]
     assert len(tables) > 5

@@ -1,13 +1,13 @@
-"""What must hold before a journal counts: nothing foreign, copied, renamed or made for another purpose enters a table.
+"""What a dataset has to be before a journal counts: `CHECKS` is the list, and each is a function of a `Dataset`.
 
-Headers are checked against path, protocol, seal, seed and roster (or the plan), and every file against the log's
-anchors.
+Nothing foreign, copied, renamed or made for another purpose enters a table. Headers are checked against path, protocol,
+seal, seed and roster (or the plan), and every file against the log's anchors. A reader runs the list as far as it
+wants: `load_sound` stops at the first refusal, `palpate verify` and `palpate status` show all.
 """
 
 import hashlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, datetime, timedelta
 from functools import partial
 from pathlib import Path
@@ -18,7 +18,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from palpate.experiment import clock, storage
 from palpate.experiment.dataset import register
 from palpate.experiment.dataset.register import LOG, Anchor, Kept, Prefix
-from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
+from palpate.experiment.errors import DatasetError, Finding, PalpateError, Remedy, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import Seal
 from palpate.experiment.protocol.models import Protocol
@@ -39,22 +39,6 @@ Each = Callable[[Callable[[Path], Any], Iterable[Path]], Iterable[Any]]
 
 OPEN = "no footer ends it: its session is running or was cut off, so tables may lack its last trials"
 """What is said of a journal whose session is open."""
-
-
-@dataclass(frozen=True)
-class Believed:
-    """A dataset whose journals were all checked.
-
-    `tasks` are those of every participant in order, concealed until they begin. `roster` is None in a rehearsal and in
-    practice. `sessions` are the headers by journal. Those `under_way` have no footer at their end.
-    """
-
-    protocol: Protocol
-    purpose: Purpose
-    tasks: Mapping[str, tuple[str, ...]]
-    roster: Roster | None
-    sessions: tuple[tuple[Path, Header], ...]
-    under_way: frozenset[Path]
 
 
 class Plan(BaseModel):
@@ -78,18 +62,33 @@ class Plan(BaseModel):
 
 
 @dataclass(frozen=True)
-class _Study:
-    """What the headers of a dataset are held against: a `plan`, or `roster` and `seal` of a study."""
+class Dataset:
+    """A dataset on disk, with all its journals read.
+
+    A simulation has a `plan`, a study a `roster`, and a `seal` once a session began. `tasks` are those of every
+    participant in order, concealed until they begin. `sessions` are the headers of journals that fit, `under_way` those
+    of them without a footer at their end, `withdrawals` the ones that record that their participant withdrew. `begun`
+    are the journals of every session, damaged ones too, and `damage` is what is wrong with single ones.
+    """
 
     root: Path
     protocol: Protocol
-    protocol_sha256: str
     purpose: Purpose
     seed: int
-    tasks: dict[str, tuple[str, ...]]
-    plan: Plan | None
-    roster: Roster | None
-    seal: Seal | None
+    tasks: Mapping[str, tuple[str, ...]]
+    plan: Plan | None = None
+    roster: Roster | None = None
+    seal: Seal | None = None
+    sessions: tuple[tuple[Path, Header], ...] = ()
+    under_way: frozenset[Path] = frozenset()
+    withdrawals: frozenset[Path] = frozenset()
+    begun: frozenset[Path] = frozenset()
+    damage: tuple[Finding, ...] = ()
+
+    @property
+    def people(self) -> Roster:
+        """The roster, an empty one of a simulation."""
+        return self.roster or Roster(storage.roster_path(self.root))
 
 
 ALONE = {"RECONSTRUCTION": "only counts from print", "IMPORTED": "only what was imported"}
@@ -117,21 +116,23 @@ def journals(root: Path) -> list[Path]:
     return sorted({*storage.journals(root), *(head.with_suffix(".jsonl") for head in heads)})
 
 
-def believed(root: Path, each: Each = map) -> Believed:
-    """Return a dataset whose every journal was read and checked.
-
-    Raises `DatasetError`, `JournalError`, `ProtocolError` or `RosterError` for the first file that does not fit.
-    """
-    dataset, doubts = doubted(root, each)
-    for doubt in doubts:
-        raise doubt
+def load_sound(root: Path, each: Each = map) -> Dataset:
+    """Return a dataset that passes every check. Raises as `load`, and `DatasetError` for the first refusal."""
+    dataset = load(root, each)
+    for refusal in findings(dataset):
+        raise DatasetError.at(refusal)
     return dataset
 
 
-def doubted(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]]:
-    """Return `examined`, with an error too for each difference from an anchor in the log. Raises as `examined`."""
-    dataset, doubts = examined(root, each)
-    return dataset, [*(doubt for _, doubt in _unlike_anchors(root, dataset.roster)), *doubts]
+def findings(dataset: Dataset) -> Iterator[Finding]:
+    """Yield each thing that speaks against a dataset once, with the name of its check, in the order of `CHECKS`."""
+    known: set[Finding] = set()
+    for name, check in CHECKS.items():
+        for one in check(dataset):
+            finding = replace(one, check=name)
+            if finding not in known:
+                known.add(finding)
+                yield finding
 
 
 def check_roster(root: Path) -> int:
@@ -141,12 +142,11 @@ def check_roster(root: Path) -> int:
     roster lacks, or if the participants are simulated.
     """
     enrolment.refuse_rehearsal(root)
-    file = storage.roster_path(root)
-    roster = Roster.load(file)
-    for name, doubt in _unlike_anchors(root, roster):
-        if root / name == file:
-            raise doubt
-    marks: dict[str, Path] = {}
+    roster = Roster.load(storage.roster_path(root))
+    for finding in register.log_findings(root, roster):
+        if finding.where == roster.path:
+            raise DatasetError.at(finding)
+    marked: list[Path] = []
     for path in storage.journals(root):
         try:
             contents = journal.read_if_begun(path)
@@ -156,14 +156,15 @@ def check_roster(root: Path) -> int:
         if contents.lines:
             roster.as_of(contents.header.roster_sha256)
         if any(isinstance(entry, Withdrawal) for entry in contents.entries):
-            marks[path.parent.name.removeprefix("sub-")] = path
-    _check_withdrawals(roster, root, marks)
+            marked.append(path)
+    for finding in _forgotten_withdrawals(root, roster, marked):
+        raise RosterError.at(finding)
     return roster.lines.links[-1].t_ns if roster.lines.links else 0
 
 
 def anchor(root: Path) -> Anchor:
-    """Return the dataset's anchor. Raises `DatasetError` without roster and session, and as `believed`."""
-    dataset = believed(root)
+    """Return the dataset's anchor. Raises `DatasetError` without roster and session, and as `load_sound`."""
+    dataset = load_sound(root)
     if dataset.roster is None and not dataset.sessions:
         raise DatasetError(root, "got no session", "run a session first, then anchor it", allowed="one or more")
     return Anchor(
@@ -199,87 +200,46 @@ def keep_anchor(root: Path) -> tuple[Anchor, bool]:
     return made, True
 
 
-def examined(root: Path, each: Each = map) -> tuple[Believed, list[PalpateError]]:
-    """Return what can be believed of a dataset, and an error for whatever else does not fit.
+def load(root: Path, each: Each = map) -> Dataset:
+    """Return a dataset, whatever its journals are; `each`, `map` or that of a pool of processes, reads them.
 
-    `each` is `map` or that of a pool of processes. Raises as `believed` for protocol, seal, seed, roster or plan.
+    Raises `DatasetError`, `ProtocolError` or `RosterError` for protocol, seal, seed, roster or plan.
     """
-    study = _study(root)
-    sessions: list[tuple[Path, Header]] = []
-    withdrawals: dict[str, Path] = {}
-    open_ended: set[Path] = set()
-    doubts: list[PalpateError] = []
-    paths = journals(root)
-    begun = set(paths)
-    roster = study.roster or Roster(storage.roster_path(root))
-    with collected(doubts):
-        _refuse_erased(root, roster)
-    with collected(doubts):
-        _refuse_strays(root, set(paths))
-    held = [path for path in paths if not roster.has_erased(str(path))]
-    for path, (header, state, failed) in zip(held, each(partial(_looked_at, study), held), strict=True):
-        doubts += failed
-        if header is not None:
-            sessions.append((path, header))
-            if state == "withdrawn":
-                withdrawals[header.participant] = path
-            elif state == "under way":
-                open_ended.add(path)
-        elif not failed:
-            begun.discard(path)
-    with collected(doubts):
-        # Raw frames without a journal: a whole session was deleted.
-        known = {storage.foot_path(path) for path in paths}
-        for path in sorted((root / "sourcedata").glob("sub-*/*_foot.cobs")):
-            if path not in known and storage.size(path):
-                raise DatasetError(path, "the journal of these frames is missing", "restore it from a backup")
-    with collected(doubts):
-        by_id: dict[str, Path] = {}
-        for path, header in sessions:
-            if (other := by_id.setdefault(header.session_id, path)) != path:
-                raise DatasetError(
-                    path, f"has the session_id of {other}", "take the copy out", allowed="one of its own"
-                )
-    with collected(doubts):
-        _refuse_tables(root, begun, roster)
-    with collected(doubts):
-        _refuse_people(root, begun, {who: of for who, of in study.tasks.items() if who not in roster.erased})
-    if study.roster is not None:
-        with collected(doubts):
-            _check_withdrawals(roster, root, withdrawals)
-    dataset = Believed(study.protocol, study.purpose, study.tasks, study.roster, tuple(sessions), frozenset(open_ended))
-    return dataset, doubts
+    settled, paths = _settled(root), journals(root)
+    kept = [path for path in paths if not settled.people.has_erased(str(path))]
+    read = dict(zip(kept, each(partial(_read_journal, settled), kept), strict=True))
+    return replace(
+        settled,
+        sessions=tuple((path, header) for path, (header, _, _) in read.items() if header),
+        under_way=frozenset(path for path, (_, state, _) in read.items() if state == "under way"),
+        withdrawals=frozenset(path for path, (_, state, _) in read.items() if state == "withdrawn"),
+        begun=frozenset(paths).difference(one for one, (header, _, wrong) in read.items() if not (header or wrong)),
+        damage=tuple(wrong for _, _, wrong in read.values() if wrong),
+    )
 
 
-def _looked_at(
-    study: _Study, path: Path
-) -> tuple[Header | None, Literal["withdrawn", "under way", "ended"], list[PalpateError]]:
-    """Return the header of a journal, None before its session or with an error, its state, and the errors."""
-    doubts: list[PalpateError] = []
-    with collected(doubts):
+def _read_journal(
+    dataset: Dataset, path: Path
+) -> tuple[Header | None, Literal["withdrawn", "under way", "ended"], Finding | None]:
+    """Return the header of a journal, None before its session or where it is wrong, its state, and what is wrong."""
+    try:
         contents = journal.read_if_begun(path)
         # Raw frames of an attempt of which the journal does not know: the journal was cut off.
         foot = storage.foot_path(path)
         if storage.size(foot) and not any(isinstance(entry, Armed) for entry in contents.entries):
             raise DatasetError(path, f"knows of no attempt, and {foot.name} does", "restore the journal from a backup")
-        if contents.lines:
-            _check_header(path, header := contents.header, study)
-            if any(isinstance(entry, Withdrawal) for entry in contents.entries):
-                return header, "withdrawn", doubts
-            return header, "under way" if progress(contents.entries).footer is None else "ended", doubts
-    return None, "ended", doubts
+        if not contents.lines:
+            return None, "ended", None
+        _check_header(path, header := contents.header, dataset)
+    except PalpateError as error:
+        return None, "ended", error.finding
+    if any(isinstance(entry, Withdrawal) for entry in contents.entries):
+        return header, "withdrawn", None
+    return header, "under way" if progress(contents.entries).footer is None else "ended", None
 
 
-@contextmanager
-def collected(doubts: list[PalpateError]) -> Iterator[None]:
-    """Add the error that ends the block to `doubts`, and go on after it."""
-    try:
-        yield
-    except PalpateError as doubt:
-        doubts.append(doubt)
-
-
-def _study(root: Path) -> _Study:
+def _settled(root: Path) -> Dataset:
+    """Return what the journals of a dataset have to fit. Raises as `load`."""
     storage.refuse_other_format(root)
     kept = storage.protocol_path(root)
     if not kept.exists() and not has_journals(root):
@@ -291,14 +251,13 @@ def _study(root: Path) -> _Study:
             allowed="the folder of a study's dataset, which holds sourcedata",
         )
     protocol = files.load(kept)
-    sha256 = approval.sha256(protocol)
     plan_file = storage.plan_path(root)
     if not plan_file.exists():
         seed, purpose = enrolment.seed_of(root), enrolment.purpose_of(root)
         roster = Roster.load(storage.roster_path(root))
         tasks = {one.participant: one.tasks for one in allocated(protocol, seed, roster.takes)}
         seal = approval.held(kept, protocol) if any(storage.size(path) for path in storage.journals(root)) else None
-        return _Study(root, protocol, sha256, purpose, seed, tasks, None, roster, seal)
+        return Dataset(root, protocol, purpose, seed, tasks, roster=roster, seal=seal)
     try:
         plan = Plan.model_validate_json(storage.read_bytes(plan_file))
     except (OSError, ValidationError) as error:
@@ -308,50 +267,29 @@ def _study(root: Path) -> _Study:
     for path in (storage.roster_path(root), storage.seed_path(root)):
         if path.exists():
             raise DatasetError(path, f"stands in the dataset of {plan.what}", "take it out of there", allowed="none")
-    if plan.protocol_sha256 != sha256:
+    if plan.protocol_sha256 != approval.sha256(protocol):
         raise DatasetError(kept, f"is not the protocol of this {plan.label}", "restore it, or begin anew")
     tasks = {one.participant: one.tasks for one in allocate(protocol, plan.seed)[: plan.participants]}
-    return _Study(root, protocol, sha256, plan.label, plan.seed, tasks, plan, None, None)
+    return Dataset(root, protocol, plan.label, plan.seed, tasks, plan)
 
 
-def _unlike_anchors(root: Path, roster: Roster | None) -> Iterator[tuple[str, DatasetError]]:
-    """Give each file that was not erased and does not begin as an anchor in the dataset's log has it, with an error."""
-    kept, broken = register.read(root / LOG) if (root / LOG).exists() else ((), ())
-    if broken and not kept:
-        yield LOG.as_posix(), DatasetError(root / LOG, "holds no anchor that can be read", "restore it from a backup")
-    known: dict[str, tuple[str, ...]] = {}
-    told: set[str] = set()
-    # The latest anchor is the one that says most.
-    for one in reversed(kept):
-        for prefix in one.anchor.prefixes:
-            if prefix.file in told or (roster is not None and roster.has_erased(prefix.file)):
-                continue
-            if prefix.file not in known:
-                known[prefix.file] = register.line_hashes(root / prefix.file)
-            if not prefix.begins(hashes := known[prefix.file]):
-                told.add(prefix.file)
-                found = f"now has {len(hashes)}" if len(hashes) < prefix.lines else "now begins with others"
-                day = one.anchor.anchored_utc[:10]
-                lines = "1 line" if prefix.lines == 1 else f"{prefix.lines} lines"
-                had = f"had {lines} by the anchor of {day} in {LOG}, and {found if hashes else 'is missing'}"
-                yield prefix.file, DatasetError(root / prefix.file, had, "restore it from a backup")
+def _anchors(dataset: Dataset) -> Iterator[Finding]:
+    """Yield each file that was not erased and is not as the dataset's log of anchors has it."""
+    return register.log_findings(dataset.root, dataset.people, (dataset.protocol.study.id, dataset.purpose))
 
 
-def _refuse_erased(root: Path, roster: Roster) -> None:
-    """Refuse what is there of a participant whose data were erased: a kill left it, or a backup brought it back."""
-    for participant in sorted(roster.erased):
-        for path in storage.left_of(root, participant):
-            raise DatasetError(
-                path,
-                f"the data of participant {participant} were erased, as the roster says, and this is here",
-                _finish(root, roster, participant),
-            )
+def _erased(dataset: Dataset) -> Iterator[Finding]:
+    """Yield what is there of a participant whose data were erased: a kill left it, or a backup brought it back."""
+    for participant in sorted(dataset.people.erased):
+        for path in storage.left_of(dataset.root, participant)[:1]:
+            what = f"the data of participant {participant} were erased, as the roster says, and this is here"
+            yield Finding(what, path, remedy=_finish(dataset.root, dataset.people, participant))
 
 
 def unfinished(root: Path, roster: Roster) -> dict[str, Remedy]:
     """Return what finishes each interrupted withdrawal, by participant: in journals, files or the table."""
     table = root / "participants.tsv"
-    told = {row.get("participant_id"): row.get("withdrawn") for row in _rows(table)} if table.is_file() else {}
+    told = {row.get("participant_id"): row.get("withdrawn") for row in _rows(table)}
     return {
         participant: _finish(root, roster, participant)
         for participant in roster.withdrawn
@@ -379,28 +317,48 @@ def _finish(root: Path, roster: Roster, participant: str) -> Remedy:
 
 
 def _rows(table: Path) -> list[dict[str, str]]:
-    """Return the rows of a table, whatever it is, by its columns."""
+    """Return the rows of a table, whatever it is, by its columns; none where it is missing."""
+    if not table.is_file():
+        return []
     lines = storage.read_bytes(table).decode("utf-8", "replace").split("\n")
     columns, *rows = (line.split("\t") for line in lines)
     return [dict(zip(columns, row, strict=False)) for row in rows]
 
 
-def _refuse_strays(root: Path, journals: set[Path]) -> None:
-    """Refuse what looks like a journal and stands where none is read from: a copy, or another dataset."""
-    roster = storage.roster_path(root)
-    known = {*journals, *(chain.head_path(path) for path in journals), roster, chain.head_path(roster)}
+def _strays(dataset: Dataset) -> Iterator[Finding]:
+    """Yield what looks like a journal and stands where none is read from: a copy, or another dataset."""
+    root, roster = dataset.root, dataset.people.path
+    paths = journals(root)
+    known = {*paths, *(chain.head_path(path) for path in paths), roster, chain.head_path(roster)}
     source = root / "sourcedata"
     found = {path for path in source.rglob("*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
     for path in sorted({*found, *root.rglob("*_journal.jsonl")} - known):
-        raise DatasetError(
-            path,
+        yield Finding(
             "looks like a journal, and no session of this dataset writes one there",
-            "take it out of the dataset",
+            path,
             allowed="sourcedata/sub-P/sub-P_task-T_journal.jsonl",
+            remedy="take it out of the dataset",
         )
 
 
-def _check_header(path: Path, header: Header, study: _Study) -> None:
+def _frames_alone(dataset: Dataset) -> Iterator[Finding]:
+    """Yield raw frames without a journal: a whole session was deleted."""
+    known = {storage.foot_path(path) for path in journals(dataset.root)}
+    for path in sorted((dataset.root / "sourcedata").glob("sub-*/*_foot.cobs")):
+        if path not in known and storage.size(path):
+            yield Finding("the journal of these frames is missing", path, remedy="restore it from a backup")
+
+
+def _copies(dataset: Dataset) -> Iterator[Finding]:
+    """Yield each journal of a session that another journal has already."""
+    by_id: dict[str, Path] = {}
+    for path, header in dataset.sessions:
+        if (other := by_id.setdefault(header.session_id, path)) != path:
+            what, allowed = f"has the session_id of {other}", "one of its own"
+            yield Finding(what, path, allowed=allowed, remedy="take the copy out")
+
+
+def _check_header(path: Path, header: Header, study: Dataset) -> None:
     """Refuse a journal that is not of this path, this study, and its purpose."""
     participant, task = header.participant, header.task
     if path != (own := storage.journal_path(study.root, participant, task)):
@@ -414,7 +372,7 @@ def _check_header(path: Path, header: Header, study: _Study) -> None:
     expected = {
         "purpose": study.purpose,
         "study": study.protocol.study.id,
-        "protocol_sha256": study.protocol_sha256,
+        "protocol_sha256": approval.sha256(study.protocol),
         "seed": study.seed,
         "task_position": known.index(task) + 1,
         "block_trials": schedule.block_trials(study.protocol, task),
@@ -453,37 +411,40 @@ def _check_enrolment(path: Path, header: Header, roster: Roster, seal: Seal, pro
             today=(datetime.fromisoformat(header.started_utc) + FARTHEST_EAST).date(),
         )
     except RosterError as error:
-        raise RosterError(path, f"the session was not allowed to begin: {error}") from error
+        if error.finding.where == roster.path:
+            # The roster was cut; the sessions that began under its last lines are as they were.
+            raise
+        what = f"the session was not allowed to begin: {error.finding.observation()}"
+        raise RosterError.at(replace(error.finding, where=path, what=what)) from error
 
 
-def _refuse_tables(root: Path, journals: set[Path], roster: Roster) -> None:
-    """Refuse tables of a session without a journal; those of whose data were erased are refused already."""
-    begun = {path.name.removesuffix("journal.jsonl") for path in journals}
-    for path in sorted(root.glob("sub-*/beh/sub-*_task-*")):
+def _tables_alone(dataset: Dataset) -> Iterator[Finding]:
+    """Yield tables of a session without a journal; those of whose data were erased are refused already."""
+    begun = {path.name.removesuffix("journal.jsonl") for path in dataset.begun}
+    for path in sorted(dataset.root.glob("sub-*/beh/sub-*_task-*")):
         who, task = path.name.split("_")[:2]
-        if f"{who}_{task}_" not in begun and who.removeprefix("sub-") not in roster.erased:
-            raise DatasetError(
-                path,
+        if f"{who}_{task}_" not in begun and who.removeprefix("sub-") not in dataset.people.erased:
+            yield Finding(
                 "no journal gives this table",
-                "restore the journal under sourcedata from a backup, or take the table out of the dataset",
+                path,
+                remedy="restore the journal under sourcedata from a backup, or take the table out of the dataset",
             )
 
 
-def _refuse_people(root: Path, journals: set[Path], tasks: dict[str, tuple[str, ...]]) -> None:
-    """Refuse a table that knows a participant, or the first task of one, of whom no journal is there."""
-    table = root / "participants.tsv"
-    if not table.is_file():
-        return
+def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
+    """Yield participants, or the first task of one, whom a table knows and of whom no journal is there."""
+    root, table = dataset.root, dataset.root / "participants.tsv"
     for row in _rows(table):
         participant, first = row.get("participant_id", "").removeprefix("sub-"), row.get("first_task", "")
-        own = {storage.journal_path(root, participant, task): task for task in tasks.get(participant, ())}
+        tasks = () if participant in dataset.people.erased else dataset.tasks.get(participant, ())
+        own = {storage.journal_path(root, participant, task): task for task in tasks}
         wanted = {path for path, task in own.items() if task == first} or own.keys()
-        if wanted and journals.isdisjoint(wanted):
-            raise DatasetError(
-                min(wanted),
+        if wanted and dataset.begun.isdisjoint(wanted):
+            yield Finding(
                 f"is missing, and {table.name} has a session of participant {participant}; restore the journal from a "
                 "backup",
-                build_again(
+                min(wanted),
+                remedy=build_again(
                     root,
                     f"if no such session took place, {table.name} was edited: delete that, and make it again",
                     suffices=False,
@@ -496,13 +457,23 @@ def build_again(root: Path, words: str, *, suffices: bool = True) -> Remedy:
     return Remedy(words, ("palpate", "build", str(root)), suffices)
 
 
-def _check_withdrawals(roster: Roster, root: Path, marks: dict[str, Path]) -> None:
-    """Refuse a roster that has forgotten a withdrawal; `marks` are the journals that hold one."""
-    files = (root / "sourcedata").glob("sub-*/sub-*_withdrawn.json")
-    for participant, path in (marks | {file.parent.name.removeprefix("sub-"): file for file in files}).items():
-        if participant not in roster.withdrawn:
-            raise RosterError(
-                roster.path,
-                f"participant {participant} withdrew, as {path} says, and the roster does not",
-                "restore the roster from a backup",
-            )
+def _forgotten_withdrawals(root: Path, roster: Roster, marked: Iterable[Path]) -> Iterator[Finding]:
+    """Yield each withdrawal that is not in the roster, but `marked` in journals or in a file of its own."""
+    for path in sorted({*marked, *(root / "sourcedata").glob("sub-*/sub-*_withdrawn.json")}):
+        if (participant := path.parent.name.removeprefix("sub-")) not in roster.withdrawn:
+            what = f"participant {participant} withdrew, as {path} says, and the roster does not"
+            yield Finding(what, roster.path, remedy="restore the roster from a backup")
+
+
+CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
+    "anchors": _anchors,
+    "erased": _erased,
+    "strays": _strays,
+    "journals": lambda dataset: dataset.damage,
+    "frames": _frames_alone,
+    "copies": _copies,
+    "tables": _tables_alone,
+    "participants": _lost_sessions,
+    "withdrawals": lambda dataset: _forgotten_withdrawals(dataset.root, dataset.people, dataset.withdrawals),
+}
+"""Every check of a dataset, in the order in which it is run, by the name that its findings have."""
