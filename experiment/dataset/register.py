@@ -112,17 +112,11 @@ def check_state(root: Path, register: Path, of: tuple[str, Purpose]) -> None:
     if not register.exists():
         return
     roster = Roster.load(storage.roster_path(root))
-    hashes: dict[str, tuple[str, ...]] = {}
-    held: list[tuple[Anchor, Prefix, bool]] = []
-    for one in read(register)[0]:
-        if (one.anchor.study, one.anchor.purpose) == of:
-            for prefix in one.anchor.prefixes:
-                if prefix.file not in hashes:
-                    hashes[prefix.file] = line_hashes(root / prefix.file)
-                if not roster.has_erased(prefix.file):
-                    held.append((one.anchor, prefix, prefix.begins(hashes[prefix.file])))
-    others = [(anchor, prefix) for anchor, prefix, begins in held if not begins]
-    if not others or len(others) == len(held):
+    anchors = [one.anchor for one in read(register)[0] if (one.anchor.study, one.anchor.purpose) == of]
+    known = [(one, prefix) for one in anchors for prefix in one.prefixes if not roster.has_erased(prefix.file)]
+    hashes = {name: line_hashes(root / name) for name in {prefix.file for _, prefix in known}}
+    others = [(anchor, prefix) for anchor, prefix in known if not prefix.begins(hashes[prefix.file])]
+    if not others or len(others) == len(known):
         return
     anchor, prefix = others[-1]
     raise DatasetError(

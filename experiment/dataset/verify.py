@@ -17,7 +17,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import bids, build, checks, register
 from palpate.experiment.dataset.checks import Dataset
-from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Evidence, Signer, anchors_of_file, contradictions
+from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, Signer, anchors_of_file
 from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, RecordingError, Remedy, Verdict
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.blocks import count
@@ -106,7 +106,7 @@ def verify(
     foreign = [place for place in evidence if _is_foreign(place, files)]
     ours = [place for place in evidence if place not in foreign]
     readable = people if rosters or storage.plan_path(root).exists() else None
-    unlike = [_inside(root, one) for one in contradictions(root, readable, files, ours)]
+    unlike = [_inside(root, one) for one in register.contradictions(root, readable, files, ours)]
     unlike += _other_seal(root, ours)
     refused = {str(finding.where) for finding in (*findings, *unlike) if finding.verdict == "refuses"}
     unlike += [Finding(FOREIGN, place.place) for place in foreign]
@@ -431,12 +431,19 @@ def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
                 return
 
 
+def _most_anchored(files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]) -> list[Anchored]:
+    """Return of each file the most lines that are as they were anchored, where there are any."""
+    same = ([one for one in anchors_of_file(*file, evidence) if one.same] for file in files.items())
+    return [anchored[-1] for anchored in same if anchored]
+
+
 def _verdict(
     findings: Sequence[Finding], files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]
 ) -> Iterator[str]:
     if refused := [finding for finding in findings if finding.verdict == "refuses"]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
-        by_command = all(map(_command_suffices, refused))
+        remedies = [one.remedy for one in refused if one.check != CUT_SHORT]
+        by_command = all(isinstance(one, Remedy) and one.suffices for one in remedies)
         mend = "Do what the findings say" if by_command else "Keep the folder as it is, and compare it with a backup"
         yield f"REFUSED: {speak} against this dataset. {mend}."
         return
@@ -446,12 +453,7 @@ def _verdict(
     yield "Nothing speaks against this dataset: an accident that changed what is listed above would have been noticed."
     outside = [place for place in evidence if place.guard]
     for place in outside:
-        best = [
-            same[-1]
-            for name in files
-            if (same := [one for one in anchors_of_file(name, files[name], [place]) if one.same])
-        ]
-        if not best:
+        if not (best := _most_anchored(files, [place])):
             continue
         anchored, days = sum(one.lines for one in best), sorted(one.day for one in best)
         when = f"on {days[0]}" if days[0] == days[-1] else f"when they were anchored, from {days[0]} to {days[-1]}"
@@ -460,20 +462,9 @@ def _verdict(
             f"PROVEN by {place.place}: {anchored} of {count(total, 'line')} {are} {when}. To change one of these "
             f"unseen, a person would have had to {place.guard} too."
         )
-    left = total - sum(_most_lines(name, hashes, outside) for name, hashes in files.items())
-    if left:
+    if left := total - sum(one.lines for one in _most_anchored(files, outside)):
         which = f"{count(left, 'line')} that came after the last anchor" if outside else "journals, heads and tables"
         yield (
             f"NOT PROVEN: a person who can write to this folder could have made {which} anew; nothing outside of the "
             "folder says otherwise."
         )
-
-
-def _command_suffices(finding: Finding) -> bool:
-    """Return whether a command alone puts right what was found."""
-    remedy = finding.remedy
-    return finding.check == CUT_SHORT or (isinstance(remedy, Remedy) and remedy.suffices)
-
-
-def _most_lines(name: str, hashes: Sequence[str], evidence: Sequence[Evidence]) -> int:
-    return max((one.lines for one in anchors_of_file(name, hashes, evidence) if one.same), default=0)

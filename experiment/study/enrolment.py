@@ -242,10 +242,11 @@ def withdraw(
             try:
                 rebuild(root)
             except PalpateError as error:
-                raise DatasetError(
-                    f"{error}; the withdrawal of participant {participant} is on record, and no table was made anew: "
-                    "mend that, then run the same command again"
-                ) from error
+                error.add_note(
+                    f"the withdrawal of participant {participant} is on record, and no table was made anew: mend that, "
+                    "then run the same command again"
+                )
+                raise
     return path
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Literal
@@ -18,7 +18,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from palpate.experiment import storage
 from palpate.experiment.clock import wall_ns
-from palpate.experiment.errors import RosterError, other_format
+from palpate.experiment.errors import Finding, RosterError, other_format
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain
 from palpate.experiment.records.chain import Chain
@@ -242,10 +242,9 @@ class Roster:
             try:
                 roster._apply(_ENTRY.validate_json(link.json))
             except (ValidationError, RosterError) as error:
-                why = "this is no roster entry" if isinstance(error, ValidationError) else str(error)
-                raise RosterError(
-                    path, why, "restore the roster from a backup (nothing was changed)", line=number
-                ) from error
+                inner = error.finding if isinstance(error, RosterError) else Finding("this is no roster entry")
+                remedy = "restore the roster from a backup (nothing was changed)"
+                raise RosterError.at(replace(inner, where=path, line=number, remedy=remedy)) from error
         return roster
 
     def _append(self, kind: type[AnyEntry], **facts: object) -> None:
@@ -339,8 +338,8 @@ class Roster:
         if participant not in self.consent_on:
             enrolled = list(self.consent_on) or ["nobody yet"]
             known = " to ".join(dict.fromkeys((enrolled[0], enrolled[-1])))
-            told = f"allowed: {known}; {self.next_label()} is the next to be enrolled"
-            raise RosterError(f"participant '{participant}' is not enrolled", remedy=told)
+            remedy = f"{self.next_label()} is the next to be enrolled"
+            raise RosterError(f"participant '{participant}' is not enrolled", remedy=remedy, allowed=known)
 
     def check_next(self, participant: str) -> None:
         """Return when `participant` is the next label. Raises `RosterError` otherwise."""
