@@ -56,6 +56,10 @@ class PalpateError(Exception):
         text = "\n".join(line.replace("\n", " ") for line in lines)
         return cls._with(text, summary(file, findings), tuple(replace(one, where=file) for one in findings))
 
+    def followed_by(self, other: "PalpateError") -> Self:
+        """Return this error with what came of it, in one line; both are among its findings."""
+        return self._with(f"{self}; {other}", self.finding, (*self.findings, *other.findings))
+
     @classmethod
     def _with(cls, text: str, finding: Finding, findings: tuple[Finding, ...]) -> Self:
         made = cls(text)

@@ -242,11 +242,9 @@ def withdraw(
             try:
                 rebuild(root)
             except PalpateError as error:
-                error.add_note(
-                    f"the withdrawal of participant {participant} is on record, and no table was made anew: mend that, "
-                    "then run the same command again"
-                )
-                raise
+                what = f"the withdrawal of participant {participant} is on record, and no table was made anew"
+                recorded = DatasetError(f"{what}: mend that, then run the same command again")
+                raise error.followed_by(recorded) from error
     return path
 
 

@@ -95,7 +95,7 @@ class GuardedTracker:
                 self._tracker.close()
         except TrackerError as error:
             if isinstance(ending, PalpateError):
-                raise TrackerError(f"{ending}; and then: {error}") from error
+                raise ending.followed_by(error) from error
             raise
 
 
