@@ -2,7 +2,7 @@
 
 import shlex
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import date
 from pathlib import Path
 
@@ -191,7 +191,7 @@ class _Visit:
                     )
                 )
             except PalpateError as error:
-                _check_others(root, participant, str(error))
+                _check_others(root, participant, error)
                 raise
             if not _is_complete(root, participant, task_id):
                 self._admitted()
@@ -339,14 +339,15 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
     return True
 
 
-def _check_others(root: Path, participant: str, failed: str) -> None:
+def _check_others(root: Path, participant: str, failed: PalpateError) -> None:
     """Tell of a session of another participant, which may be why a device `failed`. Raises `SessionLocked`."""
     for other in roster.Roster.load(storage.roster_path(root)).consent_on:
         if other != participant:
             try:
                 journal.check_free(storage.participant_folder(root, other), other)
-            except SessionLocked as running:
-                raise SessionLocked(f"{running}; none of participant {participant} can begin: {failed}") from None
+            except SessionLocked as busy:
+                what = f"{busy.finding.what}: participant {participant} cannot begin ({failed.finding.observation()})"
+                raise SessionLocked.at(replace(busy.finding, what=what)) from None
 
 
 def _is_complete(root: Path, participant: str, task_id: str) -> bool:

@@ -103,7 +103,6 @@ class ServoProcess:
             heard = self._line.hear(SLICE_S)
         except EOFError:
             raise ServoError("servo", "its process has ended; nothing is pushed", "resume the session") from None
-        ended = ""
         touches: list[Touch] = []
         places: list[tuple[int, Pair]] = []
         for kind, content, sent_ns in heard:
@@ -122,11 +121,11 @@ class ServoProcess:
             elif kind == process.STOOD:
                 stood_s = (monotonic_ns() - process.TIME.unpack(content)[0]) / 1e9
                 lost = f"after {process.HEARTBEAT_NS / 1e9:g} s the servo took the block away"
-                ended = f"the session stood still for {stood_s:.1f} s; {lost}; see what held the machine up"
+                stood = f"the session stood still for {stood_s:.1f} s; {lost}"
+                raise ServoError(stood, remedy="see what held the machine up")
             elif kind == process.ENDED:
-                ended = content.decode()
-        if ended:
-            raise ServoError(ended)
+                where, what, remedy, allowed = json.loads(content)
+                raise ServoError(where, what, remedy, allowed=allowed)
         if self._state is None or not places:
             return None
         for us, place_mm in places:

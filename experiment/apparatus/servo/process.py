@@ -316,7 +316,9 @@ def main() -> None:
         except EOFError:
             return
         except PalpateError as error:
-            line.tell(ENDED, str(error).encode(), time.monotonic_ns())
+            ended = error.finding
+            parts = ended.place(), ended.what, str(ended.remedy), ended.allowed
+            line.tell(ENDED, json.dumps(parts).encode(), time.monotonic_ns())
 
 
 @contextmanager

@@ -146,15 +146,14 @@ class SerialTracker:
 
     def reconnect(self, timeout_s: float) -> None:
         """Wait as `Tracker.reconnect` does: at the same port or, if the device has a USB serial number, at any."""
-        silent = "no frame since; see that the device is powered and sampling"
-        why = silent
+        why = silent = "no frame since"
         self.close()
         for _ in range(max(round(timeout_s / RETRY_S), 1)):
             if not self._thread.is_alive():
                 try:
                     self._open(port_of(self._identity) or self._name)
                 except TrackerError as error:
-                    why = str(error)
+                    why = error.finding.what
                     _MACHINE.sleep_ns(int(RETRY_S * 1e9))
                     continue
                 why = silent
@@ -166,7 +165,9 @@ class SerialTracker:
                 self.close()
         self.close()
         raise TrackerStopped(
-            f"tracker at {self._name}", f"not back within {timeout_s:g} s ({why})", "plug the device in again"
+            f"tracker at {self._name}",
+            f"not back within {timeout_s:g} s ({why})",
+            "plug it in again, and see that it samples",
         )
 
     def close(self) -> None:
