@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import os
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from palpate.analysis.audit.audit import Audit
-    from palpate.analysis.comparison.results import Compared
+    from palpate.analysis.designs.comparison.results import Compared
     from palpate.analysis.identification.results import Results
     from palpate.analysis.power.simulate import Power
     from palpate.analysis.reading.study import Study
@@ -95,15 +95,8 @@ def identify(study: Study | PathLike) -> Results:
     >>> cells.loc[("virtual", "aluminum foil", "aluminum foil"), ["t", "p"]].round(3).to_dict()  # as printed
     {'t': 2.753, 'p': 0.016}
     """
-    from palpate.analysis import published
-    from palpate.analysis.identification.results import compute
-    from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, printed_dissimilarities
-
-    given = _study(study, of_comparisons=False)
-    printed = published.load(given.id)
-    return compute(
-        given, printed.pairs() if printed else {}, printed_dissimilarities() if printed else NO_DISSIMILARITIES
-    )
+    found: Results = _results(study, "identification")
+    return found
 
 
 def compare(study: Study | PathLike) -> Compared:
@@ -125,11 +118,8 @@ def compare(study: Study | PathLike) -> Compared:
     DatasetError
         As `read`; the study has no trial that counts, or identifies materials.
     """
-    from palpate.analysis import published
-    from palpate.analysis.comparison.results import compute
-
-    given = _study(study, of_comparisons=True)
-    return compute(given, published.load(given.id))
+    found: Compared = _results(study, "comparison")
+    return found
 
 
 def audit(target: PathLike, against: PathLike | None = None) -> Audit:
@@ -339,9 +329,10 @@ def contact(
     return trajectory((block,), times_s=times_s, hand_m=np.stack([heights, np.zeros_like(heights)], axis=-1))
 
 
-def _study(study: Study | PathLike, *, of_comparisons: bool) -> Study:
-    from palpate.analysis.reading.study import Study, refuse_other
+def _results(study: Study | PathLike, design: str) -> Any:
+    from palpate.analysis import designs, published
+    from palpate.analysis.reading.study import Study
 
     given = study if isinstance(study, Study) else read(study)
-    refuse_other(given, of_comparisons=of_comparisons)
-    return given
+    designs.check_design(given, design)
+    return designs.named(design).compute(given, published.load(given.id), None)

@@ -21,13 +21,13 @@ from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import FromResults
 from palpate.analysis.audit.mistakes import Citation, Line
 from palpate.analysis.audit.print_lines import print_lines
-from palpate.analysis.documents.tables import Section, Table, plural, text
+from palpate.analysis.documents.tables import Section, Table, blocks, plural, text
 from palpate.analysis.identification.results import Results, TaskResult, compute
 from palpate.analysis.published import paper
 from palpate.analysis.published.numbers import PrintedIcc, Published
 from palpate.analysis.published.paper import Stated
 from palpate.analysis.reading.dataset import read
-from palpate.analysis.reading.study import nothing_left
+from palpate.analysis.reading.study import Study, nothing_left
 from palpate.experiment.errors import DatasetError, PublishedError
 
 if TYPE_CHECKING:
@@ -37,34 +37,13 @@ PRINT = "PRINT"
 """Stands for an origin where printed numbers are compared with one another, not with a dataset."""
 
 OWN = {
-    "PRACTICE": "practised",
-    "REHEARSAL": "rehearsed",
-    "RECONSTRUCTION": "recomputed",
-    "PARTICIPANT": "measured",
-    "PILOT": "measured",
-    "IMPORTED": "measured",
-    PRINT: "recomputed",
-}
+    "PRACTICE": "practised", "REHEARSAL": "rehearsed", "RECONSTRUCTION": "recomputed", "PARTICIPANT": "measured",
+    "PILOT": "measured", "IMPORTED": "measured", PRINT: "recomputed",
+}  # fmt: skip
 """Heading of the numbers with which the printed ones are compared, by origin."""
 
-ABOUT = {
-    "PILOT": "A pilot's answers are no data of the study. This comparison says nothing about the paper's results.",
-    "PRACTICE": "Answers of practice are simulated, as an experimenter keyed them. This comparison says nothing about "
-    "the paper's results.",
-    "REHEARSAL": "A rehearsal's answers are simulated. This comparison says how close the simulation comes to the "
-    "paper, and nothing about the paper's results.",
-    "RECONSTRUCTION": "The dataset was searched for so that it agrees with the printed tables: agreement shows that "
-    "the printed numbers can stand together, not that they are right. A number agrees when rounding the recomputed "
-    "one, or cutting off its digits, prints it.",
-    "PARTICIPANT": "New answers are expected to differ from the paper's. A number is called the same when "
-    "rounding the new one, or cutting off its digits, prints it.",
-    "IMPORTED": "These answers were measured elsewhere, and palpate vouches for none. New answers are expected to "
-    "differ from the paper's. A number is called the same when rounding the new one, or cutting off its "
-    "digits, prints it.",
-    PRINT: "The printed numbers are compared with one another. The recomputed column shows the values that the printed "
-    "means, SDs and counts allow, each of them rounded or truncated. A number that differs contradicts them; the "
-    "reason is the simplest mistake that gives the printed number, and no proof of that mistake.",
-}
+ABOUT = blocks(Path(__file__).with_name("about.md"))
+"""What each origin means for a comparison."""
 
 HELD = ("RECONSTRUCTION", PRINT)
 """Origins for which the printed numbers are asked whether they stand; new answers are only like or unlike them."""
@@ -267,6 +246,12 @@ def _correlation(published: Published, result: TaskResult) -> Correlation:
     return Correlation(result.task.id, len(printed), statistics.correlation(printed, recomputed))
 
 
+def beside_print(study: Study, results: Results, printed: Published) -> tuple[Section, Comparison]:
+    """Return what an analysis shows of the printed numbers, and every one of them beside the dataset's."""
+    comparison = compare(printed, results, diagnose=study.origin == "RECONSTRUCTION")
+    return comparison_section(study.origin, comparison), comparison
+
+
 def comparison_section(origin: str, comparison: Comparison) -> Section:
     """Return every printed number beside the recomputed one; `origin`, a key of `OWN`, decides the wording."""
     own = OWN[origin]
@@ -279,7 +264,11 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
     counted = _counted(comparison.lines, origin)
     if comparison.unread:
         counted += f" {plural(comparison.unread, 'cell')} {'was' if comparison.unread == 1 else 'were'} not read."
-    paragraphs = (counted, f"{comparison.source}. {ABOUT[origin]}", " ".join(map(_correlated, comparison.correlations)))
+    paragraphs = (
+        counted,
+        f"{comparison.source}. {ABOUT[origin].substitute()}",
+        " ".join(map(_correlated, comparison.correlations)),
+    )
     title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
     return Section("comparison", title, tuple(filter(None, paragraphs)), tables, records)
 

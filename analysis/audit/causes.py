@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 from fractions import Fraction
 from itertools import combinations
 
+from palpate.analysis.audit.bounds import Work, totals
 from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import FromPrint
-from palpate.analysis.audit.granularity import Work, totals
 from palpate.analysis.audit.mistakes import SWAPPED, TENFOLD, Line, Verdict, slips, told
 from palpate.analysis.published.numbers import Key, PrintedCell, PrintedScores, PrintedT, PrintedTable, Published
 from palpate.analysis.published.printed import Interval, Printed, outward, sum_of

@@ -10,10 +10,9 @@ from dataclasses import replace
 from fractions import Fraction
 
 from palpate.analysis.audit import mistakes
+from palpate.analysis.audit.bounds import Moments, effect, p_of_f, p_of_t, t_of
 from palpate.analysis.audit.evidence import NO_STEPS, Evidence, Misreading, Sample, Variances
-from palpate.analysis.audit.granularity import Moments
 from palpate.analysis.audit.mistakes import AGREES, Citation, Layout, Line, Mistake, Verdict, judge
-from palpate.analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
 from palpate.analysis.published.numbers import PrintedCell, PrintedClaim, PrintedF, PrintedLevel, PrintedT, Published
 from palpate.analysis.published.printed import Interval, Printed, hull, image
 from palpate.analysis.statistics.inference import stars

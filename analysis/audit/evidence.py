@@ -13,9 +13,24 @@ from itertools import product
 from statistics import mean, variance
 from typing import Literal
 
-from palpate.analysis.audit.granularity import ANY, Moments, Work, moments, neighbours, on_scale, steps_to_find, totals
+from palpate.analysis.audit.bounds import (
+    ANY,
+    Margin,
+    Moments,
+    Work,
+    between,
+    f_of,
+    margin,
+    moments,
+    neighbours,
+    on_scale,
+    steps_to_find,
+    together,
+    totals,
+    unweighted,
+    within,
+)
 from palpate.analysis.audit.mistakes import Verdict
-from palpate.analysis.audit.recomputed import Margin, between, f_of, margin, together, unweighted, within
 from palpate.analysis.identification.confusion import shared
 from palpate.analysis.identification.results import Results
 from palpate.analysis.published.numbers import PrintedCell, PrintedF, PrintedT, Published, Scale

@@ -12,8 +12,7 @@ from fractions import Fraction
 from itertools import pairwise
 from typing import Literal
 
-from palpate.analysis.audit.granularity import Moments
-from palpate.analysis.audit.recomputed import effect, p_of_f, p_of_t, t_of
+from palpate.analysis.audit.bounds import Moments, effect, p_of_f, p_of_t, t_of
 from palpate.analysis.documents.tables import plural
 from palpate.analysis.published.printed import Interval, Printed, as_printed, hull, image, point
 

@@ -15,11 +15,10 @@ from operator import attrgetter
 import numpy as np
 
 from palpate.analysis.audit import causes, mistakes
+from palpate.analysis.audit.bounds import MOST_COLUMNS, Row, Undecided, Work, examine, p_of_f, quotient
 from palpate.analysis.audit.causes import CONFLICTS
 from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import MISREADINGS, FromPrint, Misreading
-from palpate.analysis.audit.granularity import MOST_COLUMNS, Row, Undecided, Work, examine
-from palpate.analysis.audit.recomputed import p_of_f, quotient
 from palpate.analysis.documents.tables import plural
 from palpate.analysis.published.numbers import (
     PrintedCell,

@@ -25,34 +25,19 @@ SHADES = "Blues"
 """The colour map of a ratio from 0 to 1."""
 
 STYLE: Any = {
-    "font.family": "DejaVu Sans",
-    "font.size": 10,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "hatch.linewidth": 0.6,
-    "svg.fonttype": "path",
-    "svg.hashsalt": "palpate",
-    "text.parse_math": False,
-}
+    "font.family": "DejaVu Sans", "font.size": 10, "axes.spines.top": False, "axes.spines.right": False,
+    "hatch.linewidth": 0.6, "svg.fonttype": "path", "svg.hashsalt": "palpate", "text.parse_math": False,
+}  # fmt: skip
 """A dollar sign is one: what stands between two in a name is no formula."""
 
 COLUMN_MM, PAGE_MM = 85.0, 178.0
 """Widths of one and of two columns of a journal; the second includes the spacing between them."""
 
 COLUMN_STYLE: Any = {
-    **STYLE,
-    "font.size": 7,
-    "axes.titlesize": 7,
-    "axes.labelsize": 7,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "legend.fontsize": 7,
-    "legend.frameon": False,
-    "legend.handlelength": 1.5,
-    "legend.columnspacing": 1.2,
-    "axes.linewidth": 0.6,
-    "lines.linewidth": 1.0,
-}
+    **STYLE, "font.size": 7, "axes.titlesize": 7, "axes.labelsize": 7, "xtick.labelsize": 7, "ytick.labelsize": 7,
+    "legend.fontsize": 7, "legend.frameon": False, "legend.handlelength": 1.5, "legend.columnspacing": 1.2,
+    "axes.linewidth": 0.6, "lines.linewidth": 1.0,
+}  # fmt: skip
 """No letter is below 7 points at the width at which a journal prints."""
 
 PAGE_INCHES = 9.0

@@ -12,6 +12,8 @@ import textwrap
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from pathlib import Path
+from string import Template
 from typing import Any, Protocol
 
 WIDTH = 100
@@ -372,6 +374,22 @@ def _table(table: Table, title: str, label: str) -> str:
 
 def _row(cells: tuple[str, ...]) -> str:
     return " & ".join(map(escaped, cells)) + r" \\"
+
+
+def blocks(file: Path) -> dict[str, Template]:
+    """Return the text below each heading of a Markdown file, with `$` names for values."""
+    parts = (part.partition("\n") for part in re.split(r"^## ", file.read_text("utf-8"), flags=re.MULTILINE)[1:])
+    return {name: Template(" ".join(text.split())) for name, _, text in parts}
+
+
+def formulas(file: Path, **known: object) -> tuple[tuple[str, str], ...]:
+    """Return the name and formula of each heading of a Markdown file; `known` stands for its `$` names."""
+    return tuple((name, text.substitute(known)) for name, text in blocks(file).items())
+
+
+def joined(parts: Sequence[str]) -> str:
+    """Return `a`, `a and b`, or `a, b and c`."""
+    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def plural(count: int, noun: str) -> str:

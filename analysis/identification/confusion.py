@@ -146,7 +146,7 @@ def confusion(
 
 def confusion_of(study: Study, task: str) -> Confusion:
     """Return the counts of the included trials of one task of a study. Raises `DatasetError` for comparisons."""
-    if study.answers is not None:
+    if study.design != "identification":
         raise DatasetError(
             study.id, "got comparisons of pairs", "give another dataset", allowed="trials in which a material is named"
         )

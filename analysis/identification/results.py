@@ -155,20 +155,13 @@ class Results:
         import pandas as pd
 
         rows: list[dict[str, object]] = [
-            {
-                "task": task.task.id,
-                "presented": test.material,
-                "answered": answered,
-                "participants": task.confusion.n(i),
-                "mean": task.confusion.mean(i, j),
-                "sd": task.confusion.sd(i, j),
-                "chance": task.chance,
-                **(_t(test) if i == j else {}),
-            }
+            {"task": task.task.id, "presented": test.material, "answered": answered,
+             "participants": task.confusion.n(i), "mean": task.confusion.mean(i, j), "sd": task.confusion.sd(i, j),
+             "chance": task.chance, **(_t(test) if i == j else {})}
             for task in self.tasks
             for i, test in zip(task.confusion.presented, task.tests, strict=True)
             for j, answered in enumerate((*task.confusion.materials, ""))
-        ]
+        ]  # fmt: skip
         return pd.DataFrame(rows).astype(dict.fromkeys(("mean", "sd", "chance", "t", "p", "p_holm"), "float64"))
 
     def task(self, task: str) -> TaskResult | None:
@@ -200,20 +193,13 @@ def compute(
         beside_these = beside(study, matrices)
         contrasts, trials, course = modelled()
     return Results(
-        tasks=tasks,
-        identifications=identifications,
-        dissimilarities=dissimilarities,
+        tasks=tasks, identifications=identifications, dissimilarities=dissimilarities,
         pairs=tuple(test for task in tasks for test in _pairs(task, pairs.get(task.task.id), study)),
         two_way=tuple(anovas.two_way(data, kind) for kind in anovas.TYPES) if data else (),
-        two_way_statement=statement,
-        components=_components(data, tasks) if data else None,
-        reliabilities=tuple(_reliabilities(study, tasks)),
-        beside=beside_these,
-        marginal=contrasts,
-        equivalences=equivalences(study, matrices),
-        trials=trials,
-        course=course,
-    )
+        two_way_statement=statement, components=_components(data, tasks) if data else None,
+        reliabilities=tuple(_reliabilities(study, tasks)), beside=beside_these, marginal=contrasts,
+        equivalences=equivalences(study, matrices), trials=trials, course=course,
+    )  # fmt: skip
 
 
 def _t(test: MaterialTest) -> dict[str, float | None]:

@@ -67,28 +67,15 @@ def usual_length(lengths: Iterable[float]) -> int:
 
 
 FULL = Extent(
-    lengths=(125, 250, 500, 1000, 2500, 5000),
-    output_rates_hz=(44_100, 48_000, 96_000, 192_000),
-    most_terms=60_000_000,
-    table_sizes=(8, 15, 30, 60, 120, 240, 480),
-    table_levels=(3, 7, 15),
-    noise_s=(0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0),
-    budget_s=0.2,
-    least_repeats=5,
-    places=200,
-    diagrams=contact.DIAGRAMS,
-    contact_steps=(2, 8, 32, 128, 512),
-)
+    lengths=(125, 250, 500, 1000, 2500, 5000), output_rates_hz=(44_100, 48_000, 96_000, 192_000),
+    most_terms=60_000_000, table_sizes=(8, 15, 30, 60, 120, 240, 480), table_levels=(3, 7, 15),
+    noise_s=(0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0), budget_s=0.2, least_repeats=5, places=200,
+    diagrams=contact.DIAGRAMS, contact_steps=(2, 8, 32, 128, 512),
+)  # fmt: skip
 QUICK = replace(
-    FULL,
-    lengths=(250, 1000, 2500),
-    most_terms=10_000_000,
-    table_sizes=(8, 30, 120, 480),
-    table_levels=(3, 15),
-    noise_s=(0.1, 0.5, 2.0),
-    budget_s=0.05,
-    contact_steps=(2, 8, 32, 128),
-)
+    FULL, lengths=(250, 1000, 2500), most_terms=10_000_000, table_sizes=(8, 30, 120, 480), table_levels=(3, 15),
+    noise_s=(0.1, 0.5, 2.0), budget_s=0.05, contact_steps=(2, 8, 32, 128),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)

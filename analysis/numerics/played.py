@@ -282,18 +282,13 @@ def arrays(stimuli: Sequence[Played], materials: Mapping[str, CrinkleSpectra]) -
     handed = np.stack([one.handed.astype(np.float64) * full_scale[one.unit] for one in in_order])
     file = io.BytesIO()
     np.savez_compressed(
-        file,
-        materials=np.array(names),
-        units=np.array(units),
-        rate_hz=RATE_HZ,
-        recorded_mm_s=np.array(SPEEDS_MM_S),
+        file, materials=np.array(names), units=np.array(units), rate_hz=RATE_HZ, recorded_mm_s=np.array(SPEEDS_MM_S),
         amplitudes=np.stack([materials[name].amplitudes for name in names]),
         signs=np.stack([materials[name].signs for name in names]).astype(np.int8),
-        speeds_mm_s=np.array(BUDGET_SPEEDS_MM_S),
-        handed=handed.reshape(*shape, handed.shape[-1]),
+        speeds_mm_s=np.array(BUDGET_SPEEDS_MM_S), handed=handed.reshape(*shape, handed.shape[-1]),
         total=np.reshape([one.budget.total for one in in_order], shape),
         truth=np.reshape([one.truth for one in in_order], shape),
-    )
+    )  # fmt: skip
     return file.getvalue()
 
 
@@ -363,22 +358,19 @@ def cases() -> list[Case]:
     quiet, knots = _scaled(0.02), _scaled(0.1)
     one_bin = replace(SOME, amplitudes=SOME.amplitudes * np.where(np.arange(PAPER_SAMPLES) == 200, 1e300, 0.0))
     given: tuple[tuple[str, Rig, CrinkleSpectra], ...] = (
-        ("silence", RIG, _scaled(0.0)),
-        ("1e300 m/s^2", replace(RIG, rate_hz=48_000), _scaled(1e300)),
-        ("1e300 m/s^2 in one bin", RIG, one_bin),
-        ("denormals", RIG, _scaled(1e-321)),
+        ("silence", RIG, _scaled(0.0)), ("1e300 m/s^2", replace(RIG, rate_hz=48_000), _scaled(1e300)),
+        ("1e300 m/s^2 in one bin", RIG, one_bin), ("denormals", RIG, _scaled(1e-321)),
         ("below the lowest level", RIG, quiet),
         ("far above the limit of the panel", replace(RIG, rate_hz=48_000), SOME),
         ("above the limit of the panel", replace(RIG, limit_m_s2=3.0), quiet),
         ("no limit", _free(RIG.response), SOME),
         ("a gain limit that holds most bins back", replace(RIG, gain_limit_v_per_m_s2=0.05), knots),
-        ("an amplifier of 0.5 V", replace(RIG, limit_v=0.5), knots),
-        ("two frequencies", Rig(coarse), knots),
+        ("an amplifier of 0.5 V", replace(RIG, limit_v=0.5), knots), ("two frequencies", Rig(coarse), knots),
         ("one level", Rig(one_level), knots),
         ("a level that hardly moves more than the one below", _free(steep), knots),
         ("an output of 1 kHz", replace(RIG, rate_hz=1000), knots),
         ("an output of 44.1 kHz", replace(RIG, rate_hz=44_100), quiet),
-    )
+    )  # fmt: skip
     places = [float(np.nextafter(v, towards)) for v in (*SPEEDS_MM_S, 75.0) for towards in (0.0, inf)]
     refusals = "refused with SynthesisError"
     return [

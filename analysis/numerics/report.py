@@ -9,7 +9,7 @@ from typing import Any
 
 from palpate.analysis.documents.drawing import png, svg
 from palpate.analysis.documents.output import check, publish
-from palpate.analysis.documents.tables import WIDTH, Column, Section, Table, comma_separated, markdown, tabulate
+from palpate.analysis.documents.tables import WIDTH, Column, Section, Table, blocks, comma_separated, markdown, tabulate
 from palpate.analysis.documents.tables import text as section_text
 from palpate.analysis.numerics import contact, figures, played
 from palpate.analysis.numerics.cases import Outcome
@@ -54,32 +54,12 @@ FILES = (
 USUAL_FREQUENCIES = 120
 """Of a response table: every 5 Hz to 600 Hz."""
 
-SAYS = {
-    "synthesis": "The error is the rms of the difference from the oracle, divided by the rms of the exact stimulus: "
-    f"the worst of {len(MATERIALS)} materials at {len(WITHIN_MM_S)} speeds within those measured, or at "
-    f"{len(OUTSIDE_MM_S)} outside of them, as the speed that the time is of. Of the printed sum, which takes seconds, "
-    "it is that of one material at one speed. Preparation is done once for each material; the table gives its time and "
-    "the memory that it holds.",
-    "voltages": "The error is the same, in volts, on a rig whose response is measured from 10 to 600 Hz, with limits "
-    f"of gain, panel and amplifier: the worst of {len(MATERIALS)} materials at {len(WITHIN_MM_S) + 2} speeds. The "
-    "oracle inverts the table in extended precision, and takes a stimulus down as far as the way did. Where a material "
-    "bends too often for the memory that it may take, or the foot is slow, the voltages are shaped for the step "
-    "by either way; `prepared` is the share of the stimuli that are not.",
-    "samples": "The error is the rms of the rounding, divided by that of the stimulus, at a full scale of "
-    f"{FULL_SCALE_M_S2:g} m/s^2: the worst of all materials at speeds within those measured. A float32 sample is "
-    "always nearer than half a step of a 24-bit converter, so the converter decides, and never the sample.",
-    "resampling": "The error is the same, at samples between both ends. palpate uses the inverse DCT; the two other "
-    "ways are there for comparison.",
-    "shaping": "The error is the rms of the relative difference from the closed inverse of a response that saturates "
-    "softly and peaks at 360 Hz, at the bins from 10 to 600 Hz. It comes from the straight lines between the values of "
-    "a table, and no bound is claimed.",
-    "noise": "The error is the largest deviation, in dB, of an octave band from 31.5 Hz to 16 kHz from its colour, "
-    "relative to the band at 1 kHz. It is bounded for noise of half a second or longer.",
-    "contact": "A mass is thrown back by a block with a damping ratio of "
-    f"{contact.DAMPING_RATIO:g}. The error is that of the speed of rebound, relative to the closed form in extended "
-    "precision, the largest over the phase of the touch within a step; 1 is all of it, and stands for no release too. "
-    "The time is that of the whole impact.",
-}
+ABOUT = blocks(Path(__file__).with_name("about.md"))
+COUNTED = {
+    "materials": len(MATERIALS), "within": len(WITHIN_MM_S), "outside": len(OUTSIDE_MM_S),
+    "speeds": len(WITHIN_MM_S) + 2, "full_scale": f"{FULL_SCALE_M_S2:g}", "damping_ratio": f"{contact.DAMPING_RATIO:g}",
+}  # fmt: skip
+"""What the texts name."""
 HEADS = {
     "samples": "N", "output_rate_hz": "output rate (Hz)", "speed_mm_s": "speed (mm/s)", "frequencies": "frequencies",
     "drive_levels": "drive levels", "bins": "bins", "length_s": "length (s)", "stiffness_n_m": "K (N/m)",
@@ -151,7 +131,7 @@ DOMINATED = (
 
 
 def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
-    paragraphs = [SAYS[subject]]
+    paragraphs = [ABOUT[subject].substitute(COUNTED)]
     if dominated(rows[0], rows) is not None:
         paragraphs.append(DOMINATED)
     if subject == "synthesis":
@@ -254,11 +234,9 @@ def _cases(outcomes: tuple[Outcome, ...]) -> Section:
 def _budget(result: Sequence[Played]) -> Section:
     speeds = played.BUDGET_SPEEDS_MM_S
     about = (
-        "How far what a device is handed is from what equations (1) to (5) ask for, cause by cause: percent of the rms "
-        f"asked for, least and most over {len(speeds)} speeds from {speeds[0]:g} to {speeds[-1]:g} mm/s. Squares of "
-        "the shares add up to that of all. The truth is how the simulated panel moves, which answers by a closed form "
-        "and not by the table; the rig in m/s^2 moves as it is told. The total lies within "
-        f"{played.TRUE:.0%} of it, or the command fails.",
+        ABOUT["budget"].substitute(
+            count=len(speeds), slowest=f"{speeds[0]:g}", fastest=f"{speeds[-1]:g}", within=f"{played.TRUE:.0%}"
+        ),
         "What was played is in played.npz, so that the truth can be found by other means; `tests/README.md` says how.",
     )
     tables = []

@@ -14,9 +14,11 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.analysis import published
-from palpate.analysis.documents.tables import plural
+from palpate.analysis.documents.tables import Record, Table, plural
 from palpate.analysis.identification.confusion import confusion
+from palpate.analysis.power.planned_tests import Answers as Every
+from palpate.analysis.power.planned_tests import Design, Model, Shown, starred
+from palpate.analysis.power.planned_tests import answer as answered
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats, Integers
@@ -28,8 +30,8 @@ from palpate.experiment.settings.load import Broken, Confined, Label, Name, Rule
 MOST_SPREAD = 0.999
 """The largest intraclass correlation that is fitted; beyond it every participant always gives the same answer."""
 
-OWN = "published"
-"""The name of the model of the study whose id the protocol has."""
+PRINTED = "tables"
+"""What print has of answers."""
 
 
 @dataclass(frozen=True)
@@ -46,46 +48,55 @@ class Answers:
 
 
 @dataclass(frozen=True)
-class ChoiceModel:
-    """The answers in every task, their `source`, `notes` on what was decided, and the `label` of a fitted dataset."""
+class ChoiceModel(Model):
+    """Answers that name a material, in every task."""
 
-    source: str
     tasks: tuple[Answers, ...]
-    notes: tuple[str, ...] = ()
-    label: str = ""
 
+    has_stars = True
+    undefined = "no variance"
+    control_name = "guessing"
 
-def find(name: str, protocol: Protocol) -> ChoiceModel:
-    """Return the model called `name`: `published`, the id of a published study, a dataset's folder, or a TOML file.
+    def control(self, protocol: Protocol) -> "ChoiceModel":
+        """Return participants whose answers are correct at chance on average, and who differ as much."""
+        count = len(protocol.materials)
+        tasks = []
+        for task, own in zip(protocol.tasks, self.tasks, strict=True):
+            planned = (test.chance for test in protocol.analysis if task.id in test.tasks and test.chance is not None)
+            chance = next(planned, 1 / count)
+            shares = np.full((count, count + 1), (1 - chance) / (count - 1))
+            shares[:, -1] = 0.0
+            np.fill_diagonal(shares, chance)
+            tasks.append(Answers(task.id, shares * own.shares.any(axis=1, keepdims=True), own.spread))
+        return ChoiceModel("guessing on average, with the same spread among participants", tuple(tasks))
 
-    Raises `PowerError` if there is no such model, or it lacks a task or a material, and `DatasetError` or
-    `ProtocolError` for a dataset or file that cannot be read.
-    """
-    if printed := published.load(protocol.study.id if name == OWN else name):
-        return from_print(printed, protocol)
-    path = Path(name)
-    if path.is_dir():
-        return fitted(path, protocol)
-    if name != OWN and (path.suffix == ".toml" or path.exists()):
-        return stated(path, protocol)
-    raise PowerError(
-        f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study whose "
-        "printed tables palpate holds, the folder of a dataset, or a TOML file; give one of these"
-    )
+    def answers(self, planned: Design, participants: int, studies: int, random: np.random.Generator) -> Every:
+        """Return the answers to each question, and how many studies have a mean above chance in its family."""
+        sizes = planned.sizes(participants)
+        drawn = {
+            task.id: draw(answers, trials=task.repetitions, participants=size, studies=studies, random=random)
+            for task, answers, size in zip(planned.tasks, self.tasks, sizes, strict=True)
+        }
+        every = answered(planned, drawn)
+        return every, starred(planned, every)
 
-
-def guessing(protocol: Protocol, model: ChoiceModel) -> ChoiceModel:
-    """Return the control: answers are correct at chance on average, and participants differ as much as in `model`."""
-    count = len(protocol.materials)
-    tasks = []
-    for task, own in zip(protocol.tasks, model.tasks, strict=True):
-        planned = (test.chance for test in protocol.analysis if task.id in test.tasks and test.chance is not None)
-        chance = next(planned, 1 / count)
-        shares = np.full((count, count + 1), (1 - chance) / (count - 1))
-        shares[:, -1] = 0.0
-        np.fill_diagonal(shares, chance)
-        tasks.append(Answers(task.id, shares * own.shares.any(axis=1, keepdims=True), own.spread))
-    return ChoiceModel("guessing on average, with the same spread among participants", tuple(tasks))
+    def shown(self, planned: Design, said: tuple[str, ...]) -> Shown:
+        """Return the mean share of each answer, with the spread."""
+        header = ("task", "presented", *planned.materials, "none", "spread")
+        rows: list[tuple[str, ...]] = []
+        records: list[Record] = []
+        for task in self.tasks:
+            for place in planned.places(task.task):
+                material, shares_of, spread = planned.materials[place], task.shares[place], task.spread[place]
+                rows.append((task.task, material, *(f"{share:.3f}" for share in shares_of), f"{spread:.3f}"))
+                named = dict(zip((*planned.materials, "none"), shares_of.tolist(), strict=True))
+                records.append({"task": task.task, "presented": material, **named, "spread": float(spread)})
+        note = (
+            "Mean share of each answer; spread is the intraclass correlation of one participant's answers to a "
+            "material."
+        )
+        table = Table("Choice model", header, tuple(rows), left=frozenset({0, 1}), notes=(note,))
+        return said, (table,), tuple(records)
 
 
 def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:

@@ -13,9 +13,10 @@ import numpy as np
 from pydantic import Field
 from scipy.special import expit, stdtr
 
-from palpate.analysis import published
-from palpate.analysis.comparison.results import CHOSEN
-from palpate.analysis.power.planned_tests import Answer, Design, Question
+from palpate.analysis.designs.comparison.results import CHOSEN
+from palpate.analysis.documents.tables import Table
+from palpate.analysis.power.planned_tests import ABOUT, Answer, Answers, Design, Model, Question, Shown
+from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
 from palpate.analysis.statistics.exact import Floats, Integers
 from palpate.analysis.statistics.scaling import FIRST, SECOND
@@ -31,6 +32,9 @@ SPREAD = 0.5
 """Ours: the SD among participants, in logits, where print tells of none."""
 
 PLANNED = "Bradley-Terry"
+
+PRINTED = "percentages"
+"""What print has of choices."""
 
 MEAN = (
     "The values are those of all participants' choices together, which lie nearer to each other than those of one "
@@ -50,13 +54,45 @@ class Observers:
 
 
 @dataclass(frozen=True)
-class PairModel:
-    """How observers compare in every task whose scale is planned; the rest is as in `choice_models.ChoiceModel`."""
+class PairModel(Model):
+    """How observers compare in every task whose scale is planned."""
 
-    source: str
     tasks: tuple[Observers, ...]
-    notes: tuple[str, ...] = ()
-    label: str = ""
+
+    has_stars = False
+    undefined = "no finite scale"
+    control_name = "alike"
+
+    def control(self, _: Protocol) -> "PairModel":
+        """Return observers to whom nothing differs on average, and who differ as much."""
+        source = "materials that are alike on average, with the same spread among participants"
+        tasks = tuple(replace(one, values=np.zeros_like(one.values), order=0.0) for one in self.tasks)
+        return replace(self, source=source, tasks=tasks)
+
+    def answers(self, planned: Design, participants: int, studies: int, random: np.random.Generator) -> Answers:
+        """Return the answers to each question; no family is counted."""
+        return answers(planned, self, participants, studies, random), {}
+
+    def shown(self, planned: Design, said: tuple[str, ...]) -> Shown:
+        """Return the values of each task, with what being first adds, and the SDs among participants."""
+        tasks = planned.tasks
+        paragraphs = (
+            said[0],
+            ABOUT["observers"].substitute(repeated=", ".join(f"{one.id} {one.repetitions}" for one in tasks)),
+            *said[2:],
+        )
+        records = tuple(
+            {"task": one.task, "material": name, "value": value, "spread": one.spread, "order": one.order,
+             "order_spread": one.order_spread}
+            for one in self.tasks for name, value in zip(planned.materials, one.values.tolist(), strict=True)
+        )  # fmt: skip
+        rows = [
+            (str(row["task"]), str(row["material"]), f"{row['value']:.3f}", f"{row['spread']:.3f}") for row in records
+        ]
+        rows += [(one.task, "being first", f"{one.order:.3f}", f"{one.order_spread:.3f}") for one in self.tasks]
+        header = ("task", "material", "value", "SD")
+        table = Table("Model of comparisons, in logits", header, tuple(rows), left=frozenset({0, 1}))
+        return paragraphs, (table,), records
 
 
 class StatedValue(Confined):
@@ -78,41 +114,20 @@ class StatedPairs(Confined):
     values: Annotated[tuple[StatedValue, ...], Field(min_length=2)]
 
 
-def find(name: str, protocol: Protocol) -> PairModel:
-    """Return the model of comparisons called `name`, as `choice_models.find`.
-
-    Raises `PowerError` also where a scale has no limit, or no test can be simulated, `DatasetError` and
-    `ProtocolError`.
-    """
-    if not any(test.test == PLANNED for test in protocol.analysis):
+def planned_tasks(protocol: Protocol) -> tuple[list[str], list[str]]:
+    """Return the ids of the tasks whose scale is planned, and of the materials. Raises `PowerError` without any."""
+    planned = {task for test in protocol.analysis if test.test == PLANNED for task in test.tasks}
+    if not planned:
         raise PowerError(
             f"study {protocol.study.id}: got no planned {PLANNED}; allowed: comparisons whose protocol plans that "
             "scale; plan it, or plan without palpate power"
         )
-    ids = [material.id for material in protocol.materials]
-    planned = {task for test in protocol.analysis if test.test == PLANNED for task in test.tasks}
-    tasks = [task.id for task in protocol.tasks if task.id in planned]
-    if printed := published.load(protocol.study.id if name == "published" else name):
-        return _from_print(printed, tasks, ids)
-    path = Path(name)
-    if path.is_dir():
-        return _fitted(path, tasks, ids)
-    if name != "published" and (path.suffix == ".toml" or path.exists()):
-        return _stated(path, tasks, ids)
-    raise PowerError(
-        f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study whose "
-        "printed percentages palpate holds, the folder of a dataset, or a TOML file; give one of these"
-    )
+    return [task.id for task in protocol.tasks if task.id in planned], [one.id for one in protocol.materials]
 
 
-def alike(model: PairModel) -> PairModel:
-    """Return the control: nothing differs on average, and participants differ as much as in the model."""
-    source = "materials that are alike on average, with the same spread among participants"
-    tasks = tuple(replace(one, values=np.zeros_like(one.values), order=0.0) for one in model.tasks)
-    return replace(model, source=source, tasks=tasks)
-
-
-def _stated(file: Path, tasks: list[str], ids: list[str]) -> PairModel:
+def stated(file: Path, protocol: Protocol) -> PairModel:
+    """Return the model of a TOML file."""
+    tasks, ids = planned_tasks(protocol)
     stated = load.read(file, StatedPairs)
     if strange := [one.task for one in stated.values if one.task not in (None, *tasks)]:
         raise PowerError(f"{file}: got a value in task {strange[0]}; allowed: {', '.join(tasks)}, or none; mend it")
@@ -130,8 +145,9 @@ def _stated(file: Path, tasks: list[str], ids: list[str]) -> PairModel:
     return PairModel(f"stated in {file.name}: {stated.source}", tuple(observers))
 
 
-def _from_print(printed: published.numbers.Published, tasks: list[str], ids: list[str]) -> PairModel:
+def from_print(printed: Published, protocol: Protocol) -> PairModel:
     """Return the scales of printed percentages; the spread among participants, which nobody prints, is ours."""
+    tasks, ids = planned_tasks(protocol)
     place = {**{str(k + 1): k for k in range(len(ids))}, **{name: k for k, name in enumerate(ids)}}
     blocks = {block.task: block for block in printed.choices}
     observers = []
@@ -156,10 +172,11 @@ def _from_print(printed: published.numbers.Published, tasks: list[str], ids: lis
     return PairModel(f"percentages of {where} of {printed.source}", tuple(observers), (note,))
 
 
-def _fitted(folder: Path, tasks: list[str], ids: list[str]) -> PairModel:
+def fitted(folder: Path, protocol: Protocol) -> PairModel:
     """Return the scales of a dataset, with the spread by which errors exceed those of participants who are alike."""
+    tasks, ids = planned_tasks(protocol)
     study = dataset.read(folder)
-    if study.answers is None or set(ids) != set(study.materials):
+    if study.design != "comparison" or set(ids) != set(study.materials):
         raise PowerError(f"{folder}: got other answers or materials; allowed: comparisons of {', '.join(ids)}; mend it")
     observers = []
     for task in tasks:

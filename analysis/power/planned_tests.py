@@ -1,12 +1,16 @@
 """A protocol's planned tests, as `identification.results` computes them, for many simulated studies at once."""
 
-from collections.abc import Iterator, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
+from palpate.analysis.documents.tables import Record, Table, blocks
 from palpate.analysis.identification.confusion import most_confused
 from palpate.analysis.identification.results import EVERY
 from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
@@ -15,6 +19,8 @@ from palpate.analysis.statistics.icc import NAMES, icc_tests
 from palpate.analysis.statistics.inference import holm, t_tests
 from palpate.analysis.statistics.participants import repeated_tests, sign_flip_tests
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
+
+ABOUT = blocks(Path(__file__).with_name("about.md"))
 
 ADJUSTED = "Holm"
 FLIPS = ", sign flips (ours)"
@@ -72,6 +78,45 @@ class Answer:
     estimate: Floats | None = None
 
 
+Answers = tuple[dict[Question, Answer], dict[Question, int]]
+"""The answers to each question, and how many studies err in its family where any can."""
+
+Shown = tuple[tuple[str, ...], tuple[Table, ...], tuple[Record, ...]]
+"""The paragraphs, tables and records of a model."""
+
+
+@dataclass(frozen=True)
+class Model(ABC):
+    """How participants answer in every task, the `source`, `notes` on what was decided, and a fitted dataset's `label`.
+
+    Each design has a class of its own, in the module that its `AnalysisDesign` names.
+    """
+
+    source: str
+    tasks: tuple[Any, ...]
+    notes: tuple[str, ...] = ()
+    label: str = ""
+
+    has_stars: ClassVar[bool]
+    """Whether a mean above chance earns stars, so that a family may err together."""
+    undefined: ClassVar[str]
+    """Why several participants may give no statistic."""
+    control_name: ClassVar[str]
+    """The name of its control among `ABOUT`."""
+
+    @abstractmethod
+    def control(self, protocol: Protocol) -> "Model":
+        """Return the model in which every null hypothesis holds, while participants differ as much."""
+
+    @abstractmethod
+    def answers(self, planned: Design, participants: int, studies: int, random: np.random.Generator) -> Answers:
+        """Draw studies, and return what they answer."""
+
+    @abstractmethod
+    def shown(self, planned: Design, said: tuple[str, ...]) -> Shown:
+        """Return what a report shows of the model; `said` has its source, the sizes of tasks, and notes."""
+
+
 def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: float | None = None) -> Design:
     """Return what a protocol plans, with `alpha` as every test's level where it is given; `pairs` as in `Design`."""
     materials = tuple(material.id for material in protocol.materials)
@@ -84,25 +129,16 @@ def design(protocol: Protocol, pairs: Mapping[str, tuple[str, str]], alpha: floa
 
 def not_simulated(planned: Design) -> tuple[str, ...]:
     """Return one sentence for each planned test that cannot be simulated."""
-    return (
-        *(
-            f"The planned {test.test} of {' and '.join(test.tasks)} is not simulated; the Bradley-Terry scale of the "
-            "same choices is."
-            for test in planned.tests
-            if test.test in ("Thurstone", "Davidson")
-        ),
-        *(
-            f"The planned equivalence of {' and '.join(test.tasks)} is not simulated: where everybody guesses, "
-            "tasks and materials are equivalent, so that the control is none of it."
-            for test in planned.tests
-            if test.test == "equivalence"
-        ),
-        *(
-            f"The planned {test.test} of the form '{test.form}' is not simulated: its form names neither variance "
-            "components nor a form of Shrout and Fleiss or of McGraw and Wong."
-            for test in planned.tests
-            if test.test == "ICC" and _form(test) is None
-        ),
+    without: Mapping[str, Callable[[PlannedTest], bool]] = {
+        "another scale": lambda test: test.test in ("Thurstone", "Davidson"),
+        "equivalence": lambda test: test.test == "equivalence",
+        "another form": lambda test: test.test == "ICC" and _form(test) is None,
+    }
+    return tuple(
+        ABOUT[name].substitute(test=test.test, tasks=" and ".join(test.tasks), form=test.form)
+        for name, is_asked in without.items()
+        for test in planned.tests
+        if is_asked(test)
     )
 
 

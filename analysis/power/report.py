@@ -15,42 +15,21 @@ from palpate.analysis.documents.drawing import COLUMN_STYLE, LINES, Sheet, colou
 from palpate.analysis.documents.output import publish
 from palpate.analysis.documents.tables import Column, Record, Section, Table, number, tabulate
 from palpate.analysis.documents.tables import text as in_terminal
-from palpate.analysis.power.comparisons import PairModel
-from palpate.analysis.power.planned_tests import ADJUSTED, Question
+from palpate.analysis.power.planned_tests import ABOUT, ADJUSTED, Question
 from palpate.analysis.power.simulate import Kind, Power, Row, software
 
-ABOUT_POWER = (
-    "Power is the share of SIMULATED studies in which the two-tailed P lies below alpha. A study whose values define "
-    "no P counts as one that finds nothing."
-)
-IN_BRACKETS = (
-    "In brackets after a share stands Wilson's 95 % interval, its Monte Carlo error, which does not cover the "
-    "uncertainty of the choice model."
-)
-ABOUT_GUESSING = (
-    "The same studies when answers are right as often as by guessing, on average, while participants differ as much as "
-    "in the model. Every null hypothesis then holds, and the share with P below alpha is the type I error. It exceeds "
-    "alpha for t where ratios are far from normal, for a pair that is chosen after looking at the answers, and where "
-    "the ratios of one presented material, which are not independent values, are compared."
-)
-
-ABOUT_ALIKE = (
-    "The same studies when materials are alike and being first adds nothing on average, while participants differ as "
-    "much as in the model. Every null hypothesis then holds, and the share with P below alpha is the type I error."
-)
-
-
+ABOUT_POWER = ABOUT["power"].substitute()
+IN_BRACKETS = ABOUT["brackets"].substitute()
 T = "t against chance"
 
 
 def sections(result: Power) -> tuple[Section, ...]:
     """Return what was simulated, the participants needed, then every number."""
-    pairs = isinstance(result.model, PairModel)
     return (
         _studies(result),
         _needed(result),
         _by_size(result, "model", "power", "Power by number of participants", ABOUT_POWER),
-        _by_size(result, "guessing", "control", "Control: type I error", ABOUT_ALIKE if pairs else ABOUT_GUESSING),
+        _by_size(result, "guessing", "control", "Control: type I error", ABOUT[result.model.control_name].substitute()),
         *_estimates(result),
         _undefined(result),
     )
@@ -76,54 +55,14 @@ def _studies(result: Power) -> Section:
     paragraphs = (
         f"{result.studies} SIMULATED studies of {result.study} were drawn of each size, with seed {result.seed}. "
         f"Answers are from: {result.model.source}.",
-        f"The tasks share the participants in the proportion of the protocol ({', '.join(shares)}), rounded; each "
-        f"material is repeated: {', '.join(trials)}. Participants are those whose answers are analysed: nobody "
-        "withdraws, and no exclusion rule is applied. One participant's answers to two materials, or in two tasks, are "
-        "independent given the model.",
+        ABOUT["studies"].substitute(shares=", ".join(shares), trials=", ".join(trials)),
         *(f"{note[0].upper()}{note[1:]}." if not note.endswith(".") else note for note in result.notes),
     )
-    if isinstance(result.model, PairModel):
-        return Section("model", "Simulated studies", *_pairs(result.model, result, paragraphs))
-    header = ("task", "presented", *result.design.materials, "none", "spread")
-    rows, records = [], []
-    for task in result.model.tasks:
-        for place in result.design.places(task.task):
-            material, shares_of, spread = result.design.materials[place], task.shares[place], task.spread[place]
-            rows.append((task.task, material, *(f"{share:.3f}" for share in shares_of), f"{spread:.3f}"))
-            named = dict(zip((*result.design.materials, "none"), shares_of.tolist(), strict=True))
-            records.append({"task": task.task, "presented": material, **named, "spread": float(spread)})
-    note = "Mean share of each answer; spread is the intraclass correlation of one participant's answers to a material."
-    table = Table("Choice model", header, tuple(rows), left=frozenset({0, 1}), notes=(note,))
-    return Section("model", "Simulated studies", paragraphs, (table,), tuple(records))
-
-
-def _pairs(
-    model: PairModel, result: Power, said: tuple[str, ...]
-) -> tuple[tuple[str, ...], tuple[Table, ...], tuple[Mapping[str, object], ...]]:
-    """Return the paragraphs, table and records of a model of comparisons."""
-    tasks = result.design.tasks
-    paragraphs = (
-        said[0],
-        "Observers compare by Bradley and Terry's law, by a scale for each task. The table gives the SD among "
-        "participants of each value, and of what being first adds. Each participant compares each pair, in either "
-        f"order equally often, this many times: {', '.join(f'{one.id} {one.repetitions}' for one in tasks)}"
-        ". Nobody withdraws, and no exclusion rule is applied.",
-        *said[2:],
-    )
-    records = tuple(
-        {"task": one.task, "material": name, "value": value, "spread": one.spread, "order": one.order,
-         "order_spread": one.order_spread}
-        for one in model.tasks for name, value in zip(result.design.materials, one.values.tolist(), strict=True)
-    )  # fmt: skip
-    rows = [(str(row["task"]), str(row["material"]), f"{row['value']:.3f}", f"{row['spread']:.3f}") for row in records]
-    rows += [(one.task, "being first", f"{one.order:.3f}", f"{one.order_spread:.3f}") for one in model.tasks]
-    header = ("task", "material", "value", "SD")
-    table = Table("Model of comparisons, in logits", header, tuple(rows), left=frozenset({0, 1}))
-    return paragraphs, (table,), records
+    return Section("model", "Simulated studies", *result.model.shown(result.design, paragraphs))
 
 
 def _needed(result: Power) -> Section:
-    plan, pairs = _as_planned(result), isinstance(result.model, PairModel)
+    plan, has_stars = _as_planned(result), result.model.has_stars
     rows, brief, records, counted = [], [], [], []
     for question in result.questions:
         at, control = result.row(question, plan), result.row(question, plan, "guessing")
@@ -137,7 +76,7 @@ def _needed(result: Power) -> Section:
         names = title(question), subject(question)
         wrong = control.tally.above, control.tally.family
         above, family = (None if count is None else count / control.tally.studies for count in wrong)
-        stars = () if pairs else (number(above), number(family))
+        stars = (number(above), number(family)) if has_stars else ()
         rows.append((*names, f"{question.alpha:g}", _shown(at), _shown(control), *stars, size))
         brief.append((*names, number(at.power), number(control.power), *stars, size))
         records.append(
@@ -148,20 +87,14 @@ def _needed(result: Power) -> Section:
         )  # fmt: skip
     alphas = ", ".join(dict.fromkeys(f"{question.alpha:g}" for question in result.questions if question.alpha))
     notes: tuple[str, ...] = (
-        f"Power and type I error are those at n = {plan}, alpha {alphas}. n for {result.target:g} is the smallest of "
-        f"the numbers tried ({_listed(result.participants)}) from which on the power is at least {result.target:g}; in "
-        "brackets stand the smallest that may suffice, tried or not, and the smallest tried that does, by its Monte "
-        "Carlo error. None is below that with which a test can have a P below alpha: 2 in a task, or n of 2 / 2^n for "
-        "sign flips.",
+        ABOUT["needed"].substitute(
+            plan=plan, alphas=alphas, target=f"{result.target:g}", tried=_listed(result.participants)
+        ),
     )
-    if not pairs:
-        notes += (
-            "Above: the part of the type I error in which the mean lies above chance, which earns a star. Any: the "
-            "risk that one test or more of the family does, by the P of its row. The family is the materials of one "
-            "task, unless the protocol names those of all tasks.",
-        )
+    if has_stars:
+        notes += (ABOUT["stars"].substitute(),)
     wanted, left = f"n for {result.target:g}", frozenset({0, 1})
-    stars = () if pairs else ("above", "any")
+    stars = ("above", "any") if has_stars else ()
     header = ("test", "of", "alpha", "power", "type I error", *stars, wanted)
     table = Table("", header, tuple(rows), left=left, notes=(*notes, IN_BRACKETS))
     of_brief = (*notes, *_error(counted))
@@ -183,12 +116,7 @@ def _ceiling(result: Power, plan: int) -> tuple[str, ...]:
             often += [f"{subject(question)}, {question.tasks[0]} {100 * share:.0f} %"] * (share > OFTEN)
     if not often:
         return ()
-    return (
-        f"At n = {plan} participants all give the same ratio in this share of the studies, as at ceiling: "
-        f"{'; '.join(often)}. They define no t, and such studies count as finding nothing, however clear their "
-        "answers. The more take part the fewer they are, so that t too may reach its power in the end. Sign flips have "
-        "a P there as well: plan with them.",
-    )
+    return (ABOUT["ceiling"].substitute(plan=plan, often="; ".join(often)),)
 
 
 def _by_size(result: Power, kind: Kind, slug: str, name: str, about: str) -> Section:
@@ -286,7 +214,7 @@ def _undefined(result: Power) -> Section:
 def _reason(result: Power, row: Row) -> str:
     sizes = zip(result.design.tasks, result.design.sizes(row.participants), strict=True)
     alone = all(size < 2 for task, size in sizes if task.id in row.question.tasks)
-    return "one participant" if alone else "no finite scale" if isinstance(result.model, PairModel) else "no variance"
+    return "one participant" if alone else result.model.undefined
 
 
 def _record(row: Row) -> Mapping[str, object]:

@@ -22,8 +22,7 @@ from palpate.analysis.documents.tables import Section, Table, number
 from palpate.analysis.documents.tables import text as in_terminal
 from palpate.analysis.power import simulate
 from palpate.analysis.power.choice_models import ChoiceModel
-from palpate.analysis.power.comparisons import PairModel
-from palpate.analysis.power.planned_tests import FLIPS, Design
+from palpate.analysis.power.planned_tests import FLIPS, Design, Model
 from palpate.analysis.statistics.exact import Floats, Integers
 from palpate.analysis.statistics.inference import log_bayes_factor, wilson
 from palpate.analysis.statistics.participants import sign_flip_tests
@@ -124,7 +123,7 @@ class Sequential:
 
 def run(
     planned: Design,
-    model: ChoiceModel | PairModel,
+    model: Model,
     *,
     study: str,
     rule: str,

@@ -11,25 +11,22 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import cached_property
-from importlib import metadata
+from importlib import import_module, metadata
 from itertools import chain
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 import numpy as np
 
-from palpate.analysis import published
-from palpate.analysis.power import choice_models, comparisons
-from palpate.analysis.power.choice_models import ChoiceModel, draw, guessing
-from palpate.analysis.power.comparisons import PairModel
+from palpate.analysis import designs, published
 from palpate.analysis.power.planned_tests import (
     Answer,
     Design,
+    Model,
     Question,
-    answer,
     design,
     fewest,
     not_simulated,
-    starred,
 )
 from palpate.analysis.statistics.inference import wilson
 from palpate.experiment import storage
@@ -58,7 +55,7 @@ class Chunk:
     """Studies of one size under one model that are simulated in one go."""
 
     design: Design
-    model: ChoiceModel | PairModel
+    model: Model
     kind: Kind
     participants: int
     number: int
@@ -132,7 +129,7 @@ class Power:
 
     study: str
     design: Design
-    model: ChoiceModel | PairModel
+    model: Model
     participants: tuple[int, ...]
     studies: int
     seed: int
@@ -195,11 +192,33 @@ class Power:
         return Needed(likely_at, max(max(below, default=0) + 1, fewest(question, self.design, high_at)), low_at)
 
 
-def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple[Design, ChoiceModel | PairModel]:
+def find(name: str, protocol: Protocol) -> Model:
+    """Return the model called `name`: `published`, the id of a published study, a dataset's folder, or a TOML file.
+
+    Raises `PowerError` for no such model, one that lacks a task or a material, a scale without a limit, or where no
+    test can be simulated; `DatasetError` or `ProtocolError` for a dataset or file that cannot be read.
+    """
+    models, path, own = import_module(designs.planned_design(protocol).power), Path(name), name == "published"
+    found: Model
+    if printed := published.load(protocol.study.id if own else name):
+        found = models.from_print(printed, protocol)
+    elif path.is_dir():
+        found = models.fitted(path, protocol)
+    elif not own and (path.suffix == ".toml" or path.exists()):
+        found = models.stated(path, protocol)
+    else:
+        raise PowerError(
+            f"--model {name}: got no model of that name for study {protocol.study.id}; allowed: the id of a study "
+            f"whose printed {models.PRINTED} palpate holds, the folder of a dataset, or a TOML file; give one of these"
+        )
+    return found
+
+
+def prepare(protocol: Protocol, model: str, alpha: float | None = None) -> tuple[Design, Model]:
     """Return what is planned, at `alpha` in place of each test's own, and the model named. Raises `PowerError`."""
     if alpha is not None and not 0 < alpha < 1:
         raise PowerError("--alpha", f"got {alpha}", "give one", allowed="a number between 0 and 1")
-    chosen = (choice_models if protocol.comparison is None else comparisons).find(model, protocol)
+    chosen = find(model, protocol)
     printed = published.load(model) or published.load(protocol.study.id)
     return design(protocol, printed.pairs() if printed else {}, alpha), chosen
 
@@ -213,7 +232,7 @@ Runner = Callable[
 def run(
     protocol: Protocol,
     planned: Design,
-    model: ChoiceModel | PairModel,
+    model: Model,
     *,
     participants: Sequence[int],
     studies: int,
@@ -230,8 +249,8 @@ def run(
     """
     sizes = tuple(sorted(set(participants)))
     _check(sizes, studies, target, planned)
-    control = comparisons.alike(model) if isinstance(model, PairModel) else guessing(protocol, model)
-    chunks = list(_chunks(planned, {"model": model, "guessing": control}, sizes, studies, seed))
+    models: dict[Kind, Model] = {"model": model, "guessing": model.control(protocol)}
+    chunks = list(_chunks(planned, models, sizes, studies, seed))
     total(len(chunks))
     done: dict[int, dict[Question, Tally]] = {}
     for place, tallies in runner(simulate, chunks):
@@ -255,21 +274,12 @@ def simulate(chunk: Chunk) -> dict[Question, Tally]:
     """Draw the studies of one chunk, and return the tally of each question."""
     key = (KINDS.index(chunk.kind), chunk.participants, chunk.number)
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(chunk.seed, spawn_key=key)))
-    if isinstance(chunk.model, PairModel):
-        answers = comparisons.answers(chunk.design, chunk.model, chunk.participants, chunk.studies, random)
-        return {question: _tally(question, found) for question, found in answers.items()}
-    sizes = chunk.design.sizes(chunk.participants)
-    drawn = {
-        task.id: draw(answers, trials=task.repetitions, participants=size, studies=chunk.studies, random=random)
-        for task, answers, size in zip(chunk.design.tasks, chunk.model.tasks, sizes, strict=True)
-    }
-    every = answer(chunk.design, drawn)
-    families = starred(chunk.design, every)
+    every, families = chunk.model.answers(chunk.design, chunk.participants, chunk.studies, random)
     return {question: replace(_tally(question, one), family=families.get(question)) for question, one in every.items()}
 
 
 def _chunks(
-    planned: Design, models: Mapping[Kind, ChoiceModel | PairModel], sizes: Sequence[int], studies: int, seed: int
+    planned: Design, models: Mapping[Kind, Model], sizes: Sequence[int], studies: int, seed: int
 ) -> Iterator[Chunk]:
     materials = len(planned.materials)
     for kind, model in models.items():

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from glob import escape
 from pathlib import Path
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from palpate.analysis.documents.tables import plural
-from palpate.analysis.reading.study import Part, Study, Task, check_chances, exclude
+from palpate.analysis.reading.study import LAYOUTS, Part, Study, Task, TaskDesign, check_chances, exclude
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError, other_format
 from palpate.experiment.records.events import NO_ANSWER, columns_of
@@ -65,7 +65,7 @@ def read(root: Path) -> Study:
     session_ids: dict[tuple[str, str], str] = {}
     tasks: dict[str, Task] = {}
     materials: tuple[str, ...] = ()
-    answers: tuple[str, ...] | None = None
+    designs: dict[str, TaskDesign] = {}
     for participant in withdrawn:
         for task in facts["Tasks"]:
             path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
@@ -77,9 +77,10 @@ def read(root: Path) -> Study:
             if materials and materials != tuple(sidecar["Materials"]):
                 raise DatasetError(beside, "Materials differ from those of other files", "mend one of them")
             materials = tuple(sidecar["Materials"])
-            if tasks and answers != _answers(sidecar):
+            own = _design(sidecar)
+            if designs and own not in designs.values():
                 raise DatasetError(beside, "Answers differ from those of other files", "mend one of them")
-            answers = _answers(sidecar)
+            designs[task] = own
             shown = tuple(sidecar.get("Presented", materials))
             if task in tasks and tasks[task].presented != shown:
                 raise DatasetError(beside, f"Presented differs from that of other files of task {task}", "mend one")
@@ -88,9 +89,7 @@ def read(root: Path) -> Study:
             if (session_id := sidecar.get("SessionId")) is not None:
                 _check_new(str(session_id), session_ids, beside)
                 session_ids[participant, task] = str(session_id)
-            rows += _events(
-                path, participant, task, _Levels(shown, materials, answers, facts["Origin"]), sidecar["Rows"]
-            )
+            rows += _events(path, participant, task, _Levels(shown, own, facts["Origin"]), sidecar["Rows"])
     if not rows:
         raise DatasetError(f"{root} holds no trial", remedy="run a session first, then make the dataset again")
     protocol, sealed = _plan(root / "sourcedata" / "protocol.toml")
@@ -100,22 +99,13 @@ def read(root: Path) -> Study:
     exclusions, unasked = exclude(attempts, withdrawn, rules, with_objects=with_objects)
     done = tuple(tasks[task] for task in facts["Tasks"] if task in tasks)
     return Study(
-        id=str(facts["Study"]),
-        name=str(description.get("Name", facts["Study"])),
-        origin=str(facts["Origin"]),
-        label=str(facts["Label"]),
-        materials=materials,
-        tasks=done,
-        participants=tuple(withdrawn),
-        first_tasks=first_tasks,
-        session_ids=session_ids,
-        attempts=attempts,
-        exclusions=exclusions,
-        unasked=unasked,
+        id=str(facts["Study"]), name=str(description.get("Name", facts["Study"])), origin=str(facts["Origin"]),
+        label=str(facts["Label"]), materials=materials, tasks=done, participants=tuple(withdrawn),
+        first_tasks=first_tasks, session_ids=session_ids, attempts=attempts, exclusions=exclusions, unasked=unasked,
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
         parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol, sealed),),
-        answers=answers,
-    )
+        designs=designs,
+    )  # fmt: skip
 
 
 def _check_absent(events: Path) -> None:
@@ -157,16 +147,18 @@ def _sealed(plan: Path, protocol: Protocol) -> str:
 
 @dataclass(frozen=True)
 class _Levels:
-    """What the cells of an events file may hold; `answers` is None where answers are materials."""
+    """What the cells of an events file may hold."""
 
     presented: tuple[str, ...]
-    materials: tuple[str, ...]
-    answers: tuple[str, ...] | None
+    design: TaskDesign
     origin: str
 
 
-def _answers(sidecar: dict[str, Any]) -> tuple[str, ...] | None:
-    return tuple(sidecar["Answers"]) if "Answers" in sidecar else None
+def _design(sidecar: dict[str, Any]) -> TaskDesign:
+    # A sidecar names its answers where these are not the materials.
+    if "Answers" in sidecar:
+        return TaskDesign("comparison", tuple(sidecar["Answers"]))
+    return TaskDesign("identification", tuple(sidecar["Materials"]))
 
 
 def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -290,7 +282,7 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
 
 def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> list[dict[str, object]]:
     columns, lines = _table(path)
-    own = columns_of("footstep" if levels.answers is None else "comparison")
+    own = columns_of(LAYOUTS[levels.design.name].kind)
     if missing := [column for column in own if column not in columns]:
         raise DatasetError(path, f"missing columns: {', '.join(missing)}", "make the dataset again")
     if len(lines) != count:
@@ -309,8 +301,8 @@ def _events(path: Path, participant: str, task: str, levels: _Levels, count: int
 
 def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, object]:
     counted = cells["counted"]
-    presented = ("presented",) if levels.answers is None else ("first", "second")
-    answers = (*(levels.materials if levels.answers is None else levels.answers), NO_ANSWER)
+    presented = LAYOUTS[levels.design.name].presented
+    answers = (*levels.design.answers, NO_ANSWER)
     choices = {
         "counted": ("0", "1"),
         **dict.fromkeys(presented, levels.presented),
@@ -325,7 +317,7 @@ def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, o
         "attempt": _whole(cells["attempt"], f"{where}: attempt"),
         "counted": counted == "1",
         "presented": " | ".join(cells[column] for column in presented),
-        **({column: cells[column] for column in presented} if levels.answers is not None else {}),
+        **{column: cells[column] for column in presented},
         "answered": cells["answered"],
         "response_time_s": _number(cells["response_time"], f"{where}: response_time", "a number from 0"),
         **{
@@ -401,15 +393,20 @@ def _pool(studies: Sequence[Study], names: Sequence[str]) -> Study:
         id="+".join(ids),
         name=f"Pooled: {'; '.join(f'{s.name} ({name})' for s, name in zip(studies, names, strict=True))}",
         tasks=_tasks(studies),
+        designs=_union(study.designs for study in studies),
         participants=tuple(label for study in renamed for label in study.participants),
-        first_tasks={label: task for study in renamed for label, task in study.first_tasks.items()},
-        session_ids={session: one for study in renamed for session, one in study.session_ids.items()},
+        first_tasks=_union(study.first_tasks for study in renamed),
+        session_ids=_union(study.session_ids for study in renamed),
         attempts=pd.concat([study.attempts for study in renamed], ignore_index=True),
         exclusions=tuple(exclusion for study in renamed for exclusion in study.exclusions),
         unasked=tuple(one for study in renamed for one in study.unasked),
         parts=parts,
         ordered=all(study.ordered for study in studies),
     )
+
+
+def _union(mappings: Iterable[Mapping[Any, Any]]) -> dict[Any, Any]:
+    return {key: value for mapping in mappings for key, value in mapping.items()}
 
 
 def _check_alike(studies: Sequence[Study], names: Sequence[str]) -> None:
@@ -429,7 +426,7 @@ def _check_alike(studies: Sequence[Study], names: Sequence[str]) -> None:
                 "analyse it apart",
                 allowed=f"{', '.join(first.materials)}, as in {names[0]}",
             )
-        if study.answers != first.answers:
+        if {*study.designs.values()} != {*first.designs.values()}:
             raise DatasetError(name, f"got other answers than in {names[0]}", "analyse it apart", allowed="the same")
 
 

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import pandas as pd
 
@@ -96,15 +96,6 @@ def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
     return DatasetError(dataset, f"every trial is left out: {told}", "check the exclusion rules of the protocol")
 
 
-def refuse_other(study: Study, *, of_comparisons: bool) -> None:
-    """Raise `DatasetError` unless the trials are comparisons, or are identifications, and one of them counts."""
-    if (study.answers is not None) != of_comparisons:
-        what, better = ("identifications", "identify") if of_comparisons else ("comparisons", "compare")
-        raise DatasetError(f"study {study.id}", f"its trials are {what}", f"give it to palpate.{better}")
-    if not study.attempts["included"].any():
-        raise nothing_left(study.id, study.exclusions)
-
-
 def _attempt(row: pd.Series[Any], rule: str, reason: str) -> Exclusion:
     return Exclusion(str(row["participant"]), str(row["task"]), int(row["trial"]), int(row["attempt"]), rule, reason)
 
@@ -175,6 +166,29 @@ class Task:
 
 
 @dataclass(frozen=True)
+class Layout:
+    """How a table of events is read: the `kind` of its columns, and those that say what was `presented`."""
+
+    kind: Literal["footstep", "comparison"]
+    presented: tuple[str, ...]
+
+
+LAYOUTS: Mapping[str, Layout] = {
+    "identification": Layout("footstep", ("presented",)),
+    "comparison": Layout("comparison", ("first", "second")),
+}
+"""The tables of each design; `analysis/designs` has what is made of them."""
+
+
+@dataclass(frozen=True)
+class TaskDesign:
+    """What a task asks: the name of its design, a key of `LAYOUTS`, and the answers that it allows."""
+
+    name: str
+    answers: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class Part:
     """One dataset of a study: folder's name, participants, tasks, its protocol, and whether that is `sealed`."""
 
@@ -193,8 +207,8 @@ class Study:
     data. `first_tasks` gives participant -> task, `session_ids` participant and task -> id, where known. `attempts` has
     a row for each attempt: participant, task, trial, attempt, counted, presented, answered, response_time_s,
     foot_speed_mm_s, frames_lost, delivered (1, 0 or NaN), onset_error_s, redo_reason, included, and the columns of
-    `dataset.FURTHER`. Comparisons have `answers`, and the columns first and second. `ordered`: trials are numbered as
-    they were done.
+    `dataset.FURTHER`, and those that say what a design presented. `designs` are by task, and of one name.
+    `ordered`: trials are numbered as they were done.
     """
 
     id: str
@@ -210,7 +224,7 @@ class Study:
     exclusions: tuple[Exclusion, ...]
     unasked: tuple[Unasked, ...]
     parts: tuple[Part, ...]
-    answers: tuple[str, ...] | None = None
+    designs: Mapping[str, TaskDesign]
     ordered: bool = True
 
     def __repr__(self) -> str:
@@ -229,6 +243,12 @@ class Study:
     def title(self) -> str:
         """The name without the label before it."""
         return self.name.removeprefix(f"{self.label}: ")
+
+    @property
+    def design(self) -> str:
+        """The name of the design of its tasks."""
+        (found,) = {one.name for one in self.designs.values()}
+        return found
 
     def trials(self, task: str) -> pd.DataFrame:
         """Return the trials of one task that the analysis counts."""

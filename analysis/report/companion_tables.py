@@ -30,7 +30,7 @@ from palpate.analysis.identification.companion_tests import (
     SlopesLogit,
 )
 from palpate.analysis.identification.results import Results
-from palpate.analysis.report.plan import TWO_WAY, Standing, marked
+from palpate.analysis.report.plan import ABOUT, TWO_WAY, Standing, marked
 from palpate.analysis.statistics.participants import Jackknife, Repeated
 
 
@@ -159,11 +159,7 @@ def equivalence_section(results: Results) -> Section:
     """Return whether tasks, and materials, are shown to be the same within a margin."""
     found = results.equivalences
     about = (
-        "That a test finds no difference does not show that there is none. These tests, which are ours, ask whether a "
-        "difference lies within a margin, either way: two one-sided t-tests with participants as the unit, whose P is "
-        "below 0.05 where the 90 % interval lies within the margin. BF01 is the JZS Bayes factor for no difference at "
-        "all over some; above 1 it favours none. In SIMULATED studies whose true difference was the margin, the tests "
-        f"erred in {EQUIVALENT}, at a nominal 5 %.",
+        ABOUT["equivalence"].substitute(erred=EQUIVALENT),
         *(f"{why[0].upper()}{why[1:]}." for why in found.statements),
     )
     own = (
@@ -174,11 +170,7 @@ def equivalence_section(results: Results) -> Section:
         "Each participant's share of right answers in the first task less that in the second, of those who did both. "
         f"P (Holm) is adjusted over the materials. {own}"
     )
-    pairs = (
-        "Told apart is how much more often a material was named when it was presented than when the other one of the "
-        "pair was, the mean of both: 1 for a pair that is always told apart, 0 for one that is not at all. P (Holm) is "
-        f"adjusted over the pairs of a task. {own}"
-    )
+    pairs = ABOUT["equivalence of pairs"].substitute(own=own)
     tables = (
         _equivalent("Ours, the same in both tasks: right answers", "tasks", "presented", found.tasks, tasks),
         _equivalent("Ours, not told apart: pairs of materials", "task", "pair", found.pairs, pairs),
@@ -209,12 +201,7 @@ EQUIVALENT = "0 to 5 %"
 def _about(found: Marginal) -> tuple[str, ...]:
     left_out = " and ".join(f"{material} in {task}" for task, material in found.left_out)
     return (
-        f"All of this is ours: means and differences of log odds, from a logit in which {found.participants} "
-        "participants differ in level, by material, by task and by each material in each task. It is the model with "
-        "participants that holds: with random intercepts alone a quarter of SIMULATED studies err, at a nominal 5 %, "
-        "and GEE has fewer degrees of freedom than there are means where participants are few. The share is that of a "
-        f"participant in the middle, not the mean share. The SDs of the log odds among participants are: "
-        f"{_named(found.sds)}.",
+        ABOUT["contrasts"].substitute(participants=found.participants, sds=_named(found.sds)),
         *(f"Without a limit, and left out, are the odds of {left_out}: all answers were right, or all wrong."
           for _ in found.left_out[:1]),
     )  # fmt: skip
@@ -239,12 +226,7 @@ def _tables(found: Marginal) -> tuple[Table, ...]:
 def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
     """Return what the bias and lapse model says of each task: who lapses, at what, and what is named then."""
     tables, records = [], list[Record]()
-    about = (
-        "Ours: each trial is known, or lapses and is guessed, by a bias that is the same for all materials. Lapses "
-        "above 1 are fewer right answers than such guesses give. A G² far above its df says that wrong answers "
-        "follow which materials are alike, and not a bias alone; lapses and biases then explain little. "
-        f"Intervals are jackknives over participants, which held the truth in {LAPSES} of SIMULATED studies."
-    )
+    about = ABOUT["lapses"].substitute(held=LAPSES)
     for one in results.identifications:
         if (found := one.lapses) is None:
             continue

@@ -3,31 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING
 
 from palpate.analysis.documents.tables import (
-    Column,
-    Record,
     Section,
     Table,
-    count_of,
     ends,
     interval,
+    joined,
     number,
     p_is,
     plural,
     probability,
-    tabulate,
 )
 from palpate.analysis.identification.identify import Cell, Identification
 from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from palpate.analysis.reading.study import Study
-from palpate.analysis.report.plan import TWO_WAY, Standing, T, alpha
-
-if TYPE_CHECKING:
-    from palpate.analysis.comparison.results import Compared, Estimate, Scaled, TaskComparisons
-
-FOUND = "What was found"
+from palpate.analysis.report.plan import FOUND, TWO_WAY, Standing, T, alpha, asked
 
 ENOUGH = 10
 """Of fewer participants BCa intervals held the truth in 82 to 93 % only (identification_sections.py)."""
@@ -60,14 +51,6 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     table = Table("Correct answers", header, rows, left=frozenset({0, 1, 7}), notes=notes, standing=mark)
     records = tuple(_record(task, test, cell) for task, test, cell in tested)
     return Section("found", FOUND, (*paragraphs, *remark), (table,), (*records, *_further(results)))
-
-
-def asked(study: Study) -> list[str]:
-    """Return the planned questions as one paragraph, or nothing where none is known."""
-    questions = dict.fromkeys(
-        " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?" for plan in study.plans() if plan.test != "ICC"
-    )
-    return [f"Asked: {' '.join(questions)}"] * bool(questions)
 
 
 def _record(task: TaskResult, test: MaterialTest, cell: Cell) -> dict[str, object]:
@@ -169,11 +152,6 @@ def _listed(tests: Sequence[MaterialTest], cells: dict[str, Cell]) -> str:
     return joined(parts)
 
 
-def joined(parts: Sequence[str]) -> str:
-    """Return `a`, `a and b`, or `a, b and c`."""
-    return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
-
-
 def _between(results: Results, level: float) -> Iterator[str]:
     """Yield what the tests of tasks and materials say, the published ANOVA first, then ours."""
     if results.two_way and (effect := results.two_way[1].effects[0]).f is not None and effect.p is not None:
@@ -196,99 +174,3 @@ def _between(results: Results, level: float) -> Iterator[str]:
             told.append(f"the materials of {task} {differ} ({test})")
     if told:
         yield f"Ours, repeated measures: {joined(told)}."
-
-
-def compared_section(study: Study, results: Compared, mark: str) -> Section:
-    """Return the same of comparisons, a table with a `mark`: how often pairs were told right, and steps of a scale."""
-    paragraphs = [*asked(study)]
-    paragraphs += [" ".join(_compared(task, results)) for task in results.tasks]
-    records: list[Record] = []
-    for task in results.tasks:
-        scaled = _first_scale(task)
-        for low in range(len(results.materials) - 1):
-            right, step = task.pair(low, low + 1).right, scaled.steps[low] if scaled else None
-            records.append(
-                {"task": task.task.id, "of": f"{results.materials[low + 1]} above {results.materials[low]}",
-                 "right": right.count, "trials": right.trials, "share": right.value,
-                 "law": scaled.law if scaled else None, "step": step.value if step else None, **ends(step),
-                 "also_in": "pairs.csv, scales.csv"}
-            )  # fmt: skip
-    laws = {scaled.law for task in results.tasks if (scaled := _first_scale(task))}
-    of = f", and the step between them on the scale of {joined([LAWS[law] for law in sorted(laws)])}" if laws else ""
-    notes = (f"Neighbours in {results.quality}: how often they were told right{of}, with participants as the units.",)
-    table = tabulate("Neighbours", NEIGHBORS, records, notes, standing=mark)
-    return Section("found", FOUND, tuple(paragraphs), (table,))
-
-
-NEIGHBORS = (
-    Column("task", left=True), Column("of", "neighbours", left=True), Column(("right", "trials"), show=count_of),
-    Column("share", "", show=lambda share: "-" if share is None else f"{100 * share:.0f} %"),
-    Column("step", decimals=2), Column(("low", "high"), "95 % CI", 2),
-)  # fmt: skip
-
-
-UNNAMED = "what was compared"
-"""The quality where no protocol names one."""
-
-LAWS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
-
-
-def more(results: Compared) -> str:
-    """Return `more hardness`, or what to say where no protocol names what was compared."""
-    return f"more of {UNNAMED}" if results.quality == UNNAMED else f"more {results.quality}"
-
-
-def _first_scale(task: TaskComparisons) -> Scaled | None:
-    return next((one for one in task.scales if one.scale is not None), None)
-
-
-def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
-    people = plural(len(task.participants), "participant")
-    two = [pair.right for pair in task.pairs if not pair.same]
-    right, trials = sum(of.count for of in two), sum(of.trials for of in two)
-    shares = [one.right.value for one in task.people if one.right.value is not None]
-    yield f"{task.task.title} ({people})."
-    if trials:
-        among = f", from {100 * min(shares):.0f} to {100 * max(shares):.0f} % among them" if len(shares) > 1 else ""
-        yield (
-            f"The sample with {more(results)} was named in {right} of {trials} trials with two materials "
-            f"({100 * right / trials:.0f} %{among})."
-        )
-    scaled = _first_scale(task)
-    if scaled is None:
-        yield from (f"There is no scale: {one.statement}." for one in task.scales[:1])
-    else:
-        yield from _steps(scaled, results)
-    same = task.first_of_same
-    if same.interval is not None:
-        limits = f"{100 * same.interval.low:.0f} to {100 * same.interval.high:.0f}"
-        share = f"{100 * same.count / same.trials:.0f} %"
-        yield f"Of two samples of one material the first was named in {share} ({limits})."
-
-
-def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
-    """Yield which neighbours stand in the assumed order on a scale, which in the other, and which in neither."""
-    names = results.materials
-    told = [(f"{names[place + 1]} above {names[place]}", step) for place, step in enumerate(scaled.steps)]
-    known = [(name, step) for name, step in told if step.low is not None and step.high is not None]
-    if not known:
-        yield f"The scale of {LAWS[scaled.law]} has no intervals, for which it takes several participants."
-        return
-    groups: dict[str, list[str]] = {}
-    for name, step in known:
-        groups.setdefault(_side(step), []).append(f"{name} ({number(step.value, 2)}, {interval(step, 2)})")
-    said = {
-        "above": "On the scale of {} the order is shown for {}.",
-        "below": "Against the order assumed on the scale of {} is {}.",
-        "not": "On the scale of {} no difference is shown for {}.",
-    }
-    for side, sentence in said.items():
-        if side in groups:
-            yield sentence.format(LAWS[scaled.law], joined(groups[side]))
-
-
-def _side(step: Estimate) -> str:
-    """Return where the interval of a step lies: above 0, below 0, or neither."""
-    if step.low is not None and step.low > 0:
-        return "above"
-    return "below" if step.high is not None and step.high < 0 else "not"

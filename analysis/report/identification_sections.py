@@ -27,6 +27,7 @@ from palpate.analysis.identification.identify import CHOICE_RESAMPLES, ChoiceInt
 from palpate.analysis.identification.results import Results
 from palpate.analysis.identification.time_course import WINDOW, TimeCourse
 from palpate.analysis.identification.trial_models import Term, TrialLevel, TrialModel
+from palpate.analysis.report.plan import ABOUT
 from palpate.analysis.statistics.inference import RESAMPLES, ConfidenceInterval
 from palpate.analysis.statistics.participants import Jackknife
 
@@ -64,13 +65,7 @@ def intervals_section(results: Results) -> Section:
         right = [record for record in records if record["presented"] == record["answered"]]
         where = "The report and intervals.csv give all answers."
         brief.append(tabulate(f"{task.task.title}: correct answers", INTERVALS, right, (*notes, where)))
-    about = (
-        "All intervals are 95 % intervals. Those of Wilson and of Clopper and Pearson treat all trials as independent, "
-        "although the trials of one participant are not. The BCa interval is that of the mean among participants, from "
-        f"{RESAMPLES} resamples of whole participants. It is the one to report, although it is short where few take "
-        "part: of 60 SIMULATED studies of each size it held the truth in 82 to 93 % with 6 participants, and in 85 to "
-        "97 % with 10 to 25."
-    )
+    about = ABOUT["intervals"].substitute(resamples=RESAMPLES)
     return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), brief=tuple(brief))
 
 
@@ -100,12 +95,7 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
 
 
 def _information(found: tuple[Identification, ...]) -> Table:
-    notes = [
-        "The transmitted information is that of the counts as they are, which is too large when trials are few; the "
-        "last three columns correct it. Trials without an answer count as one more answer. The jackknife over "
-        "participants, with its interval, is ours: it is the one to report. In SIMULATED studies its interval held the "
-        "truth in 92 to 96 %, least often with 6 participants."
-    ]
+    notes = [ABOUT["information"].substitute()]
     for one in found:
         if (bits := one.information) is None:
             continue
@@ -198,11 +188,7 @@ def _mantel(found: tuple[Identification, ...], source: str) -> Table:
         for one in found if (test := one.mantel)
     )  # fmt: skip
     header = ("task", "pairs", "r", "orders", "P, fewer confusions", "P, two-sided")
-    notes = (
-        f"The test compares the mean confusing ratio of each pair with the dissimilarity of the spectra ({source}). "
-        "Up to 8 materials it is exact: it tries every order of the materials. For more it draws orders at random, and "
-        "counts the observed one. P cannot be smaller than 1 / orders.",
-    )
+    notes = (ABOUT["Mantel"].substitute(source=source),)
     return Table("Confusion against dissimilarity (Mantel's test)", header, rows, notes=notes)
 
 
@@ -333,11 +319,7 @@ def _tested(term: Term) -> str:
 
 def course_section(found: TimeCourse) -> Section:
     """Return tables of what the dataset holds, and a statement on each thing that it lacks."""
-    paragraphs = [
-        f"The share of right answers of all participants is given in runs of {WINDOW} trials, with BCa intervals from "
-        f"{RESAMPLES} resamples of whole participants, and by the speed of the foot, with Wilson's intervals, which "
-        "treat all trials as independent. course.csv holds every run of trials."
-    ] * bool(found.learning or found.speed)
+    paragraphs = [ABOUT["course"].substitute(window=WINDOW, resamples=RESAMPLES)] * bool(found.learning or found.speed)
     lacking: dict[tuple[str, str], list[str]] = {}
     for (task, what), why in found.statements.items():
         lacking.setdefault((what, why), []).append(task)

@@ -6,28 +6,26 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.analysis.documents.tables import Column, Record, Section, Table, number, p_is, plural, tabulate
+from palpate.analysis.documents.tables import Column, Record, Section, Table, blocks, number, p_is, plural, tabulate
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Exclusion, Study, sentences
 
 if TYPE_CHECKING:
-    from palpate.analysis.comparison.results import Compared
     from palpate.analysis.identification.results import PairTest, Results, TaskResult
     from palpate.analysis.statistics.anova import Anova
     from palpate.experiment.protocol.models import ExclusionRule, PlannedTest
+
+ABOUT = blocks(Path(__file__).with_name("about.md"))
+"""What sections say of how they were made, by name."""
 
 PLANNED, PUBLISHED, OURS, EXPLORATORY, DESCRIPTIVE = "planned", "published", "ours", "exploratory", "descriptive"
 
 T, ONE_WAY, TWO_WAY, ICC = "t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"
 
-MARKS = (
-    "A mark stands at every table. Planned: the protocol of this dataset plans it. Published: the paper of this study "
-    "prints it. Ours: palpate adds it, beside what was planned or published, to ask the same in a way that holds. "
-    "Exploratory: neither a plan in this dataset nor the paper asks for it, so that its P confirms nothing. "
-    "Descriptive: it says what there is, and tests nothing."
-)
+MARKS = ABOUT["marks"].substitute()
 
 WHEN = {
     "frames-lost": "more than {} frames lost",
@@ -95,6 +93,18 @@ def standing(study: Study, printed: Published | None) -> Standing:
 
 PAIRS = "right choices"
 """What stands in print of comparisons; no protocol plans it as a test."""
+
+
+FOUND = "What was found"
+"""The title of the first section of a report."""
+
+
+def asked(study: Study) -> list[str]:
+    """Return the planned questions as one paragraph, or nothing where none is known."""
+    questions = dict.fromkeys(
+        " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?" for plan in study.plans() if plan.test != "ICC"
+    )
+    return [f"Asked: {' '.join(questions)}"] * bool(questions)
 
 
 def alpha(study: Study, test: str, *tasks: str) -> float:
@@ -255,23 +265,6 @@ def _outcome(anova: Anova | None, of: str = "") -> str:
     if anova is None or (effect := anova.effects[0]).f is None or effect.p is None:
         return "F is not defined"
     return f"{of}F({effect.df}, {anova.residual.df}) = {effect.f:.2f}, {p_is(effect.p)}"
-
-
-def done_of_comparisons(results: Compared, plan: PlannedTest) -> str:
-    """Return in words what was run of a planned scale."""
-    said = []
-    for task in plan.tasks:
-        found = next((one for one in results.tasks if one.task.id == task), None)
-        scale = next((one for one in found.scales if one.law == plan.test.lower()), None) if found else None
-        if found is None:
-            said.append(f"{task} not run: no trial")
-        elif scale is None:
-            said.append(f"{task} not run: the answers of the study ask for another scale")
-        elif scale.scale is None:
-            said.append(f"{task} run, and it has no scale: {scale.statement}")
-        else:
-            said.append(f"{task} run: the scale stands in its table")
-    return "; ".join(said)
 
 
 EXCLUSIONS = (

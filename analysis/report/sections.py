@@ -1,13 +1,10 @@
 """Results -> sections: the tables of the report, the records behind them, and every formula by its name."""
 
-import re
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from string import Template
 
-from palpate.analysis.audit.audit import Comparison, comparison_section
 from palpate.analysis.documents.tables import (
     Column,
     Record,
@@ -15,6 +12,8 @@ from palpate.analysis.documents.tables import (
     Table,
     bayes_factor,
     ends,
+    formulas,
+    joined,
     lacks_a_limit,
     number,
     plural,
@@ -36,7 +35,7 @@ from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import companion_tables
 from palpate.analysis.report import plan as plans
-from palpate.analysis.report.found import found_section, joined
+from palpate.analysis.report.found import found_section
 from palpate.analysis.report.identification_sections import (
     ARBITRARY,
     confusions_section,
@@ -81,13 +80,7 @@ def icc_section(results: Results) -> Section:
     if results.components:
         tables.append(_components_table(results.components))
         brief.append(tables[-1])
-    about = (
-        "The cells are the targets and the participants are the raters. ICC(1,.) is the one-way random form, ICC(2,.) "
-        "the two-way form for absolute agreement, and ICC(3,.) the two-way form for consistency. McGraw and Wong call "
-        "them ICC(1) and ICC(k), ICC(A,.) and ICC(C,.); their random and mixed cases share these formulas. (.,1) "
-        "describes a single participant and (.,k) the mean of k participants. Where all cells are targets, the ratios "
-        "of one presented material add up to one, so P and the intervals are approximate."
-    )
+    about = plans.ABOUT["icc"].substitute()
     why = results.two_way_statement
     missing = (f"There is no variance-component ICC: {why}.",) * bool(why)
     return Section("icc", "Intraclass correlations", (about, *missing), tuple(tables), brief=tuple(brief))
@@ -132,15 +125,18 @@ def _components_table(reliability: ComponentReliability) -> Table:
 
 
 def sections(
-    study: Study, results: Results, comparison: Comparison | None, printed: Published | None = None
+    study: Study, results: Results, printed: Published | None, beside_print: Section | None
 ) -> tuple[Section, ...]:
-    """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
+    """Return every section, in reading order: what was found, what was planned, results by their standing, checks.
+
+    `beside_print` is what an audit made of the printed numbers.
+    """
     remark = (ARBITRARY,) if study.origin == "RECONSTRUCTION" else ()
     alone, common = _presented(results)
     stands = plans.standing(study, printed)
     tasks = [task.task.id for task in results.tasks]
     against = [stands.of(plans.T, task) for task in tasks]
-    compared = (comparison_section(study.origin, comparison),) if comparison else ()
+    compared = (beside_print,) if beside_print else ()
     new = study.origin != "RECONSTRUCTION"
     checks = (*played_sections(study), *(replace(section, folded=new) for section in compared))
     parts = {
@@ -249,13 +245,7 @@ def tests_section(results: Results) -> Section:
         tables.append(replace(tabulate(title, TESTS, tests, notes, key=key), records=(*tests, *absent)))
         said = f"Ours: the exact test by sign flips.{bracketed([task])}"
         brief.append(tabulate(title, TESTS, tests, (*notes, said), brief=True, key=key))
-    about = (
-        "These are two-tailed one-sample t-tests. The effect size d is Cohen's. BF10 is the JZS Bayes factor; above 1 "
-        "it favours a mean that differs from chance. The exact test by sign flips is ours: participants are its unit, "
-        "and it has a P where every answer is right and t is not defined. With n participants its P cannot be below "
-        "2 / 2^n. In SIMULATED studies of 6 to 25 participants, at a nominal 5 %, it erred in 3 to 5 %, and t in 4 to "
-        "9 %, the more the more participants differ."
-    )
+    about = plans.ABOUT["tests"].substitute()
     families = tuple(_families(results))
     return Section("tests", "Tests against chance", families, tuple(tables), brief=tuple(brief), aside=(about,))
 
@@ -314,13 +304,7 @@ def _effects(anova: Anova, **of: str) -> Iterator[Record]:
 
 def _about_anova(results: Results, lines: list[Record]) -> Iterator[str]:
     """Yield what the analyses assume, and why one of them, or an interval, is missing."""
-    yield (
-        "Each ratio of each participant counts as an independent value. F and P are approximate, because the ratios of "
-        "one presented material add up to one and a participant may have done both tasks. In SIMULATED studies, at a "
-        "nominal 5 %, the two-way ANOVA erred in 0.1 to 1 % where the same participants, who differed in level, did "
-        "both tasks, so that it misses effects; and a one-way ANOVA of the pair that was chosen because it was "
-        "confused most erred in 11 to 14 %, because of that choice."
-    )
+    yield plans.ABOUT["anova"].substitute()
     said = [(f"one-way ANOVA of {p.task}", p.anova.statement if p.anova else p.statement) for p in results.pairs]
     said += [(each.kind.replace(",", " ANOVA of"), each.statement) for each in results.two_way]
     for name, reason in dict(one for one in said if one[1]).items():
@@ -389,15 +373,8 @@ def _never(task: TaskResult) -> Iterator[str]:
                 yield f"{said} {', '.join(who[:FEW])}{more}."
 
 
-def formulas(file: str, **known: object) -> tuple[tuple[str, str], ...]:
-    """Return the name and formula of each heading of a file beside this module; `known` stands for its `$` names."""
-    text = Template(Path(__file__).with_name(file).read_text("utf-8")).substitute(known)
-    blocks = (block.partition("\n") for block in re.split(r"^## ", text, flags=re.MULTILINE)[1:])
-    return tuple((name, " ".join(formula.split())) for name, _, formula in blocks)
-
-
 def methods() -> tuple[tuple[str, str], ...]:
     """Return the name and formula of everything that these sections hold."""
     course = {"window": WINDOW, "widths": ", ".join(map(str, BIN_WIDTHS_MM_S)), "most_bins": MOST_BINS}
     drawn = {"seed": SEED, "resamples": RESAMPLES, "choice_resamples": CHOICE_RESAMPLES, "orders": ORDERS}
-    return formulas("methods.md", **course, **drawn, most_materials=MOST)
+    return formulas(Path(__file__).with_name("methods.md"), **course, **drawn, most_materials=MOST)

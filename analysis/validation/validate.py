@@ -268,21 +268,13 @@ def compute(recorded: Recorded, fresh: Recorded, *, average: Average = "magnitud
         for material, of_it in known.items()
     )
     return Validation(
-        label="SIMULATED" if recorded.simulated else "",
-        recordings=recorded.label,
-        fresh=fresh.label,
+        label="SIMULATED" if recorded.simulated else "", recordings=recorded.label, fresh=fresh.label,
         frequencies_hz=bin_frequencies_hz(bins=recorded.panel.shape[-1], rate_hz=recorded.rate_hz),
-        classified=classified,
-        overlays=overlays,
-        reference_mm_s=reference_mm_s,
-        spectra=spectra,
-        pairs=pairs,
-        confusable=confusable,
-        rank_correlation=_spearman(confusable),
-        average=average,
+        classified=classified, overlays=overlays, reference_mm_s=reference_mm_s, spectra=spectra, pairs=pairs,
+        confusable=confusable, rank_correlation=_spearman(confusable), average=average,
         other=Other(swapped, others, other_pairs, _spearman(_confusable(other_pairs))),
         extrapolated=not slowest <= reference_mm_s <= fastest,
-    )
+    )  # fmt: skip
 
 
 def _compared(

@@ -241,7 +241,7 @@ def _matrices(counts: Counts) -> dict[str, Confusion]:
 
 def _study() -> Study:
     tasks = tuple(Task(name, name, "", MATERIALS) for name in ("one", "two"))
-    return Study("s", "s", "REHEARSAL", "SIMULATED", MATERIALS, tasks, (), {}, {}, None, (), (), ())  # type: ignore[arg-type]
+    return Study("s", "s", "REHEARSAL", "SIMULATED", MATERIALS, tasks, (), {}, {}, None, (), (), (), {})  # type: ignore[arg-type]
 
 
 def _design(counts: Counts) -> Design:

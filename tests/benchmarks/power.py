@@ -34,9 +34,8 @@ from statsmodels.stats.oneway import anova_oneway
 from statsmodels.stats.weightstats import DescrStatsW
 
 from palpate.analysis import published
-from palpate.analysis.power import choice_models, planned_tests, simulate
-from palpate.analysis.power.choice_models import ChoiceModel
-from palpate.analysis.power.planned_tests import Design
+from palpate.analysis.power import planned_tests, simulate
+from palpate.analysis.power.planned_tests import Design, Model
 from palpate.analysis.power.simulate import Chunk
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
@@ -55,7 +54,7 @@ VECTORISED = 10_000
 TERMS = ("C(task, Sum)", "C(material, Sum)", "C(task, Sum):C(material, Sum)")
 
 
-def one_study(design: Design, model: ChoiceModel, random: np.random.Generator) -> dict[str, np.ndarray]:
+def one_study(design: Design, model: Model, random: np.random.Generator) -> dict[str, np.ndarray]:
     """Task -> counts, shape (presented, answered, participants)."""
     drawn = {}
     for task, answers, size in zip(design.tasks, model.tasks, design.sizes(design.participants), strict=True):
@@ -195,7 +194,7 @@ def main() -> None:
     protocol = files.load(shipped("okamoto2012.toml"))
     printed = published.load("okamoto2012")
     pairs = printed.pairs() if printed else {}
-    model = choice_models.find("published", protocol)
+    model = simulate.find("published", protocol)
     reliability = PlannedTest(test="ICC", tasks=("virtual", "real"), question="?", form="ICC(2,k)")
     random = np.random.default_rng(1)
     print(f"15 and 10 participants, 40 trials; medians of {TURNS} turns; load {os.getloadavg()[0]:.1f}")

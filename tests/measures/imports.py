@@ -5,7 +5,7 @@ function or for the type checker alone, with the `__init__.py` of each room on t
 `session/run.py`, which `palpate run` calls for a participant in the room, and at what that looks up by name for a
 footstep. It leaves out the rooms of voice, tapping, servo, contact and stepping, and so what only they import; it
 counts three modules of tapping that modules of the trunk import, until they no longer do. The analysis trunk begins at
-`analyse.py` and leaves nothing out.
+`analyse.py`, and at the design of identification with its figures, and leaves nothing out.
 
 A wing is what would leave the source with it. A module is in one wing at most, and in a trunk as well while a module of
 the trunk imports it.
@@ -31,7 +31,7 @@ class Trunk:
     without: tuple[str, ...] = ()
     """Rooms that do not count, with what only they import."""
     looked_up: tuple[str, ...] = ()
-    """Modules of kinds of trial, which are imported by name."""
+    """Modules of kinds and designs, which are imported by name."""
 
 
 TRUNKS: Mapping[str, Trunk] = {
@@ -46,7 +46,9 @@ TRUNKS: Mapping[str, Trunk] = {
         ),
         looked_up=("experiment/dataset/kinds/footstep.py",),
     ),
-    "analysis": Trunk("analysis/analyse.py"),
+    "analysis": Trunk(
+        "analysis/analyse.py", looked_up=("analysis/designs/identification.py", "analysis/report/figures.py")
+    ),
 }
 
 WINGS: Mapping[str, tuple[str, ...]] = {
@@ -57,9 +59,6 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/rehearsal/wires/mouth.py",
     ),
     "tapping": (
-        "analysis/comparison",
-        "analysis/report/comparison_figures.py",
-        "analysis/report/comparison_sections.py",
         "experiment/apparatus/doctor/force.py",
         "experiment/apparatus/servo",
         "experiment/dataset/kinds/comparison.py",
@@ -77,12 +76,28 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/dataset/reconstruction.py",
         "experiment/dataset/trial_files.py",
     ),
-    "audit": ("analysis/audit", "analysis/published"),
+    "identification": (
+        "analysis/identification",
+        "analysis/designs/identification.py",
+        *(
+            f"analysis/report/{name}.py"
+            for name in (
+                "companion_tables",
+                "figures",
+                "found",
+                "identification_sections",
+                "played_section",
+                "sections",
+            )
+        ),
+    ),
+    "comparison": ("analysis/designs/comparison",),
+    "audit": ("analysis/audit", "analysis/published/paper.py"),
     "power": ("analysis/power",),
     "numerics": ("analysis/numerics",),
     "validation": ("analysis/validation",),
 }
-"""The rooms and modules of each wing; `tapping` is with servo and contact, `audit` with `published`."""
+"""The rooms and modules of each wing; `tapping` is with servo and contact, `audit` with the reading of papers."""
 
 
 def trunk_modules(trunk: Trunk, imports: Imports) -> set[str]:

@@ -16,11 +16,10 @@ from collections.abc import Iterator
 from tests.measures.source import Source, is_inside, module_of
 
 ROOMS = (
-    "analysis/comparison",
+    "analysis/designs/comparison",
+    "analysis/designs/identification.py",
     "analysis/identification",
     "analysis/power/comparisons.py",
-    "analysis/report/comparison_figures.py",
-    "analysis/report/comparison_sections.py",
     "analysis/report/identification_sections.py",
     "experiment/dataset/kinds",
     "experiment/records/kinds",

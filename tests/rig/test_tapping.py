@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.analysis.analyse import analyse
-from palpate.analysis.comparison.results import TaskComparisons
+from palpate.analysis.designs.comparison.results import TaskComparisons
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.study import rehearse
@@ -37,7 +37,8 @@ def rehearsed(folder: Path, text: str, *, silent: bool) -> tuple[TaskComparisons
     """Rehearse a protocol's text with 2 participants, and analyse it."""
     root = dataset(folder, text, silent=silent)
     assert verify(root).refused == 0
-    return analyse([root], folder / "out", figures=False).compared.tasks
+    tasks: tuple[TaskComparisons, ...] = analyse([root], folder / "out", figures=False).results.tasks
+    return tasks
 
 
 def paper() -> str:

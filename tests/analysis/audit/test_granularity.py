@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.analysis.audit.granularity import Moments, moments, neighbours, on_scale, totals
+from palpate.analysis.audit.bounds import Moments, moments, neighbours, on_scale, totals
 from palpate.analysis.published.numbers import Scale
 from palpate.analysis.published.printed import Interval, Printed
 

@@ -12,7 +12,7 @@ from scipy import stats
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.audit import mistakes
-from palpate.analysis.audit.granularity import Moments
+from palpate.analysis.audit.bounds import Moments
 from palpate.analysis.audit.mistakes import Layout, Mistake, explain
 from palpate.analysis.published.printed import Interval, Printed, outward, point
 

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from palpate.analysis.audit.granularity import Moments
-from palpate.analysis.audit.recomputed import (
+from palpate.analysis.audit.bounds import (
     Margin,
+    Moments,
     between,
     effect,
     f_of,

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from palpate.analysis.audit.granularity import MOST_COLUMNS, Undecided, Work, examine, solve
+from palpate.analysis.audit.bounds import MOST_COLUMNS, Undecided, Work, examine, solve
 from palpate.analysis.published.numbers import PrintedCell, Scale
 from palpate.analysis.published.printed import Interval, Printed
 

@@ -9,7 +9,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import published
-from palpate.analysis.power import choice_models
+from palpate.analysis.power import choice_models, simulate
 from palpate.analysis.power.choice_models import Answers, draw
 from palpate.experiment.errors import PowerError, ProtocolError
 from palpate.experiment.protocol import files
@@ -45,7 +45,7 @@ def test_print_gives_back_its_means_and_standard_deviations(protocol: Protocol, 
     """Okamoto, Tables 1 and 2: one spread a row makes the sum of its four variances that of the printed ones."""
     printed = published.load("okamoto2012")
     assert printed is not None
-    model = choice_models.find("published", protocol)
+    model = simulate.find("published", protocol)
     cells = {(c.task, c.presented, c.answered): c for c in printed.tables()}
     for answers in model.tasks:
         people = {"virtual": 15, "real": 10}[answers.task]
@@ -72,7 +72,7 @@ def test_a_fit_finds_the_model_that_made_the_data(tmp_path: Path, protocol: Prot
         ]
         sessions[f"{person:03d}"] = {"virtual": trials(answers), "real": trials(answers[:40])}
     root = write_dataset(tmp_path / "data", sessions, materials=MATERIALS, origin="REHEARSAL")
-    model = choice_models.find(str(root), protocol)
+    model = simulate.find(str(root), protocol)
     assert [answers.task for answers in model.tasks] == ["virtual", "real"]
     assert model.tasks[0].shares == pytest.approx(truth.shares, abs=0.03)
     assert model.tasks[0].spread == pytest.approx(truth.spread, abs=0.05)
@@ -83,14 +83,14 @@ def test_a_dataset_of_one_participant_has_no_spread(tmp_path: Path, protocol: Pr
     rows = trials((shown, shown) for shown in MATERIALS)
     root = write_dataset(tmp_path / "data", {"01": {"virtual": rows, "real": rows}}, materials=MATERIALS)
     with refuses(PowerError):
-        choice_models.find(str(root), protocol)
+        simulate.find(str(root), protocol)
 
 
 def test_a_dataset_of_other_materials_lacks_these(tmp_path: Path, protocol: Protocol, refuses: Refuses) -> None:
     rows = trials([("glass", "glass"), ("sand", "snow")])
     root = write_dataset(tmp_path / "data", {"01": {"virtual": rows, "real": rows}})
     with refuses(PowerError):
-        choice_models.find(str(root), protocol)
+        simulate.find(str(root), protocol)
 
 
 def test_participants_less_apart_than_trials_make_them_have_no_spread(
@@ -100,7 +100,7 @@ def test_participants_less_apart_than_trials_make_them_have_no_spread(
     root = write_dataset(
         tmp_path / "data", {label: {"virtual": rows, "real": rows} for label in ("01", "02")}, materials=MATERIALS
     )
-    model = choice_models.find(str(root), protocol)
+    model = simulate.find(str(root), protocol)
     assert not np.concatenate([answers.spread for answers in model.tasks]).any()
     assert model.notes[0] == approved
 
@@ -108,7 +108,7 @@ def test_participants_less_apart_than_trials_make_them_have_no_spread(
 def test_a_file_is_taken_as_stated(tmp_path: Path, protocol: Protocol, approved: SnapshotAssertion) -> None:
     file = tmp_path / "pilot.toml"
     file.write_text(FILE, "utf-8")
-    model = choice_models.find(str(file), protocol)
+    model = simulate.find(str(file), protocol)
     assert model.source == approved
     assert model.tasks[0].shares[0] == pytest.approx([0.4, 0.3, 0.2, 0.1, 0.0])
     assert model.tasks[0].shares[0, 4] == 0
@@ -134,14 +134,14 @@ def test_a_bad_file_is_refused(
     file = tmp_path / "pilot.toml"
     file.write_text(FILE.replace(old, new, 1), "utf-8")
     with pytest.raises(error, match=message):
-        choice_models.find(str(file), protocol)
+        simulate.find(str(file), protocol)
 
 
 def test_a_file_without_one_of_the_rows_is_refused(tmp_path: Path, protocol: Protocol, refuses: Refuses) -> None:
     file = tmp_path / "pilot.toml"
     file.write_text(FILE[: FILE.rindex("[[rows]]")], "utf-8")
     with refuses(PowerError):
-        choice_models.find(str(file), protocol)
+        simulate.find(str(file), protocol)
 
 
 def test_a_file_has_rows_of_what_each_task_presents(tmp_path: Path, protocol: Protocol, refuses: Refuses) -> None:
@@ -159,8 +159,8 @@ def test_a_file_has_rows_of_what_each_task_presents(tmp_path: Path, protocol: Pr
 
 
 def test_guessing_is_chance(protocol: Protocol) -> None:
-    model = choice_models.find("okamoto2012", protocol)
-    for answers, own in zip(choice_models.guessing(protocol, model).tasks, model.tasks, strict=True):
+    model = simulate.find("okamoto2012", protocol)
+    for answers, own in zip(model.control(protocol).tasks, model.tasks, strict=True):
         assert answers.shares[:, :4] == pytest.approx(np.full((4, 4), 0.25))
         assert not answers.shares[:, 4].any()
         assert answers.spread.tolist() == own.spread.tolist()
@@ -169,15 +169,15 @@ def test_guessing_is_chance(protocol: Protocol) -> None:
 def test_a_study_without_print_has_no_published_model(protocol: Protocol, refuses: Refuses) -> None:
     own = protocol.model_copy(update={"study": protocol.study.model_copy(update={"id": "mine"})})
     with refuses(PowerError):
-        choice_models.find("published", own)
-    assert choice_models.find("okamoto2012", own).tasks[0].task == "virtual"
+        simulate.find("published", own)
+    assert simulate.find("okamoto2012", own).tasks[0].task == "virtual"
 
 
 def test_print_that_lacks_a_material_says_which(protocol: Protocol, refuses: Refuses) -> None:
     other = protocol.materials[0].model_copy(update={"id": "silk"})
     own = protocol.model_copy(update={"materials": (other, *protocol.materials[1:])})
     with refuses(PowerError):
-        choice_models.find("published", own)
+        simulate.find("published", own)
 
 
 def test_print_that_adds_up_to_more_than_one_is_noted(
@@ -203,4 +203,4 @@ def test_print_without_participants_and_trials_has_no_spread(protocol: Protocol,
 
 def test_a_published_study_of_another_kind_lacks_the_tasks(protocol: Protocol, refuses: Refuses) -> None:
     with refuses(PowerError):
-        choice_models.find("wellman1995", protocol)
+        simulate.find("wellman1995", protocol)

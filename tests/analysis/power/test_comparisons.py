@@ -12,7 +12,8 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import published
 from palpate.analysis.power import planned_tests, report, simulate
-from palpate.analysis.power.comparisons import Observers, PairModel, alike, answers, draw, find, planned_trials, scale
+from palpate.analysis.power.comparisons import Observers, PairModel, answers, draw, planned_trials, scale
+from palpate.analysis.power.simulate import find
 from palpate.analysis.statistics.exact import Integers
 from palpate.analysis.statistics.scaling import FIRST, SECOND, Comparisons, fit
 from palpate.experiment.errors import PowerError
@@ -78,7 +79,7 @@ def test_a_step_is_tested_as_its_interval_is_made() -> None:
 def test_participants_who_differ_do_not_raise_the_type_i_error() -> None:
     """Of 1,500 studies in which nothing differs on average; binomial limits at 0.001 are 3.3 and 7.0 %."""
     planned = planned_tests.design(wellman(), {})
-    found = answers(planned, alike(model((-1.0, -0.5, 0.0, 0.5, 1.0), spread=0.8)), 15, 1500, RANDOM())
+    found = answers(planned, model((-1.0, -0.5, 0.0, 0.5, 1.0), spread=0.8).control(wellman()), 15, 1500, RANDOM())
     for question, answer in found.items():
         if question.subject != "every step, in order":
             assert answer.p is not None

@@ -13,7 +13,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import published
 from palpate.analysis.identification.results import Results, compute
-from palpate.analysis.power import choice_models, planned_tests
+from palpate.analysis.power import planned_tests, simulate
 from palpate.analysis.power.choice_models import draw
 from palpate.analysis.power.planned_tests import FLIPS, REPEATED, Question
 from palpate.analysis.reading import dataset
@@ -91,7 +91,7 @@ def test_every_number_is_that_of_analyse(tmp_path: Path, protocol: Protocol, par
     printed = published.load("okamoto2012")
     assert printed is not None
     design = planned_tests.design(protocol, printed.pairs())
-    model = choice_models.find("published", protocol)
+    model = simulate.find("published", protocol)
     random = np.random.default_rng(participants)
     drawn = {
         task.id: draw(answers, trials=10, participants=size, studies=STUDIES, random=random)
@@ -124,7 +124,7 @@ def test_a_task_that_presents_some_of_the_materials_is_simulated_and_tested_as_i
     assert printed is not None
     design = planned_tests.design(study_of, printed.pairs())
     assert design.places("virtual", "real") == [1, 3]
-    for model in (chosen := choice_models.find("published", study_of), choice_models.guessing(study_of, chosen)):
+    for model in (chosen := simulate.find("published", study_of), chosen.control(study_of)):
         assert [answers.shares.sum(axis=1).round(9).tolist() for answers in model.tasks] == [[1, 1, 0, 1], [0, 1, 0, 1]]
         random = np.random.default_rng(3)
         drawn = {
@@ -153,7 +153,7 @@ def test_every_p_is_that_of_the_loops_of_the_benchmark(protocol: Protocol, loop:
     printed = published.load("okamoto2012")
     assert printed is not None
     design = planned_tests.design(protocol, printed.pairs())
-    model = choice_models.find("published", protocol)
+    model = simulate.find("published", protocol)
     random = np.random.default_rng(7)
     compared = 0
     for _ in range(12):
@@ -205,7 +205,7 @@ def test_both_families_of_names_are_known(form: str, name: str, repository_root:
 def test_a_family_of_all_tasks_is_adjusted_as_one(protocol: Protocol) -> None:
     plan = protocol.analysis[0].model_copy(update={"correction": "materials and tasks"})
     design = planned_tests.design(protocol.model_copy(update={"analysis": (plan,)}), {})
-    model = choice_models.find("published", protocol)
+    model = simulate.find("published", protocol)
     random = np.random.default_rng(3)
     drawn = {
         task.id: draw(answers, trials=10, participants=8, studies=3, random=random)

@@ -21,9 +21,9 @@ from statsmodels.stats.power import TTestPower
 from statsmodels.stats.proportion import proportion_confint
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.analysis.power import choice_models, planned_tests, report, simulate
+from palpate.analysis.power import planned_tests, report, simulate
 from palpate.analysis.power.choice_models import Answers, ChoiceModel, draw, fitted
-from palpate.analysis.power.planned_tests import FLIPS
+from palpate.analysis.power.planned_tests import FLIPS, Model
 from palpate.analysis.power.simulate import Chunk, Power
 from palpate.analysis.statistics.inference import t_against_chance
 from palpate.experiment.dataset.bids import LABELS
@@ -65,13 +65,13 @@ def two_answers(p: float, spread: float) -> ChoiceModel:
     return ChoiceModel("test", (Answers("virtual", np.array([[p, 1 - p, 0], [1 - p, p, 0]]), np.full(2, spread)),))
 
 
-def run(study: Protocol, model: ChoiceModel, **changed: Any) -> Power:
+def run(study: Protocol, model: Model, **changed: Any) -> Power:
     asked: dict[str, Any] = {"participants": (6,), "studies": 300, "seed": 1, "target": 0.8, "runner": HERE} | changed
     return simulate.run(study, planned_tests.design(study, {}), model, **asked)
 
 
-def guess(study: Protocol) -> ChoiceModel:
-    from palpate.analysis.power.choice_models import find
+def guess(study: Protocol) -> Model:
+    from palpate.analysis.power.simulate import find
 
     return find("okamoto2012", study)
 
@@ -271,7 +271,7 @@ def test_the_risk_of_a_wrong_star_is_that_of_each_study_counted(correction: str 
     study = study.model_copy(update={"analysis": (plan,)})
     result = run(study, guess(study), participants=(15,), studies=400)
     control = [row for row in result.rows if row.kind == "guessing"]
-    model = choice_models.guessing(study, guess(study))
+    model = guess(study).control(study)
     random = np.random.Generator(np.random.PCG64(np.random.SeedSequence(1, spawn_key=(1, 15, 0))))
     drawn = {
         task.id: draw(answers, trials=10, participants=size, studies=400, random=random)

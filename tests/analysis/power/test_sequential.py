@@ -11,8 +11,9 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.documents.tables import text
 from palpate.analysis.power import planned_tests
-from palpate.analysis.power.choice_models import Answers, ChoiceModel, find
+from palpate.analysis.power.choice_models import Answers, ChoiceModel
 from palpate.analysis.power.sequential import EVIDENCE, Rule, bounds, draw, run, section, spent, thresholds
+from palpate.analysis.power.simulate import find
 from palpate.analysis.statistics.inference import log_bayes_factor
 from palpate.experiment.errors import PowerError
 from palpate.experiment.protocol.files import load, shipped

@@ -30,7 +30,7 @@ def test_what_was_found_stands_first_and_what_was_left_out_last(
     """Means and stars as in the paper's Tables 1 and 2; typing paper earns none in Task 1."""
     study = read(repository_root / "participants" / "okamoto2012")
     results = compute(study, {})
-    first, *_, last = sections.sections(study, results, None)
+    first, *_, last = sections.sections(study, results, None, None)
     assert (first.slug, last.slug) == ("found", "exclusions")
     virtual, real, between, remark = first.paragraphs
     assert virtual == approved

@@ -93,7 +93,7 @@ def test_without_materials_in_the_plan_no_one_way_anova_is_planned(root: Path, a
 
 def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Path) -> None:
     study = read(root)
-    found = sections(study, compute(study, {}), None, load("okamoto2012"))
+    found = sections(study, compute(study, {}), load("okamoto2012"), None)
     marks = {section.slug: {table.standing for table in section.tables} for section in found}
     assert marks["tests"] == {"planned"}
     assert marks["icc"] == {"planned", "exploratory"}
@@ -143,7 +143,7 @@ def test_single_exclusions_are_folded_below_their_rules(tmp_path: Path, approved
 
 def test_without_a_plan_nothing_is_called_planned(tmp_path: Path, approved: SnapshotAssertion) -> None:
     study = read(write_dataset(tmp_path, {str(k): {"real": balanced(k)} for k in (1, 2)}))
-    found = sections(study, compute(study, {}), None)
+    found = sections(study, compute(study, {}), None, None)
     assert found[1].paragraphs == approved
     assert {table.standing for section in found for table in section.tables} == {
         "exploratory", "descriptive", "ours, exploratory",

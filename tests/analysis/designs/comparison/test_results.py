@@ -13,7 +13,7 @@ from scipy.stats import pearsonr
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import published
-from palpate.analysis.comparison.results import Compared, compute, scaled
+from palpate.analysis.designs.comparison.results import Compared, compute, scaled
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.statistics.scaling import FIRST, SECOND, Comparisons
 from tests.analysis.datasets import compared, write_dataset

@@ -1,32 +1,76 @@
-"""Results of comparisons -> sections: tables of the report, the records behind them, and every formula by its name."""
+"""Comparison: a trial presents two materials, and asks in which of them there is more of something.
 
-from collections.abc import Mapping
+A study whose answers are places in a pair comes in. For each task, the shares of right choices, what presenting a
+sample first adds, and scales of what was compared go out, each with its interval or the reason why there is none, with
+the sections and figures that show them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from palpate.analysis.comparison.results import Beside, Compared, Scaled, Share, TaskComparisons
-from palpate.analysis.documents.tables import Section, Table, interval, number, p_is, plural
+import numpy as np
+import pandas as pd
+
+from palpate.analysis.designs import AnalysisDesign, Described
+from palpate.analysis.designs.comparison import results
+from palpate.analysis.designs.comparison.results import (
+    LAWS,
+    UNNAMED,
+    Beside,
+    Compared,
+    Estimate,
+    Scaled,
+    Share,
+    TaskComparisons,
+    more,
+    percent,
+)
+from palpate.analysis.documents.tables import (
+    Column,
+    Record,
+    Section,
+    Table,
+    blocks,
+    count_of,
+    ends,
+    formulas,
+    interval,
+    joined,
+    number,
+    p_is,
+    plural,
+    tabulate,
+)
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
-from palpate.analysis.report.found import UNNAMED, compared_section, more
-from palpate.analysis.report.sections import formulas
+from palpate.experiment.errors import DatasetError
+from palpate.experiment.records.kinds import tapping
 
-LAWS = {
-    "bradley-terry": ("Bradley-Terry", "in logits"),
-    "thurstone": ("Thurstone's case V", "in standard deviations of a difference"),
-    "davidson": ("Davidson", "with ties, in logits"),
-}
-"""The name of each law, and more about it. A protocol writes the same name with capitals, as `str.title` gives it."""
+if TYPE_CHECKING:
+    from palpate.experiment.protocol.models import PlannedTest
 
-FIT = (
-    "The P of a deviance takes all answers as independent and every participant as having the same scale, and needs "
-    "many answers of each kind: where participants differ it is too small, and where some pairs are nearly always told "
-    "right it is too large."
-)
+ABOUT = blocks(Path(__file__).with_name("about.md"))
+
+NEIGHBORS = (
+    Column("task", left=True), Column("of", "neighbours", left=True), Column(("right", "trials"), show=count_of),
+    Column("share", "", show=lambda share: "-" if share is None else f"{100 * share:.0f} %"),
+    Column("step", decimals=2), Column(("low", "high"), "95 % CI", 2),
+)  # fmt: skip
 
 
-def sections(study: Study, results: Compared, printed: Published | None = None) -> tuple[Section, ...]:
+AUTHORS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
+"""Whose law each one is, in a sentence."""
+
+FIT = ABOUT["fit"].substitute()
+
+
+def sections(study: Study, results: Compared, printed: Published | None) -> tuple[Section, ...]:
     """Return every section, in reading order: what was found, what was planned, results by their standing, checks."""
     stands = plan.standing(study, printed)
     in_print = [task for task in results.tasks if task.in_print is not None]
@@ -41,15 +85,10 @@ def sections(study: Study, results: Compared, printed: Published | None = None) 
         "": (plan.exclusions_section(study),),
     }
     return (
-        compared_section(study, results, ", ".join(dict.fromkeys(against))),
+        _found(study, results, ", ".join(dict.fromkeys(against))),
         _overview(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
-
-
-def percent(share: Share) -> str:
-    """Return a share in whole percent, or `-` without a trial."""
-    return "-" if share.value is None else f"{100 * share.value:.0f}"
 
 
 def _with_interval(share: Share) -> str:
@@ -64,7 +103,7 @@ def _overview(study: Study, results: Compared) -> Section:
          "without_answer": task.unanswered}
         for task in results.tasks
     )  # fmt: skip
-    found = plan.overview(study, rows, partial(plan.done_of_comparisons, results))
+    found = plan.overview(study, rows, partial(_done, results))
     by = "" if results.quality == UNNAMED else f" by their {results.quality}"
     about = (
         f"Pairs of materials were compared{by}. From the least to the most the protocol has "
@@ -74,12 +113,103 @@ def _overview(study: Study, results: Compared) -> Section:
     return replace(found, paragraphs=(first, about, *rest))
 
 
+def _found(study: Study, results: Compared, mark: str) -> Section:
+    """Return what was asked and found, a table with a `mark`: how often pairs were told right, and steps of a scale."""
+    paragraphs = [*plan.asked(study)]
+    paragraphs += [" ".join(_compared(task, results)) for task in results.tasks]
+    records: list[Record] = []
+    for task in results.tasks:
+        scaled = _first_scale(task)
+        for low in range(len(results.materials) - 1):
+            right, step = task.pair(low, low + 1).right, scaled.steps[low] if scaled else None
+            records.append(
+                {"task": task.task.id, "of": f"{results.materials[low + 1]} above {results.materials[low]}",
+                 "right": right.count, "trials": right.trials, "share": right.value,
+                 "law": scaled.law if scaled else None, "step": step.value if step else None, **ends(step),
+                 "also_in": "pairs.csv, scales.csv"}
+            )  # fmt: skip
+    laws = {scaled.law for task in results.tasks if (scaled := _first_scale(task))}
+    of = f", and the step between them on the scale of {joined([AUTHORS[law] for law in sorted(laws)])}" if laws else ""
+    notes = (f"Neighbours in {results.quality}: how often they were told right{of}, with participants as the units.",)
+    table = tabulate("Neighbours", NEIGHBORS, records, notes, standing=mark)
+    return Section("found", plan.FOUND, tuple(paragraphs), (table,))
+
+
+def _first_scale(task: TaskComparisons) -> Scaled | None:
+    return next((one for one in task.scales if one.scale is not None), None)
+
+
+def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
+    people = plural(len(task.participants), "participant")
+    two = [pair.right for pair in task.pairs if not pair.same]
+    right, trials = sum(of.count for of in two), sum(of.trials for of in two)
+    shares = [one.right.value for one in task.people if one.right.value is not None]
+    yield f"{task.task.title} ({people})."
+    if trials:
+        among = f", from {100 * min(shares):.0f} to {100 * max(shares):.0f} % among them" if len(shares) > 1 else ""
+        yield (
+            f"The sample with {more(results)} was named in {right} of {trials} trials with two materials "
+            f"({100 * right / trials:.0f} %{among})."
+        )
+    scaled = _first_scale(task)
+    if scaled is None:
+        yield from (f"There is no scale: {one.statement}." for one in task.scales[:1])
+    else:
+        yield from _steps(scaled, results)
+    same = task.first_of_same
+    if same.interval is not None:
+        limits = f"{100 * same.interval.low:.0f} to {100 * same.interval.high:.0f}"
+        share = f"{100 * same.count / same.trials:.0f} %"
+        yield f"Of two samples of one material the first was named in {share} ({limits})."
+
+
+def _steps(scaled: Scaled, results: Compared) -> Iterator[str]:
+    """Yield which neighbours stand in the assumed order on a scale, which in the other, and which in neither."""
+    names = results.materials
+    told = [(f"{names[place + 1]} above {names[place]}", step) for place, step in enumerate(scaled.steps)]
+    known = [(name, step) for name, step in told if step.low is not None and step.high is not None]
+    if not known:
+        yield f"The scale of {AUTHORS[scaled.law]} has no intervals, for which it takes several participants."
+        return
+    groups: dict[str, list[str]] = {}
+    for name, step in known:
+        groups.setdefault(_side(step), []).append(f"{name} ({number(step.value, 2)}, {interval(step, 2)})")
+    said = {
+        "above": "On the scale of {} the order is shown for {}.",
+        "below": "Against the order assumed on the scale of {} is {}.",
+        "not": "On the scale of {} no difference is shown for {}.",
+    }
+    for side, sentence in said.items():
+        if side in groups:
+            yield sentence.format(AUTHORS[scaled.law], joined(groups[side]))
+
+
+def _side(step: Estimate) -> str:
+    """Return where the interval of a step lies: above 0, below 0, or neither."""
+    if step.low is not None and step.low > 0:
+        return "above"
+    return "below" if step.high is not None and step.high < 0 else "not"
+
+
+def _done(results: Compared, test: PlannedTest) -> str:
+    """Return in words what was run of a planned scale."""
+    said = []
+    for task in test.tasks:
+        found = next((one for one in results.tasks if one.task.id == task), None)
+        scale = next((one for one in found.scales if one.law == test.test.lower()), None) if found else None
+        if found is None:
+            said.append(f"{task} not run: no trial")
+        elif scale is None:
+            said.append(f"{task} not run: the answers of the study ask for another scale")
+        elif scale.scale is None:
+            said.append(f"{task} run, and it has no scale: {scale.statement}")
+        else:
+            said.append(f"{task} run: the scale stands in its table")
+    return "; ".join(said)
+
+
 def _pairs(results: Compared) -> Section:
-    about = (
-        "It does not matter which of two materials was presented first. Intervals are exact, of 95 % (Clopper and "
-        "Pearson), and take all trials as independent. Where a material was compared with itself, the first is named "
-        "in 50 % by guessing."
-    )
+    about = ABOUT["pairs"].substitute()
     records: list[Mapping[str, object]] = [
         {"task": task.task.id, "low": results.materials[pair.low], "high": results.materials[pair.high],
          "right": pair.right.count, "ties": pair.ties, "trials": pair.right.trials, "share": pair.right.value,
@@ -175,12 +305,7 @@ def _bias(results: Compared) -> Section:
 
 
 def _scales(results: Compared, stands: plan.Standing) -> Section:
-    about = (
-        f"A scale of {results.quality} gives each material a value, so that the first of a pair is chosen by the "
-        "difference of the values and by what being first adds. Values add up to zero. Intervals are of 95 %, with "
-        "participants as the units (standard errors from the sum of scores of each, Student's t with one degree of "
-        "freedom less than participants)."
-    )
+    about = ABOUT["scales"].substitute(quality=results.quality)
     paragraphs: list[str] = []
     tables, records = [], []
     for task in results.tasks:
@@ -221,4 +346,51 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:
 
 def methods() -> tuple[tuple[str, str], ...]:
     """Return the name and formula of everything that these sections hold."""
-    return formulas("comparison_methods.md")
+    return formulas(Path(__file__).with_name("methods.md"))
+
+
+def _compute(study: Study, printed: Published | None, dissimilarities: Path | None) -> Compared:
+    if dissimilarities is not None:
+        raise DatasetError(study.id, "got --dissimilarities and comparisons", "leave it out", allowed="one of them")
+    return results.compute(study, printed)
+
+
+def _numbers(found: Compared) -> dict[str, Any]:
+    return {"quality": found.quality, "tasks": found.tasks}
+
+
+def _export(study: Study, frame: pd.DataFrame, exclusions: pd.DataFrame) -> tuple[dict[str, pd.DataFrame], Described]:
+    return {"trials.csv": _trials(study, frame), "pairs.csv": _counts(study), "exclusions.csv": exclusions}, {}
+
+
+def _trials(study: Study, frame: pd.DataFrame) -> pd.DataFrame:
+    place = {material: index for index, material in enumerate(study.materials)}
+    ahead = frame["first"].map(place) - frame["second"].map(place)
+    wanted = pd.Series(np.where(ahead > 0, tapping.FIRST, tapping.SECOND), index=frame.index)
+    answers = {answer for one in study.designs.values() for answer in one.answers}
+    judged = frame["answered"].isin(answers) & (ahead != 0)
+    frame["right"] = (frame["answered"] == wanted).astype("Int64").where(judged)
+    return frame
+
+
+def _counts(study: Study) -> pd.DataFrame:
+    names = {"first_named": tapping.FIRST, "second_named": tapping.SECOND, "ties": tapping.TIE}
+    keys = ["participant", "task", "first", "second"]
+    included = study.attempts[study.attempts["included"]]
+    counted = included.assign(**{name: (included["answered"] == said).astype(int) for name, said in names.items()})
+    return counted.groupby(keys, sort=False)[list(names)].sum().reset_index()
+
+
+DESIGN = AnalysisDesign(
+    name="comparison",
+    trials="comparisons",
+    function="compare",
+    compute=_compute,
+    sections=lambda study, found, printed, _: sections(study, found, printed),
+    numbers=_numbers,
+    further=lambda _: (),
+    methods=methods,
+    export=_export,
+    figures="palpate.analysis.designs.comparison.figures",
+    power="palpate.analysis.power.comparisons",
+)

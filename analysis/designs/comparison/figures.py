@@ -7,10 +7,8 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 
-from palpate.analysis.comparison.results import Compared, Scaled, TaskComparisons
+from palpate.analysis.designs.comparison.results import LAWS, Compared, Scaled, TaskComparisons, more, percent
 from palpate.analysis.documents import drawing
-from palpate.analysis.report.comparison_sections import LAWS, percent
-from palpate.analysis.report.found import more
 
 DARK = 0.6
 """The text of a cell above this share is white."""

@@ -11,6 +11,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.analyse import Analysis, analyse
+from palpate.analysis.designs import check_design
 from palpate.analysis.export import DICTIONARY, files
 from palpate.analysis.identification.confusion import confusion_of
 from palpate.analysis.reading.dataset import read, read_pooled
@@ -79,10 +80,10 @@ def test_what_was_found_stands_first_and_at_the_end_of_the_terminal(
     assert "The live task (n = 3)" in report
 
 
-def test_only_the_results_of_its_own_kind_are_there(analysed: Analysis, refuses: Refuses) -> None:
-    assert analysed.compared.materials == MATERIALS
-    with refuses(TypeError):
-        _ = analysed.results
+def test_only_the_results_of_its_own_design_are_there(analysed: Analysis, refuses: Refuses) -> None:
+    assert analysed.results.materials == MATERIALS
+    with refuses(DatasetError):
+        check_design(analysed.study, "identification")
 
 
 def test_ties_have_davidsons_scale(tmp_path: Path, approved: SnapshotAssertion) -> None:

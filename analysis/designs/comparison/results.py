@@ -25,6 +25,16 @@ from palpate.experiment.records.kinds import tapping
 if TYPE_CHECKING:
     import pandas as pd
 
+LAWS = {
+    "bradley-terry": ("Bradley-Terry", "in logits"),
+    "thurstone": ("Thurstone's case V", "in standard deviations of a difference"),
+    "davidson": ("Davidson", "with ties, in logits"),
+}
+"""The name of each law, and more about it. A protocol writes the same name with capitals, as `str.title` gives it."""
+
+UNNAMED = "what was compared"
+"""The quality where no protocol names one."""
+
 CHOSEN = {tapping.FIRST: FIRST, tapping.SECOND: SECOND, tapping.TIE: TIE}
 
 
@@ -149,21 +159,24 @@ class Compared:
         import pandas as pd
 
         rows = [
-            {
-                "task": task.task.id,
-                "lower": self.materials[pair.low],
-                "higher": self.materials[pair.high],
-                "right": pair.right.count,
-                "trials": pair.right.trials,
-                "ties": pair.ties,
-                "share": pair.right.value,
-                "low": pair.right.interval.low if pair.right.interval else None,
-                "high": pair.right.interval.high if pair.right.interval else None,
-            }
+            {"task": task.task.id, "lower": self.materials[pair.low], "higher": self.materials[pair.high],
+             "right": pair.right.count, "trials": pair.right.trials, "ties": pair.ties, "share": pair.right.value,
+             "low": pair.right.interval.low if pair.right.interval else None,
+             "high": pair.right.interval.high if pair.right.interval else None}
             for task in self.tasks
             for pair in task.pairs
-        ]
+        ]  # fmt: skip
         return pd.DataFrame(rows).astype(dict.fromkeys(("share", "low", "high"), "float64"))
+
+
+def more(results: Compared) -> str:
+    """Return `more hardness`, or what to say where no protocol names what was compared."""
+    return f"more of {UNNAMED}" if results.quality == UNNAMED else f"more {results.quality}"
+
+
+def percent(share: Share) -> str:
+    """Return a share in whole percent, or `-` without a trial."""
+    return "-" if share.value is None else f"{100 * share.value:.0f}"
 
 
 def _summary(task: TaskComparisons) -> str:
@@ -175,7 +188,7 @@ def _summary(task: TaskComparisons) -> str:
 def compute(study: Study, printed: Published | None = None) -> Compared:
     """Return every result of a study of comparisons, beside what was `printed` of it."""
     protocols = [part.protocol.comparison for part in study.parts if part.protocol]
-    quality = next((one.quality for one in protocols if one is not None), "what was compared")
+    quality = next((one.quality for one in protocols if one is not None), UNNAMED)
     tasks = tuple(_task(study, task, printed) for task in study.tasks if len(study.trials(task.id)))
     return Compared(study.materials, quality, tasks)
 
@@ -197,7 +210,7 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
     first = data.chosen == FIRST
     pairs = tuple(_pair(data, right, *pair) for pair in combinations_with_replacement(range(data.items), 2))
     laws: tuple[Law, ...] = ("bradley-terry", "thurstone")
-    if study.answers is not None and tapping.TIE in study.answers:
+    if tapping.TIE in study.designs[task.id].answers:
         laws = ("davidson",)
     return TaskComparisons(
         task=task,
