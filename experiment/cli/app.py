@@ -126,6 +126,10 @@ def _run() -> None:
     except Exception as error:
         if was_interrupted(error):
             raise KeyboardInterrupt from None
+        if isinstance(error, ModuleNotFoundError) and f"{error.name}.".startswith("palpate."):
+            # A part of the source that no other part needs may be left out.
+            tell(f"palpate: this installation has no {error.name}; install palpate with all of its parts")
+            raise SystemExit(PalpateError.exit_code) from None
         if isinstance(error, RuntimeError) and "Symlink loop" in str(error):
             # So Python tells of a link that leads to itself before 3.13.
             tell(f"palpate: {plain(str(error), keep='')}; give a folder or a file")

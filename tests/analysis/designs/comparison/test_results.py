@@ -21,7 +21,7 @@ from tests.analysis.datasets import compared, write_dataset
 MATERIALS = ("felt", "cork", "tin")
 """From the softest to the hardest."""
 
-REFERENCE = Path(__file__).parents[2] / "reference"
+REFERENCE = Path(__file__).parents[3] / "reference"
 
 
 def results(

@@ -1,0 +1,96 @@
+"""What a study does not need can be deleted from the source: the rest works, and says what is not installed."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterable
+from pathlib import Path
+
+import pytest
+
+from tests.analysis.datasets import compared, write_dataset
+from tests.conftest import REPOSITORY
+from tests.measures.imports import WINGS
+from tests.measures.source import is_inside, module_of, tracked_files
+
+COMMAND = "from palpate.experiment.__main__ import main; main()"
+COMMON = ("audit", "power", "numerics", "validation")
+"""Wings of the analysis that no design needs."""
+
+REFUSED = {
+    "audit": ("audit", "okamoto2012"),
+    "power": ("power", "protocols/okamoto2012.toml"),
+    "numerics": ("numerics", "--quick"),
+    "validation": ("validate", "none"),
+}
+"""A command of each."""
+
+
+def copied(folder: Path, wings: Iterable[str]) -> Path:
+    """Make hard links to the source in a folder, without these wings."""
+    rooms = [room for wing in wings for room in WINGS[wing]]
+    for file in tracked_files("experiment", "analysis", "palpate", "protocols"):
+        name = file.as_posix()
+        if not (is_inside(name, rooms) or name in ("palpate/analysis", "palpate/experiment")):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            os.link(REPOSITORY / name, folder / name)
+    return folder
+
+
+def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run a command of the source in a folder."""
+    environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    words = [sys.executable, "-c", COMMAND, *arguments]
+    return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def identifies(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The source without every wing that a study of identification does not need."""
+    return copied(tmp_path_factory.mktemp("identifies"), (*COMMON, "comparison"))
+
+
+def test_an_identification_needs_none_of_them(identifies: Path) -> None:
+    """A rehearsal ends with the analysis."""
+    checked = run(identifies, "check", "protocols/okamoto2012.toml")
+    assert (checked.returncode, checked.stderr) == (0, "")
+    done = run(identifies, "rehearse", "--participants", "1", "--jobs", "1", "--out", "dataset")
+    assert done.returncode == 0, done.stderr
+    written = {path.name for path in (identifies / "dataset" / "derivatives" / "palpate" / "tables").iterdir()}
+    assert {"found.csv", "confusion.csv", "tests.csv", "intervals.csv"} <= written
+    assert "comparison.csv" not in written
+
+
+def test_a_comparison_needs_no_other_design(tmp_path: Path) -> None:
+    source = copied(tmp_path, (*COMMON, "identification"))
+    said = [
+        ("felt", "cork", "second"),
+        ("cork", "felt", "first"),
+        ("felt", "felt", "first"),
+        ("cork", "cork", "second"),
+    ]
+    sessions = {str(who): {"live": compared(said[who:] + said[:who])} for who in range(1, 4)}
+    pair = {"materials": ("felt", "cork"), "tasks": ("live",), "answers": ("first", "second")}
+    write_dataset(tmp_path / "dataset", sessions, origin="REHEARSAL", **pair)  # type: ignore[arg-type]
+    done = run(source, "analyse", "dataset", "--out", "out", "--no-figures")
+    assert done.returncode == 0, done.stderr
+    assert {"pairs.csv", "bias.csv"} <= {path.name for path in (tmp_path / "out" / "tables").iterdir()}
+
+
+@pytest.mark.parametrize("wing", COMMON)
+def test_a_command_of_a_wing_says_that_it_is_not_installed(identifies: Path, wing: str) -> None:
+    refused = run(identifies, *REFUSED[wing])
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert module_of(WINGS[wing][0]) in refused.stderr
+    assert len(refused.stderr.splitlines()) == 1
+
+
+def test_a_study_of_a_design_that_is_not_installed_is_refused(identifies: Path) -> None:
+    sessions = {"1": {"live": compared([("felt", "cork", "second")])}}
+    pair = {"materials": ("felt", "cork"), "tasks": ("live",), "answers": ("first", "second")}
+    write_dataset(identifies / "pairs", sessions, origin="REHEARSAL", **pair)  # type: ignore[arg-type]
+    refused = run(identifies, "analyse", "pairs", "--out", "out")
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert module_of("analysis/designs/comparison") in refused.stderr
