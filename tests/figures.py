@@ -86,7 +86,7 @@ def _all_figures() -> tuple[Figure, ...]:
         _count("functions of grade D or worse", sources, patterns.complex_functions, 10),
         _figure("parameters never varied", (each.place for each in parameters.unvaried_parameters(sources)), 27),
         _count("texts multiplied by a condition", sources, patterns.multiplied_texts, 0),
-        _count("decisions by kind outside the kinds' rooms", sources, kinds.decisions, 39),
+        _count("decisions by kind outside the kinds' rooms", sources, kinds.decisions, 33),
         *_test_figures(read_sources(tracked_files("tests"))),
     )
 

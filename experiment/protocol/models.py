@@ -8,7 +8,7 @@ What must hold between fields stands in `rules`; each model names its own. The w
 from datetime import date
 from fractions import Fraction
 from itertools import combinations_with_replacement
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, TypeVar
 
 from pydantic import Field
 
@@ -233,7 +233,13 @@ class Step(Confined):
     contact_mm: Annotated[float, Field(ge=0)]
 
 
-class Footstep(Confined):
+class KindTable(Confined):
+    """Base of the table of a kind of trial, which says how many materials a trial presents."""
+
+    INTERVALS: ClassVar[int] = 1
+
+
+class Footstep(KindTable):
     """What trials of the kind `footstep` need.
 
     Attributes:
@@ -271,7 +277,7 @@ class Virtual(Confined):
     fastest_mm_s: Annotated[float, Field(gt=0, le=1000)]
 
 
-class Comparison(Confined):
+class Comparison(KindTable):
     """What trials of the kind `comparison` need: in each, a participant names one of two materials.
 
     Attributes:
@@ -288,11 +294,16 @@ class Comparison(Confined):
     tie_key: Key | None = None
     virtual: Virtual | None = None
 
+    INTERVALS: ClassVar[int] = 2
+
     @property
     def answers(self) -> dict[str, str]:
         """What participants may answer, by its key: `FIRST`, `SECOND` and, where it is allowed, `TIE`."""
         ties = {} if self.tie_key is None else {self.tie_key: TIE}
         return {self.first_key: FIRST, self.second_key: SECOND, **ties}
+
+
+Table = TypeVar("Table", bound=KindTable)
 
 
 class Familiarisation(Confined):
@@ -519,7 +530,7 @@ class Protocol(Confined):
 
     def presentations(self, task: Task) -> tuple[tuple[str, ...], ...]:
         """Return what a task presents: each of its materials, or every pair of two, one with itself included."""
-        return tuple(combinations_with_replacement(self.presented(task), 1 if self.comparison is None else 2))
+        return tuple(combinations_with_replacement(self.presented(task), self.kind_table(task).INTERVALS))
 
     def trials(self, task: Task) -> int:
         """Return how many trials a participant has in a task."""
@@ -528,16 +539,12 @@ class Protocol(Confined):
     @property
     def footsteps(self) -> Footstep:
         """The table `[footstep]`. Raises `ProtocolError` in a study of another kind of trial."""
-        if self.footstep is None:
-            raise self._lacks("footstep")
-        return self.footstep
+        return self._table(Footstep)
 
     @property
     def comparisons(self) -> Comparison:
         """The table `[comparison]`. Raises `ProtocolError` in a study of another kind of trial."""
-        if self.comparison is None:
-            raise self._lacks("comparison")
-        return self.comparison
+        return self._table(Comparison)
 
     @property
     def surfaces(self) -> Virtual:
@@ -556,6 +563,17 @@ class Protocol(Confined):
     def rendered(self) -> Virtual | None:
         """How a study's virtual surfaces are rendered; None in a study without any."""
         return self.comparison.virtual if self.comparison is not None and self.renders else None
+
+    def kind_table(self, task: Task) -> KindTable:
+        """Return the table of the kind of a task's trials, which has the kind's name."""
+        table: KindTable = getattr(self, task.kind)
+        return table
+
+    def _table(self, model: type[Table]) -> Table:
+        for _, value in self:
+            if isinstance(value, model):
+                return value
+        raise self._lacks(model.__name__.lower())
 
     def _lacks(self, kind: str) -> ProtocolError:
         allowed = f"a study whose trials are of the kind '{kind}'; name the protocol of one"

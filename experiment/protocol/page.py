@@ -10,7 +10,7 @@ from palpate.experiment.errors import Finding, mismatch
 from palpate.experiment.protocol import approval, blocks
 from palpate.experiment.protocol.approval import Seal
 from palpate.experiment.protocol.blocks import Block, Free, Gap, Item, Quoted, Rows, Said, count, facts, named, number
-from palpate.experiment.protocol.models import ExclusionRule, Footstep, PlannedTest, Protocol, Step, Task, Virtual
+from palpate.experiment.protocol.models import Footstep, PlannedTest, Protocol, Step, Task, Virtual
 from palpate.experiment.settings.load import written
 
 IN_SEAL = "(in the seal, once the board has approved)"
@@ -34,9 +34,6 @@ STOPS = (
 )
 """What the board reads below the limits of a protocol that renders something."""
 
-OF_A_RIG = "Of a rig; no part of the protocol or its seal"
-"""Heads what a board's page says of a laboratory."""
-
 
 def page(protocol: Protocol, file: str) -> str:
     """Return the page of the protocol in `file`, in lines of at most 92 columns, ending in a newline."""
@@ -59,8 +56,7 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
     """
     word = state.partition(":")[0]
     until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
-    said = Said(f"{state} This was so on {today}.")
-    known: list[Block] = [said, approval_of(seal)] if seal else [said]
+    known: list[Block] = [Said(f"{state} This was so on {today}."), *([approval_of(seal)] if seal else [])]
     parts = [f"<h1>{blocks.html_text(heading(protocol))}</h1>", f'<div class="state">{blocks.html_blocks(known)}</div>']
     parts.append(blocks.html_blocks(title(protocol, file)))
     parts += [
@@ -68,7 +64,9 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
         for place, (name, section) in enumerate(sections(protocol), start=1)
     ]
     if rig := tuple(rig):
-        parts.append(f"<section><h2>{blocks.html_text(OF_A_RIG)}</h2>{blocks.html_blocks(rig)}</section>")
+        parts.append(
+            f"<section><h2>Of a rig; no part of the protocol or its seal</h2>{blocks.html_blocks(rig)}</section>"
+        )
     foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
     style = Path(__file__).with_name("page.css").read_text("utf-8")
     return (
@@ -255,8 +253,7 @@ def _minutes(seconds: float) -> str:
 
 
 def _tasks(protocol: Protocol) -> Iterator[Block]:
-    presented = "materials" if protocol.comparison is None else "pairs"
-    columns = ("task", "participants", f"{presented} x repetitions = trials", "trials in the study")
+    columns = ("task", "participants", f"{_presented(protocol)}s x repetitions = trials", "trials in the study")
     rows = [
         (
             task.id,
@@ -285,8 +282,12 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
-            ("Order", _order(task, presented.removesuffix("s"))),
+            ("Order", _order(task, _presented(protocol))),
         )
+
+
+def _presented(protocol: Protocol) -> str:
+    return ("material", "pair")[protocol.kind_table(protocol.tasks[0]).INTERVALS - 1]
 
 
 _ALONE = "alone are presented; answers may be any of the study's materials"
@@ -470,7 +471,7 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
     yield Said(
         "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
         "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "
-        f"blocked-random, a block presents each {'pair' if comparison is not None else 'material'} once; any other "
+        f"blocked-random, a block presents each {_presented(protocol)} once; any other "
         "task is one single block. The experimenter "
         "can correct an answer until the session ends; the record then holds both, and the reason."
     )
@@ -480,7 +481,8 @@ def _exclusion(protocol: Protocol) -> Iterator[Block]:
     if not protocol.exclusion:
         yield Said("There are no exclusion rules: every trial of every participant counts.")
     for rule in protocol.exclusion:
-        yield Item(f"{named(rule.id)}: {_condition(rule)}, {_ACTION[rule.action]}. Reason:")
+        condition = _CONDITION[rule.when].format(number(rule.limit or 0))
+        yield Item(f"{named(rule.id)}: If {condition}, {_ACTION[rule.action]}. Reason:")
         yield Quoted(rule.reason)
 
 
@@ -491,21 +493,14 @@ _ACTION = {
 }
 
 
-def _condition(rule: ExclusionRule) -> str:
-    limit = "" if rule.limit is None else number(rule.limit)
-    match rule.when:
-        case "frames-lost":
-            return f"If more than {limit} frames of the tracker are lost or damaged between arming and contact"
-        case "speed-below":
-            return f"If the foot moves at less than {limit} mm/s"
-        case "speed-above":
-            return f"If the foot moves at more than {limit} mm/s"
-        case "undelivered":
-            return "If the vibration, as measured, was early, late, changed or missing by the rig's thresholds"
-        case "answers-below":
-            return f"If a participant answers fewer than {limit} trials of a task"
-        case "withdrawn":
-            return "If a participant withdraws"
+_CONDITION = {
+    "frames-lost": "more than {} frames of the tracker are lost or damaged between arming and contact",
+    "speed-below": "the foot moves at less than {} mm/s",
+    "speed-above": "the foot moves at more than {} mm/s",
+    "undelivered": "the vibration, as measured, was early, late, changed or missing by the rig's thresholds",
+    "answers-below": "a participant answers fewer than {} trials of a task",
+    "withdrawn": "a participant withdraws",
+}
 
 
 def _analysis(protocol: Protocol) -> Iterator[Block]:

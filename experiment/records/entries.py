@@ -74,7 +74,8 @@ class Outcome(OfAttempt):
     @property
     def frames(self) -> Trace | None:
         """Where its raw tracker frames stand; None where none are kept."""
-        return None
+        trace: Trace | None = getattr(self, "trace", None)
+        return trace
 
     @property
     def put_off(self) -> bool:

@@ -80,7 +80,7 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
             # The protocol's rules give `max_run` a value with this kind, which is for single materials.
             counts = {material: task.repetitions for (material,) in presented}
             order = [(material,) for material in constrained(counts, max_run=task.order.max_run or 0, draws=draws)]
-    if protocol.comparison is not None:
+    if protocol.kind_table(task).INTERVALS == 2:
         order = _in_either_order(order, draws)
     return tuple(PlannedTrial(trial=place, presented=one) for place, one in enumerate(order, start=1))
 

@@ -82,6 +82,7 @@ def _cells(path: Path, contents: Contents) -> Iterator[tuple[entries.Outcome, Ce
         step = placed.step
         stimulus, onset = (step.stimulus, step.onset) if isinstance(step, FootStep) else (None, None)
         heard = onset.delivered if onset else None
+        off_ns = heard.onset_ns - onset.contact_ns if onset and heard and heard.onset_ns is not None else None
         yield (
             step,
             {
@@ -92,19 +93,12 @@ def _cells(path: Path, contents: Contents) -> Iterator[tuple[entries.Outcome, Ce
                 "frames_lost": step.link.lost + step.link.damaged,
                 "floored_bins": stimulus.floored_bins if stimulus else None,
                 "delivered": heard.delivered if heard else None,
-                "onset_error": _onset_error_s(onset),
+                "onset_error": None if off_ns is None else round(off_ns / 1e9, 6),
                 **({"redo_reason": step.reason} if isinstance(step, BrokenOff) else {}),
                 **_timing_s(step, onset),
                 **_played(stimulus),
             },
         )
-
-
-def _onset_error_s(onset: Onset | None) -> float | None:
-    """Return by how much the measured onset missed the contact, s; None if it was not measured."""
-    if onset is None or onset.delivered is None or onset.delivered.onset_ns is None:
-        return None
-    return round((onset.delivered.onset_ns - onset.contact_ns) / 1e9, 6)
 
 
 def _timing_s(step: FootStep | BrokenOff, onset: Onset | None) -> dict[str, object]:

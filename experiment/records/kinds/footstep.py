@@ -73,10 +73,6 @@ class FootStep(Outcome):
     stimulus: Stimulus | None
     onset: Onset | None
 
-    @property
-    def frames(self) -> Trace:
-        return self.trace
-
 
 class BrokenOff(Outcome):
     """A step that ended before the foot had landed, or before its landing was saved; its stimulus was withdrawn if
@@ -101,10 +97,6 @@ class BrokenOff(Outcome):
     speed_mm_s: float | None
     link: Link
     trace: Trace
-
-    @property
-    def frames(self) -> Trace:
-        return self.trace
 
     @property
     def put_off(self) -> bool:
@@ -132,8 +124,8 @@ def _stepped(entry: FootStep) -> str:
 
 def _broken_off(entry: BrokenOff) -> str:
     again = "put off to the end of the block" if entry.felt else "armed again"
-    said = f"{entry.label}: {' and '.join(entry.presented)}, broke off, {again}: {entry.reason}"
-    return f"{said}{_dead(entry.dead_time_ms)}"
+    presented = " and ".join(entry.presented)
+    return f"{entry.label}: {presented}, broke off, {again}: {entry.reason}{_dead(entry.dead_time_ms)}"
 
 
 def _dead(dead_time_ms: float | None) -> str:

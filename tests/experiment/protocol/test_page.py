@@ -99,6 +99,8 @@ microphone."""
 PAIRS = tapping.protocol(tie_key="3")
 RENDERED = Protocol.model_validate(changed(tapping.rendering(), ("comparison", "virtual", "mass_kg"), 2.0))
 
+TABLES = {"footstep": FULL.footstep, "comparison": PAIRS.comparison}
+
 CASES = [
     (study, path, value, other)
     for study in (FULL, PAIRS, RENDERED)
@@ -116,6 +118,9 @@ def test_the_page_changes_with_every_value(
     study: Protocol, path: tuple[str | int, ...], value: object, other: object
 ) -> None:
     before, after = study, with_value(study, path, other)
+    if len(path) == 3 and path[2] == "kind":
+        # A kind of trial comes with its table.
+        after = with_value(after, (str(other),), TABLES[str(other)])
     shown = page(after)
     assert shown.replace(sha256(after), "") != page(before).replace(sha256(before), "")
     if other == "Sentinel":
