@@ -166,7 +166,14 @@ class OtherFormat(PalpateError):
 
 
 def other_format(
-    file: Path, what: str, got: object, known: int, *, line: int | None = None, software: str = "", remedy: str = ""
+    file: Path,
+    what: str,
+    got: object,
+    known: int,
+    *,
+    line: int | None = None,
+    software: str = "",
+    mend: Remedy | str = "",
 ) -> OtherFormat | None:
     """Return the error of a file of this kind (`what`) whose format `got` is not the `known` one, None where it is.
 
@@ -178,10 +185,12 @@ def other_format(
     by = f"{'a newer' if newer else 'an unreleased'} palpate"
     number = "has no number" if got is None else f"is {got!r:.20}"
     use = "install a newer palpate" if newer else "read it with the palpate that made it"
+    advice = "" if mend else f". To use it, {use}"
     return OtherFormat(
         file,
         f"made by {by}{f' ({software:.80})' if software else ''}. The format of this {what} {number}; this palpate "
-        f"reads format {known}. The file is not damaged. To use it, {remedy or use}",
+        f"reads format {known}. The file is not damaged{advice}",
+        mend,
         line=line,
     )
 

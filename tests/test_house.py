@@ -9,9 +9,12 @@ from pathlib import Path
 
 import pytest
 
+from palpate.experiment import errors
 from tests.__main__ import marked
 from tests.conftest import LONGEST
 from tests.figures import figures
+from tests.measures.patterns import errors_in_text
+from tests.measures.source import FOLDERS, Source, read_sources, tracked_files
 
 HEAVY = ("numpy", "scipy", "pandas", "matplotlib", "statsmodels", "psychopy", "serial", "rich", "textual")
 
@@ -26,6 +29,33 @@ DOCUMENTS = (
     "protocols/README.md",
     "tests/README.md",
 )
+
+
+ERRORS = {
+    name for name, kind in vars(errors).items() if isinstance(kind, type) and issubclass(kind, errors.PalpateError)
+}
+"""Every class of our errors, by name."""
+
+RENDERERS = ("experiment/errors.py", "experiment/cli/app.py")
+"""Here the sentence of an error is made, and shown as the last of a command."""
+
+STILL_IN_TEXT = {
+    "experiment/apparatus/tracker/calibration.py": 1,
+    "experiment/cli/analysis.py": 1,
+    "experiment/cli/protocol.py": 1,
+    "experiment/cli/recordings.py": 1,
+    "experiment/cli/rig.py": 1,
+    "experiment/cli/session.py": 1,
+    "experiment/desk/linked.py": 2,
+    "experiment/desk/voice/ear.py": 2,
+    "experiment/session/attempt.py": 1,
+    "experiment/session/footstep/watch.py": 1,
+    "experiment/session/run.py": 2,
+    "experiment/session/runner.py": 3,
+    "experiment/session/tapping/taps.py": 1,
+    "experiment/session/visit.py": 1,
+}
+"""The most places of a module that take an error of ours for a text; these are to become fewer, and none is added."""
 
 
 def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
@@ -66,6 +96,32 @@ print(sorted(set({HEAVY!r}) & set(sys.modules)), file=sys.stderr)
 def test_the_house_is_no_larger_than_its_plan() -> None:
     above = [figure.line for figure in figures() if figure.found > figure.most]
     assert not above, "\n".join(above)
+
+
+def test_nothing_takes_an_error_of_ours_for_a_text() -> None:
+    """Whoever needs a part of it has its finding; whoever says more of it carries the finding on."""
+    sources = [one for one in read_sources(tracked_files(*FOLDERS)) if one.path not in RENDERERS]
+    found = {one.path: [*errors_in_text(one, ERRORS)] for one in sources}
+    assert [places for path, places in found.items() if len(places) > STILL_IN_TEXT.get(path, 0)] == []
+
+
+@pytest.mark.parametrize(
+    ("line", "count"),
+    [
+        ("why = str(error)", 1),
+        ('raise RigError(f"{error}; and more") from error', 1),
+        ("what, *rest = error.args", 1),
+        ('raise RigError(path, f"{error!r}") from error', 1),
+        ("raise RigError.at(replace(error.finding, where=path)) from error", 0),
+        ("why = str(path)", 0),
+    ],
+)
+@pytest.mark.parametrize("kind", ["RosterError", "(ValueError, errors.RigError)", "ValueError"])
+def test_an_error_that_is_taken_for_a_text_is_found(line: str, count: int, kind: str) -> None:
+    caught = Source("module.py", f"try:\n    act()\nexcept {kind} as error:\n    {line}\n")
+    assert len([*errors_in_text(caught, ERRORS)]) == (0 if kind == "ValueError" else count)
+    given = Source("module.py", f'def tell(path: Path, error: "RigError | None") -> None:\n    {line}\n')
+    assert len([*errors_in_text(given, ERRORS)]) == count
 
 
 @pytest.fixture(scope="module")

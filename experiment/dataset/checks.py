@@ -244,12 +244,8 @@ def _settled(root: Path) -> Dataset:
     kept = storage.protocol_path(root)
     if not kept.exists() and not has_journals(root):
         got = "holds no study" if root.is_dir() else "is no folder"
-        raise DatasetError(
-            root,
-            got,
-            "give that one, or restore its sourcedata from a backup",
-            allowed="the folder of a study's dataset, which holds sourcedata",
-        )
+        allowed = "the folder of a study's dataset, which holds sourcedata"
+        raise DatasetError(root, got, "give that one, or restore its sourcedata from a backup", allowed=allowed)
     protocol = files.load(kept)
     plan_file = storage.plan_path(root)
     if not plan_file.exists():
@@ -333,12 +329,9 @@ def _strays(dataset: Dataset) -> Iterator[Finding]:
     source = root / "sourcedata"
     found = {path for path in source.rglob("*") if path.suffix in (".jsonl", ".head") or "_journal" in path.name}
     for path in sorted({*found, *root.rglob("*_journal.jsonl")} - known):
-        yield Finding(
-            "looks like a journal, and no session of this dataset writes one there",
-            path,
-            allowed="sourcedata/sub-P/sub-P_task-T_journal.jsonl",
-            remedy="take it out of the dataset",
-        )
+        what = "looks like a journal, and no session of this dataset writes one there"
+        allowed = "sourcedata/sub-P/sub-P_task-T_journal.jsonl"
+        yield Finding(what, path, allowed=allowed, remedy="take it out of the dataset")
 
 
 def _frames_alone(dataset: Dataset) -> Iterator[Finding]:
@@ -392,12 +385,9 @@ def _check_header(path: Path, header: Header, study: Dataset) -> None:
 
 
 def _foreign(path: Path, got: str, allowed: str) -> DatasetError:
-    return DatasetError(
-        path,
-        f"is not of this dataset: its header has {got}",
-        "take the journal out of the dataset, or put it back where it came from",
-        allowed=allowed,
-    )
+    what = f"is not of this dataset: its header has {got}"
+    remedy = "take the journal out of the dataset, or put it back where it came from"
+    return DatasetError(path, what, remedy, allowed=allowed)
 
 
 def _check_enrolment(path: Path, header: Header, roster: Roster, seal: Seal, protocol: Protocol) -> None:
@@ -424,11 +414,8 @@ def _tables_alone(dataset: Dataset) -> Iterator[Finding]:
     for path in sorted(dataset.root.glob("sub-*/beh/sub-*_task-*")):
         who, task = path.name.split("_")[:2]
         if f"{who}_{task}_" not in begun and who.removeprefix("sub-") not in dataset.people.erased:
-            yield Finding(
-                "no journal gives this table",
-                path,
-                remedy="restore the journal under sourcedata from a backup, or take the table out of the dataset",
-            )
+            remedy = "restore the journal under sourcedata from a backup, or take the table out of the dataset"
+            yield Finding("no journal gives this table", path, remedy=remedy)
 
 
 def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
@@ -440,16 +427,10 @@ def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
         own = {storage.journal_path(root, participant, task): task for task in tasks}
         wanted = {path for path, task in own.items() if task == first} or own.keys()
         if wanted and dataset.begun.isdisjoint(wanted):
-            yield Finding(
-                f"is missing, and {table.name} has a session of participant {participant}; restore the journal from a "
-                "backup",
-                min(wanted),
-                remedy=build_again(
-                    root,
-                    f"if no such session took place, {table.name} was edited: delete that, and make it again",
-                    suffices=False,
-                ),
-            )
+            lost = f"is missing, and {table.name} has a session of participant {participant}"
+            words = f"if no such session took place, {table.name} was edited: delete that, and make it again"
+            remedy = build_again(root, words, suffices=False)
+            yield Finding(f"{lost}; restore the journal from a backup", min(wanted), remedy=remedy)
 
 
 def build_again(root: Path, words: str, *, suffices: bool = True) -> Remedy:

@@ -246,11 +246,8 @@ def _session(path: Path, headers: list[Header]) -> str:
     end = max((trace.offset + trace.length for trace in steps), default=0)
     more = storage.size(storage.foot_path(path)) - end
     if more and progress(contents.entries).complete:
-        raise DatasetError(
-            storage.foot_path(path),
-            f"{count(more, 'byte')} follow the last step that the journal of this complete session names",
-            "restore the file from a backup",
-        )
+        what = f"{count(more, 'byte')} follow the last step that the journal of this complete session names"
+        raise DatasetError(storage.foot_path(path), what, "restore the file from a backup")
     torn = f"; {count(len(contents.torn), 'byte')} at its end: a line that was never finished" if contents.torn else ""
     told = f"{count(len(contents.lines), 'line')} in an unbroken chain up to its head{torn}"
     frames = f" and the frames of {count(len(steps), 'step')} are those" if steps else " is the one"
@@ -311,12 +308,8 @@ def _leftovers(root: Path) -> Iterator[Finding]:
 def _check_place(root: Path, path: Path) -> None:
     """Refuse what is no register, and one inside the dataset."""
     if path.resolve().is_relative_to(root.resolve()):
-        raise DatasetError(
-            path,
-            "stands inside the dataset, where whoever can change the one can change the other",
-            "name one",
-            allowed="a register elsewhere",
-        )
+        what = "stands inside the dataset, where whoever can change the one can change the other"
+        raise DatasetError(path, what, "name one", allowed="a register elsewhere")
     kept, _ = register.read(path)
     if not kept and not any(word in storage.read_bytes(path) for word in (b'"anchor"', b'"prefixes"')):
         raise DatasetError(path, "is no register, for it has no anchor", "give the file that palpate anchor wrote to")
@@ -396,11 +389,8 @@ def _evidence(
         found = tuple(anchor for anchor in all_anchors if anchor.number == digits)[:1]
         near = [anchor for anchor in all_anchors if sum(map(ne, digits, anchor.number)) <= MISTYPED]
         if near and not found:
-            raise DatasetError(
-                "--number",
-                f"got {number!r}, which is almost the number of the anchor {near[0].line}",
-                "compare it with the lab book again",
-            )
+            what = f"got {number!r}, which is almost the number of the anchor {near[0].line}"
+            raise DatasetError("--number", what, "compare it with the lab book again")
         if not found:
             why = "the number was mistyped or is of another dataset, or that file was changed"
             text = f"{LOG} holds no anchor with this number: {why}"

@@ -19,7 +19,7 @@ import rfc8785
 from pydantic import Field
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Finding, PalpateError, ProtocolError, mismatch, other_format
+from palpate.experiment.errors import Finding, PalpateError, ProtocolError, Remedy, mismatch, other_format
 from palpate.experiment.protocol import rules
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
@@ -38,8 +38,6 @@ UNFILLED = "TO BE FILLED IN"
 
 FORMAT: Literal[1] = 1
 """The format of the seal's file."""
-
-SEAL_AGAIN = "seal the protocol again (palpate seal --replace)"
 
 
 def canonical(protocol: Protocol) -> bytes:
@@ -166,7 +164,9 @@ def read(protocol_path: Path) -> Seal:
         )
         _refuse(path, [mismatch("seal", None, "no seal", allowed)])
     document, text = load.parsed(path)
-    if (other := other_format(path, "seal", document.get("format"), FORMAT, remedy=SEAL_AGAIN)) is not None:
+    given = ("--approval-number", "NUMBER", "--approved-on", "DAY", "--expires-on", "DAY", "--replace")
+    again = Remedy("to use it, seal the protocol again", ("palpate", "seal", str(protocol_path), *given))
+    if (other := other_format(path, "seal", document.get("format"), FORMAT, mend=again)) is not None:
         raise other
     seal = load.checked(path, Seal, document, text)
     own = hashlib.sha256(seal.protocol.encode()).hexdigest()

@@ -104,11 +104,8 @@ def seed_of(root: Path) -> int:
     """
     settled, known = _settled(root), Roster.load(storage.roster_path(root))
     if settled.salt and known.consent_on and known.seed_sha256 is None:
-        raise DatasetError(
-            known.path,
-            "lacks the seed's hash in the line of the first participant: it was cut or changed",
-            "restore it from a backup",
-        )
+        what = "lacks the seed's hash in the line of the first participant: it was cut or changed"
+        raise DatasetError(known.path, what, "restore it from a backup")
     unlike = known.seed_sha256 != settled.sha256 if settled.salt else not storage.journals(root)
     if known.seed_sha256 is not None and unlike:
         raise DatasetError(
@@ -192,12 +189,8 @@ def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | 
     Raises `RosterError` if the protocol keeps none or the participant is not active, `SessionLocked` during a session.
     """
     if not files.load(protocol_file).consent.voice_recordings:
-        raise RosterError(
-            protocol_file,
-            "got consent.voice_recordings = false",
-            "this study keeps no sound, and asks nobody",
-            allowed="true",
-        )
+        what, remedy = "got consent.voice_recordings = false", "this study keeps no sound, and asks nobody"
+        raise RosterError(protocol_file, what, remedy, allowed="true")
     root = _begun(protocol_file, root)
     path = storage.roster_path(root)
     known = Roster.continued(path)
@@ -335,18 +328,12 @@ def settle(
             storage.owners_alone(storage.seed_path(root))
             storage.write_bytes(kept, storage.read_bytes(protocol_file))
         elif approval.sha256(files.load(kept)) != approval.sha256(protocol):
-            raise DatasetError(
-                root,
-                "the study was begun with another version of the protocol",
-                f"run {kept}, or give the new version an id of its own, or another folder with --dataset",
-            )
+            remedy = f"run {kept}, or give the new version an id of its own, or another folder with --dataset"
+            raise DatasetError(root, "the study was begun with another version of the protocol", remedy)
     settled = seed_of(root)
     if purpose not in (None, begun_as := purpose_of(root)):
-        raise DatasetError(
-            root,
-            f"this dataset was begun as a {begun_as}, not as a {purpose}",
-            "name another folder with --dataset, and a pilot with --pilot",
-        )
+        what = f"this dataset was begun as a {begun_as}, not as a {purpose}"
+        raise DatasetError(root, what, "name another folder with --dataset, and a pilot with --pilot")
     if seed not in (None, settled):
         raise DatasetError(root, f"the study has another seed than {seed}", "leave out --seed")
     return settled

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 from radon.visitors import ComplexityVisitor
 
@@ -88,3 +88,39 @@ def _has_letters(text: ast.expr) -> bool:
         isinstance(each, ast.Constant) and isinstance(each.value, str) and re.search(r"[A-Za-z]{2,}", each.value)
         for each in ast.walk(text)
     )
+
+
+def errors_in_text(source: Source, ours: Collection[str]) -> Iterator[str]:
+    """Yield each place that takes an error of ours for a text: `str(error)`, `f"{error}"` or `error.args`.
+
+    An error is what `except` catches as one of `ours`, names of classes, and a parameter that is annotated as one.
+    """
+    for node in source.nodes:
+        if isinstance(node, ast.ExceptHandler) and node.name and node.type and _names(node.type) & set(ours):
+            yield from (source.place(use) for use in _texts_of(node, node.name))
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+            for given in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs):
+                if given.annotation and _names(given.annotation) & set(ours):
+                    yield from (source.place(use) for use in _texts_of(node, given.arg))
+
+
+def _names(node: ast.AST) -> set[str]:
+    """Return every name in an annotation or behind `except`, a quoted one too."""
+    found: set[str] = set()
+    for each in ast.walk(node):
+        match each:
+            case ast.Name(id=name) | ast.Attribute(attr=name) | ast.Constant(value=str(name)):
+                found.update(re.findall(r"\w+", name))
+    return found
+
+
+def _texts_of(block: ast.AST, name: str) -> Iterator[ast.expr]:
+    """Yield each use of a name as a text."""
+    for node in ast.walk(block):
+        match node:
+            case (
+                ast.Call(func=ast.Name(id="str" | "repr"), args=[ast.Name(id=used)])
+                | ast.FormattedValue(value=ast.Name(id=used))
+                | ast.Attribute(value=ast.Name(id=used), attr="args")
+            ) if used == name:
+                yield node

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.errors import OtherFormat, ProtocolError
+from palpate.experiment.errors import OtherFormat, ProtocolError, Remedy
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sha256
 from palpate.experiment.protocol.models import Protocol
@@ -58,8 +58,12 @@ def test_a_seal_of_another_format_is_no_damaged_one(file: Path, number: str, mak
     path = file.parent / "small.seal.toml"
     approval.write(file, protocol(), **APPROVAL)
     path.write_text(path.read_text("utf-8").replace("format = 1\n", number), "utf-8")
-    with pytest.raises(OtherFormat, match=f"made by {maker} palpate"):
+    with pytest.raises(OtherFormat, match=f"made by {maker} palpate") as refused:
         approval.verify(file, protocol(), date(2020, 6, 1))
+    remedy = refused.value.finding.remedy
+    assert isinstance(remedy, Remedy)
+    assert remedy.command[:3] == ("palpate", "seal", str(file))
+    assert {"--approval-number", "--approved-on", "--expires-on", "--replace"} < set(remedy.command)
     approval.write(file, protocol(), **APPROVAL, replace=True)
     assert approval.verify(file, protocol(), date(2020, 6, 1)).format == 1
 
