@@ -13,7 +13,7 @@ import pytest
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids, build, checks, register, status
-from palpate.experiment.dataset.verify import MISTYPED, Report, verify
+from palpate.experiment.dataset.verify import FOREIGN, MISTYPED, Report, verify
 from palpate.experiment.errors import DatasetError, OtherFormat
 from palpate.experiment.protocol import approval
 from palpate.experiment.records import chain
@@ -48,6 +48,11 @@ def refused(report: Report) -> dict[str, str]:
     return {finding.place(): finding.clause() for finding in report.findings if finding.verdict == "refuses"}
 
 
+def advises_commands(report: Report) -> bool:
+    """Whether the verdict is to do what the findings say, and not to compare the folder with a backup."""
+    return report.verdict[0].endswith("Do what the findings say.")
+
+
 def inside(study: MadeStudy, path: Path) -> str:
     return path.relative_to(study.root).as_posix()
 
@@ -72,7 +77,7 @@ def test_an_anchor_outside_proves_every_line(study: MadeStudy, anchored: Path) -
     total = sum(len(file.read_bytes().splitlines()) for file in (study.root / "sourcedata").rglob("*.jsonl"))
     assert report.refused == 0
     assert f"PROVEN by {anchored}: {total} of {total} lines" in report.verdict[1]
-    assert f"would have had to write to {anchored} too" in report.verdict[1]
+    assert f" write to {anchored} too" in report.verdict[1]
     assert not any(sentence.startswith("NOT PROVEN") for sentence in report.verdict)
 
 
@@ -85,7 +90,7 @@ def test_what_came_after_the_anchor_is_told(study: MadeStudy, anchored: Path) ->
     grown = len(study.journal(0, 1).read_bytes().splitlines()) + 1
     assert report.refused == 0
     assert report.verdict[-1].startswith("NOT PROVEN")
-    assert f"made {grown} lines that came after the last anchor anew" in report.verdict[-1]
+    assert f"made {grown} lines " in report.verdict[-1]
 
 
 def test_a_tail_that_was_cut_is_refused_by_the_head(study: MadeStudy) -> None:
@@ -94,7 +99,7 @@ def test_a_tail_that_was_cut_is_refused_by_the_head(study: MadeStudy) -> None:
     cut(path, lines - 3)
     report = verify(study.root)
     assert f"it had {lines} lines and has {lines - 3}" in refused(report)[inside(study, path)]
-    assert report.verdict[0].startswith("REFUSED: 1 finding speaks against")
+    assert report.verdict[0].startswith("REFUSED: 1 finding ")
 
 
 def test_a_head_that_was_deleted_is_refused(study: MadeStudy) -> None:
@@ -114,7 +119,7 @@ def test_a_chain_made_anew_passes_without_an_anchor_and_is_refused_with_one(
     assert (report.refused, report.verdict[1].startswith(ANEW)) == (0, True)
     report = verify(study.root, [anchored])
     assert list(refused(report)) == [inside(study, path)]
-    assert "a line from 1 to 17 is another than by the anchor of" in refused(report)[inside(study, path)]
+    assert "line from 1 to 17 " in refused(report)[inside(study, path)]
 
 
 def test_anchors_of_a_paused_session_name_the_stretch_that_was_changed(study: MadeStudy, tmp_path: Path) -> None:
@@ -142,7 +147,7 @@ def test_a_roster_line_that_was_cut_is_refused(study: MadeStudy, anchored: Path)
     cut(path, 1)
     assert refused(verify(study.root))
     told = refused(verify(study.root, [anchored]))[inside(study, path)]
-    assert "an older state, or one that went on from there: 1 of its 2 lines is missing" in told
+    assert "1 of its 2 lines" in told
 
 
 def test_an_older_state_is_told_with_what_it_lacks(study: MadeStudy, made: MadeStudy, tmp_path: Path) -> None:
@@ -152,7 +157,7 @@ def test_an_older_state_is_told_with_what_it_lacks(study: MadeStudy, made: MadeS
     register.enter(checks.anchor(study.root), study.root, tmp_path / "register", None)
     assert verify(made.root).refused == 0
     report = verify(made.root, [tmp_path / "register"])
-    assert "is missing: it had" in refused(report)[inside(study, study.journal(0, 1))]
+    assert refused(report)[inside(study, study.journal(0, 1))].startswith("is missing")
 
 
 def test_where_a_dataset_stands_does_not_matter(study: MadeStudy, anchored: Path, tmp_path: Path) -> None:
@@ -251,7 +256,7 @@ def test_a_register_of_another_dataset_proves_nothing(study: MadeStudy, tmp_path
     other = make_study(tmp_path / "other", study="another", sessions=1)
     register.enter(checks.anchor(other.root), other.root, tmp_path / "register", None)
     report = verify(study.root, [tmp_path / "register"])
-    assert refused(report) == {str(tmp_path / "register"): "has no anchor of this dataset"}
+    assert list(refused(report)) == [str(tmp_path / "register")]
 
 
 def test_a_register_of_a_dataset_of_the_same_study_is_told_once_and_accuses_no_file(
@@ -261,14 +266,14 @@ def test_a_register_of_a_dataset_of_the_same_study_is_told_once_and_accuses_no_f
     register.enter(checks.anchor(other.root), other.root, tmp_path / "register", None)
     found = refused(verify(study.root, [tmp_path / "register"]))
     assert list(found) == [str(tmp_path / "register")]
-    assert "agrees with no line of this dataset: it is of another dataset of the same study" in found.popitem()[1]
+    assert found.popitem()[1] == FOREIGN
 
 
 def test_what_was_derived_is_told_not_to_be_compared(study: MadeStudy) -> None:
     (study.root / "derivatives" / "palpate").mkdir(parents=True)
     told = {finding.place(): finding for finding in verify(study.root).findings}["derivatives"]
     assert told.verdict == "unknown"
-    assert told.clause().endswith(f"make it anew (palpate analyse {study.root})")
+    assert f"palpate analyse {study.root}" in told.clause()
 
 
 @pytest.fixture
@@ -299,7 +304,7 @@ def test_in_the_middle_of_a_visit_no_table_is_accused(study: MadeStudy, visited:
     report = verify(study.root)
     assert report.refused == 0
     told = {finding.place(): finding.clause() for finding in report.findings}
-    assert told[inside(study, visited)].startswith("no footer ends it")
+    assert told[inside(study, visited)] == checks.OPEN
     build.build(study.root)
     assert verify(study.root).refused == 0
 
@@ -315,7 +320,7 @@ def test_in_the_first_session_of_a_participant_no_table_is_missed(study: MadeStu
 
 def test_an_open_session_is_told_as_open_and_not_accused(study: MadeStudy, visited: Path, palpate: Palpate) -> None:
     code, out, err = palpate("analyse", study.root, "--no-figures", "--out", study.root.parent / "tables")
-    assert (code, f"palpate: {visited}: no footer ends it: its session is running or was cut off" in err) == (0, True)
+    assert (code, f"palpate: {visited}: {checks.OPEN}" in err) == (0, True)
     assert "Planned and done" in out
     one = study.tasks[1]
     study.run(study.header(one.participant, one.tasks[1]), "cq")
@@ -363,12 +368,12 @@ def test_frames_that_no_line_names_are_refused_of_a_complete_session_and_noted_o
         file.write(b"x" * 7)
     found = verify(study.root)
     assert list(refused(found)) == [inside(study, done)]
-    assert "7 bytes follow the last step" in refused(found)[inside(study, done)]
+    assert "7 bytes " in refused(found)[inside(study, done)]
     done.write_bytes(done.read_bytes()[:-7])
     with storage.foot_path(visited).open("ab") as file:
         file.write(b"x" * 7)
     told = [finding.clause() for finding in verify(study.root).findings if finding.place() == inside(study, visited)]
-    assert "7 bytes of frames that no line names follow" in told[0]
+    assert "7 bytes of frames" in told[0]
     assert verify(study.root).refused == 0
 
 
@@ -405,9 +410,9 @@ def test_lines_are_proven_for_the_day_on_which_each_was_anchored(study: MadeStud
         register.enter(one, study.root, tmp_path / day, None)
         register.enter(one, study.root, tmp_path / "both", None)
     verdicts = {name: verify(study.root, [tmp_path / name]).verdict[1] for name in ("2001-10-01", "2001-10-03", "both")}
-    assert "lines are as they were on 2001-10-01." in verdicts["2001-10-01"]
-    assert "lines are as they were on 2001-10-03." in verdicts["2001-10-03"]
-    assert "lines are as they were when they were anchored, from 2001-10-01 to 2001-10-03." in verdicts["both"]
+    assert " on 2001-10-01." in verdicts["2001-10-01"]
+    assert " on 2001-10-03." in verdicts["2001-10-03"]
+    assert " from 2001-10-01 to 2001-10-03." in verdicts["both"]
 
 
 def test_a_file_in_the_place_of_a_dataset_is_named(study: MadeStudy, palpate: Palpate) -> None:
@@ -464,15 +469,16 @@ def test_an_edited_cell_and_a_lost_table_are_told(study: MadeStudy) -> None:
     report = verify(study.root)
     found = refused(report)
     assert set(found) == {inside(study, table) for table in tables}
-    assert found[inside(study, tables[1])] == f"is missing; make it again (palpate build {study.root})"
+    (missing,) = (one for one in report.findings if one.where == inside(study, tables[1]))
+    assert missing.remedy == checks.build_again(study.root, "make it again")
     # A table that differs may be the last that knows of what a journal lost.
-    assert report.verdict[0].endswith("Keep the folder as it is, and compare it with a backup.")
+    assert not advises_commands(report)
     build.build(study.root)
     tables[1].unlink()
-    (verdict,) = verify(study.root).verdict
-    assert verdict == "REFUSED: 1 finding speaks against this dataset. Do what the findings say."
+    report = verify(study.root)
+    assert (report.refused, advises_commands(report)) == (1, True)
     cut(study.journal(), 9)
-    assert verify(study.root).verdict[0].endswith("Keep the folder as it is, and compare it with a backup.")
+    assert not advises_commands(verify(study.root))
 
 
 def test_the_command_that_mends_a_dataset_can_be_pasted_whatever_its_folder_is_called(
@@ -482,7 +488,7 @@ def test_the_command_that_mends_a_dataset_can_be_pasted_whatever_its_folder_is_c
     table = next(root.glob("sub-*/beh/*_events.tsv"))
     table.unlink()
     report = verify(root)
-    assert report.verdict[0].endswith("Do what the findings say.")
+    assert advises_commands(report)
     told = refused(report)[table.relative_to(root).as_posix()]
     command, *words = shlex.split(told.partition("again (")[2].removesuffix(")"))
     code, _, _ = palpate(*words)
@@ -493,7 +499,8 @@ def test_the_command_that_mends_a_dataset_can_be_pasted_whatever_its_folder_is_c
 def test_a_study_whose_tables_are_all_gone_is_refused(study: MadeStudy) -> None:
     for path in (study.root / "participants.tsv", *study.root.glob("sub-*")):
         path.unlink() if path.is_file() else shutil.rmtree(path)
-    assert "is missing; make it again" in refused(verify(study.root))["participants.tsv"]
+    (missing,) = (one for one in verify(study.root).findings if one.where == "participants.tsv")
+    assert missing.remedy == checks.build_again(study.root, "make it again")
 
 
 def test_tables_are_made_again_only_where_the_journals_hold(study: MadeStudy, anchored: Path) -> None:
@@ -507,8 +514,7 @@ def test_tables_are_made_again_only_where_the_journals_hold(study: MadeStudy, an
     assert list(refused(report)) == [inside(study, path)]
     assert "palpate build" not in str(report)
     others = {one.place(): one.clause() for one in report.findings if one.verdict == "passes"}
-    assert others["headers"].startswith("each journal that holds is of its path")
-    assert others["tables"].startswith("are what the journals that hold give; those of other journals and of all")
+    assert all("that hold" in others[item] for item in ("headers", "tables"))
     assert {"seed", "seal"} < set(others)
 
 
@@ -521,7 +527,7 @@ def test_what_could_be_read_is_told_beside_what_is_refused(study: MadeStudy) -> 
     table.write_text(table.read_text().replace("PARTICIPANT", "REHEARSAL", 1))
     report = verify(study.root)
     assert set(refused(report)) == {inside(study, study.journal(1)), inside(study, table)}
-    assert "but for those refused, are what the journals that hold give" in str(report.findings)
+    assert "but for those refused" in str(report.findings)
 
 
 def test_a_roster_that_is_refused_shows_nothing_of_the_seed(study: MadeStudy, made: MadeStudy) -> None:
@@ -552,7 +558,7 @@ def test_a_register_is_told_also_where_all_of_sourcedata_is_gone(study: MadeStud
     shutil.rmtree(study.root / "sourcedata")
     found = refused(verify(study.root, [anchored]))
     assert "holds no journal" in found["sourcedata"]
-    assert "is missing: it had" in found[path]
+    assert found[path].startswith("is missing")
 
 
 def test_recordings_are_held_against_the_journals_and_their_manifest(study: MadeStudy) -> None:
@@ -568,7 +574,7 @@ def test_recordings_are_held_against_the_journals_and_their_manifest(study: Made
     build.build(study.root)
     assert verify(study.root).refused == 0
     take.write_bytes(b"another")
-    assert "takes are missing or changed: a.wav" in refused(verify(study.root))[inside(study, folder)]
+    assert "a.wav" in refused(verify(study.root))[inside(study, folder)]
     manifest.write_text("takes = []\n")
     assert "not the one that the journals name" in refused(verify(study.root))[inside(study, manifest)]
     manifest.unlink()
@@ -613,7 +619,7 @@ def test_what_is_no_data_of_a_study_says_so_first(tmp_path: Path) -> None:
 def test_a_reconstruction_proves_nothing(repository_root: Path) -> None:
     report = verify(repository_root / "participants" / "okamoto2012")
     assert [(one.verdict, one.place()) for one in report.findings] == [("unknown", "RECONSTRUCTION")]
-    assert report.verdict[0].startswith("NOT PROVEN: no journal")
+    assert report.verdict[0].startswith("NOT PROVEN: ")
 
 
 def test_a_folder_that_is_no_dataset_is_refused(tmp_path: Path) -> None:
