@@ -1,18 +1,14 @@
 """The commands of recordings: record, validate, spectrum, plan."""
 
 import sys
-from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, ProtocolFile
 from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError
-
-if TYPE_CHECKING:
-    from palpate.experiment.apparatus.rig import Rig
 
 commands = options.room()
 
@@ -168,72 +164,17 @@ def plan(
     and memory that it saves and the error that it causes, measured on this machine while you wait, and so is a process
     of each task, on a simulated rig. The exit code is 2 where the protocol does not allow what the rig leaves out.
     """
-    import tempfile
-    from functools import partial
-
-    from palpate.experiment.apparatus import rig as rigs
-    from palpate.experiment.apparatus.panel.conditioning import open_drive
-    from palpate.experiment.errors import ScheduleError
     from palpate.experiment.protocol import files
-    from palpate.experiment.session.footstep import scene_cost
-
-    protocol = files.load(protocol_file)
-    if protocol.footstep is None:
-        raise ScheduleError(
-            f"study {protocol.study.id}",
-            "got trials of the kind 'comparison'",
-            "ask `palpate check PROTOCOL --rig RIG` how stiff a block may be",
-            allowed="'footstep', for a plan says which spectra and bins a footstep task leaves out",
-        )
-    tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
-    if not tasks:
-        known = ", ".join(one.id for one in protocol.tasks)
-        raise ScheduleError(f"no task '{task}' in study {protocol.study.id}", remedy=f"its tasks: {known}")
-    rig = rig or files.shipped("rigs/rehearsal.toml")
-    opened = rigs.load(rig)
-    open_drive(rig.parent, opened.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
-    with tempfile.TemporaryDirectory() as folder, options.progress("plan", quiet=as_json) as (total, tick):
-        total(len(tasks))
-        if recordings is None:
-            from palpate.experiment.rehearsal.footstep import recorded_takes
-
-            recordings = recorded_takes.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
-            source = "SIMULATED recordings, made for this plan"
-        else:
-            from palpate.experiment.recordings import manifest
-
-            source = f"SIMULATED recordings, {recordings}" if manifest.is_simulated(recordings) else str(recordings)
-        of_task = partial(scene_cost.plan, protocol=protocol, rig=opened, rig_folder=rig.parent, recordings=recordings)
-        plans = []
-        for one in tasks:
-            process = _process(protocol_file, rig, opened, one, recordings)
-            plans.append(of_task(task_id=one, process=process))
-            tick()
-    named = f"{opened.rig.name} ({'SIMULATED' if opened.rig.simulated else 'real'})"
-    if as_json:
-        options.put({"recordings": source, "rig": named, "tasks": [one.as_dict() for one in plans]})
-    else:
-        typer.echo("\n\n\n".join([f"Measured with: {source}\nRig: {named}", *(one.text() for one in plans)]))
-    if any(one.refused for one in plans):
-        raise typer.Exit(RigError.exit_code)
-
-
-def _process(protocol_file: Path, rig_file: Path, rig: "Rig", task: str, recordings: Path) -> str:
-    """Return in words what a process of one task holds, with all of a simulated rig open."""
-    from palpate.experiment.cli.rig import simulated_far_ends
     from palpate.experiment.rehearsal import held
 
-    if not rig.rig.simulated:
-        return "not measured, for the devices of this rig stay closed while it is planned for"
-    try:
-        with ExitStack() as opened:
-            ends = simulated_far_ends(rig, opened)
-            asked = held.Asked(
-                str(protocol_file), str(rig_file), task, str(recordings), ends.port, ends.address, ends.device
-            )
-            return held.started(asked, opened).told
-    except PalpateError as error:
-        return f"not measured: {error}"
+    rig_file = rig or files.shipped("rigs/rehearsal.toml")
+    with options.progress("plan", quiet=as_json) as bar:
+        source, named, plans = held.plans(protocol_file, rig_file, task, recordings, bar)
+    document = {"recordings": source, "rig": named, "tasks": [one.as_dict() for one in plans]}
+    heading = f"Measured with: {source}\nRig: {named}"
+    options.put(document if as_json else "\n\n\n".join([heading, *(one.text() for one in plans)]))
+    if any(one.refused for one in plans):
+        raise typer.Exit(RigError.exit_code)
 
 
 def _speeds(text: str | None) -> tuple[float, ...]:

@@ -3,7 +3,7 @@
 import textwrap
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -14,8 +14,6 @@ from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, StudyFolder
 
 if TYPE_CHECKING:
-    from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
-    from palpate.experiment.apparatus.rig import Rig
     from palpate.experiment.errors import Finding
 
 commands = options.room()
@@ -92,6 +90,7 @@ def doctor(
     from palpate.experiment.apparatus.doctor import doctor as doctors
     from palpate.experiment.clock import MonotonicClock
     from palpate.experiment.errors import RigError
+    from palpate.experiment.rehearsal.session import simulated_far_ends
 
     options.at_once("The checks take 5 to 15 s. Each is shown as soon as it has ended.")
     # A check of its own is red for a rig file that cannot be used.
@@ -151,37 +150,6 @@ def left_out(
         yield checks.refused(name, error)
         return
     yield checks.passed(name, told, allowed)
-
-
-def simulated_far_ends(rig: "Rig", opened: ExitStack) -> "SimulatedPorts":
-    """Start what stands at the far ends of a simulated rig, closed with `opened`: foot, panel, forces, sound card."""
-    from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
-    from palpate.experiment.rehearsal.footstep.panel import Panel
-    from palpate.experiment.rehearsal.session import foot
-    from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
-    from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
-    from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
-
-    line = opened.enter_context(SerialLine())
-    opened.callback(foot(line, rig, real_time=True, taps=rig.servo is not None).close)
-    address = None
-    if rig.actuator.driver == "pcm-tcp":
-        panel = Panel(rig.actuator)
-        opened.callback(panel.close)
-        address = panel.address
-    force = opened.enter_context(ForceDeviceProcess()).address if rig.servo is not None else None
-    pedal = opened.enter_context(SimulatedPedal()).url if rig.pedal is not None else None
-    ends = SimulatedPorts(port=line.url, address=address, force=force, pedal=pedal)
-    if rig.audio is None:
-        return ends
-    card, heard = opened.enter_context(WiredCard(rig)), rig.audio.channels.microphone is not None
-
-    def wire() -> None:
-        card.wire()
-        if heard:
-            card.mouth()
-
-    return replace(ends, device=DEVICE, wire=wire)
 
 
 def document_of(check: "Finding") -> dict[str, str]:

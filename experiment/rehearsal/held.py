@@ -1,4 +1,4 @@
-"""What a process of one task holds of the machine, for `palpate plan`.
+"""What the tasks of a study need on a rig, and what a process of each holds of the machine, for `palpate plan`.
 
 `python -m palpate.experiment.rehearsal.held` opens what a session opens up to its first trial, and ends with its input.
 """
@@ -6,13 +6,24 @@
 import json
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from palpate.experiment import storage
-from palpate.experiment.errors import SessionError
+from palpate.experiment.errors import PalpateError, ScheduleError, SessionError
+
+if TYPE_CHECKING:
+    from palpate.experiment.apparatus.rig import Rig
+    from palpate.experiment.session.footstep.scene_cost import TaskPlan
+
+Bar = tuple[Callable[[int], None], Callable[[], None]]
+"""What is given how many tasks there are, and what is called after each."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +66,65 @@ def started(asked: Asked, opened: ExitStack) -> Held:
         why = process.communicate()[1].strip().splitlines()
         raise SessionError(f"task {asked.task}", f"its process ended: {why[-1] if why else 'it says no reason'}")
     return Held(**json.loads(line))
+
+
+def plans(
+    protocol_file: Path, rig_file: Path, task: str | None, recordings: Path | None, bar: Bar
+) -> tuple[str, str, list["TaskPlan"]]:
+    """Return which recordings and rig were planned with, and plans of a footstep task or, for None, of every task.
+
+    Recordings are simulated where there are none. Raises as `scene_cost.plan`, and `ScheduleError` for another kind of
+    trial or an unknown task.
+    """
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.panel.conditioning import open_drive
+    from palpate.experiment.protocol import files
+    from palpate.experiment.recordings import manifest
+    from palpate.experiment.rehearsal.footstep import recorded_takes
+    from palpate.experiment.session.footstep import scene_cost
+
+    protocol, rig = files.load(protocol_file), rigs.load(rig_file)
+    if protocol.footstep is None:
+        raise ScheduleError(
+            f"study {protocol.study.id}",
+            "got trials of the kind 'comparison'",
+            "ask `palpate check PROTOCOL --rig RIG` how stiff a block may be",
+            allowed="'footstep', for a plan says which spectra and bins a footstep task leaves out",
+        )
+    tasks = [one.id for one in protocol.tasks if task in (None, one.id)]
+    if not tasks:
+        known = ", ".join(one.id for one in protocol.tasks)
+        raise ScheduleError(f"no task '{task}' in study {protocol.study.id}", remedy=f"its tasks: {known}")
+    open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
+    total, tick = bar
+    total(len(tasks))
+    with tempfile.TemporaryDirectory() as folder:
+        source = "SIMULATED recordings, made for this plan"
+        if recordings is None:
+            recordings = recorded_takes.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
+        else:
+            source = f"SIMULATED recordings, {recordings}" if manifest.is_simulated(recordings) else str(recordings)
+        made = []
+        plan = partial(scene_cost.plan, protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings)
+        for one in tasks:
+            made.append(plan(task_id=one, process=_process(protocol_file, rig_file, rig, one, recordings)))
+            tick()
+    return source, f"{rig.rig.name} ({'SIMULATED' if rig.rig.simulated else 'real'})", made
+
+
+def _process(protocol_file: Path, rig_file: Path, rig: "Rig", task: str, recordings: Path) -> str:
+    """Return in words what a process of one task holds, with all of a simulated rig open."""
+    from palpate.experiment.rehearsal.session import simulated_far_ends
+
+    if not rig.rig.simulated:
+        return "not measured, for the devices of this rig stay closed while it is planned for"
+    try:
+        with ExitStack() as opened:
+            ends = simulated_far_ends(rig, opened)
+            files = str(protocol_file), str(rig_file), task, str(recordings)
+            return started(Asked(*files, ends.port, ends.address, ends.device), opened).told
+    except PalpateError as error:
+        return f"not measured: {error}"
 
 
 def _open(asked: Asked) -> None:

@@ -20,6 +20,7 @@ import numpy as np
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
@@ -274,6 +275,31 @@ def foot(line: SerialLine, rig: rigs.Rig, *, real_time: bool, taps: bool) -> Foo
         return Foot(line, tracker, real_time=real_time)
     noise_mm, tick_s = tracker.noise_mm or 0.0, 1 / tracker.rate_hz
     return Foot(line, tracker, real_time=real_time, rest_mm=hand.REST_MM, noise_mm=noise_mm, tick_s=tick_s)
+
+
+def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
+    """Start what stands at the far ends of a simulated rig, closed with `opened`: foot, panel, forces, sound card."""
+
+    line = opened.enter_context(SerialLine())
+    opened.callback(foot(line, rig, real_time=True, taps=rig.servo is not None).close)
+    address = None
+    if rig.actuator.driver == "pcm-tcp":
+        panel = Panel(rig.actuator)
+        opened.callback(panel.close)
+        address = panel.address
+    force = opened.enter_context(ForceDeviceProcess()).address if rig.servo is not None else None
+    pedal = opened.enter_context(SimulatedPedal()).url if rig.pedal is not None else None
+    ends = SimulatedPorts(port=line.url, address=address, force=force, pedal=pedal)
+    if rig.audio is None:
+        return ends
+    card, heard = opened.enter_context(WiredCard(rig)), rig.audio.channels.microphone is not None
+
+    def wire() -> None:
+        card.wire()
+        if heard:
+            card.mouth()
+
+    return replace(ends, device=DEVICE, wire=wire)
 
 
 def _silenced(basis: Basis) -> Basis:

@@ -17,10 +17,10 @@ from palpate.experiment.apparatus.doctor import doctor
 from palpate.experiment.apparatus.tracker import pedal as pedals
 from palpate.experiment.apparatus.tracker.pedal import Pedal
 from palpate.experiment.apparatus.tracker.serial_port import SerialPort
-from palpate.experiment.cli.rig import simulated_far_ends
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import PedalError, RigError
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.rehearsal.session import simulated_far_ends
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
 
 STOPS_S = 0.2

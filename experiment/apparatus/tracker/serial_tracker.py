@@ -164,11 +164,8 @@ class SerialTracker:
                 why = str(self._failure)
                 self.close()
         self.close()
-        raise TrackerStopped(
-            f"tracker at {self._name}",
-            f"not back within {timeout_s:g} s ({why})",
-            "plug it in again, and see that it samples",
-        )
+        away = f"not back within {timeout_s:g} s ({why})"
+        raise TrackerStopped(f"tracker at {self._name}", away, "plug it in again, and see that it samples")
 
     def close(self) -> None:
         if self._closing:
