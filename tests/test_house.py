@@ -43,7 +43,6 @@ STILL_IN_TEXT = {
     "experiment/apparatus/tracker/calibration.py": 1,
     "experiment/cli/analysis.py": 1,
     "experiment/cli/protocol.py": 1,
-    "experiment/cli/recordings.py": 1,
     "experiment/cli/rig.py": 1,
     "experiment/cli/session.py": 1,
     "experiment/desk/linked.py": 2,

@@ -124,7 +124,7 @@ def _process(protocol_file: Path, rig_file: Path, rig: "Rig", task: str, recordi
             files = str(protocol_file), str(rig_file), task, str(recordings)
             return started(Asked(*files, ends.port, ends.address, ends.device), opened).told
     except PalpateError as error:
-        return f"not measured: {error}"
+        return f"not measured: {error.finding.sentence()}"
 
 
 def _open(asked: Asked) -> None:
