@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterable
@@ -29,13 +30,13 @@ REFUSED = {
 
 
 def copied(folder: Path, wings: Iterable[str]) -> Path:
-    """Make hard links to the source in a folder, without these wings."""
+    """Copy the source into a folder, without these wings."""
     rooms = [room for wing in wings for room in WINGS[wing]]
     for file in tracked_files("experiment", "analysis", "palpate", "protocols"):
         name = file.as_posix()
         if not (is_inside(name, rooms) or name in ("palpate/analysis", "palpate/experiment")):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            os.link(REPOSITORY / name, folder / name)
+            shutil.copyfile(REPOSITORY / name, folder / name)
     return folder
 
 
@@ -94,3 +95,12 @@ def test_a_study_of_a_design_that_is_not_installed_is_refused(identifies: Path) 
     refused = run(identifies, "analyse", "pairs", "--out", "out")
     assert (refused.returncode, refused.stdout) == (2, "")
     assert module_of("analysis/designs/comparison") in refused.stderr
+
+
+def test_an_import_of_a_wing_is_seen(identifies: Path, tmp_path: Path) -> None:
+    shutil.copytree(identifies, tmp_path / "source")
+    with (tmp_path / "source" / "analysis" / "analyse.py").open("a", encoding="utf-8") as file:
+        file.write("from palpate.analysis.audit.audit import audit\n")
+    done = run(tmp_path / "source", "analyse", "dataset", "--out", "out")
+    assert done.returncode == 2
+    assert module_of(WINGS["audit"][0]) in done.stderr
