@@ -40,10 +40,8 @@ RENDERERS = ("experiment/errors.py", "experiment/cli/app.py")
 """Here the sentence of an error is made, and shown as the last of a command."""
 
 STILL_IN_TEXT = {
-    "experiment/apparatus/tracker/calibration.py": 1,
     "experiment/cli/analysis.py": 1,
     "experiment/cli/protocol.py": 1,
-    "experiment/cli/rig.py": 1,
     "experiment/cli/session.py": 1,
     "experiment/desk/linked.py": 2,
     "experiment/desk/voice/ear.py": 2,

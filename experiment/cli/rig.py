@@ -42,7 +42,7 @@ def devices(as_json: Json = False) -> None:
     try:
         audio = stream.devices()
     except AudioError as error:
-        audio, unheard = (), str(error)
+        audio, unheard = (), error.finding.sentence()
     if as_json:
         cards = None if unheard else [asdict(card) for card in audio]
         options.put({"serial": [asdict(port) for port in serial], "audio": cards})

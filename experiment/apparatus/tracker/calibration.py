@@ -335,7 +335,7 @@ class ZeroedTracker:
             try:
                 self.zero = zero(read_mm, contact_mm=self._contact_mm, farthest_mm=self._farthest_mm)
             except TrackerError as refused:
-                why = str(refused)
+                why = refused.finding.sentence()
             else:
                 return self.zero
 
