@@ -206,20 +206,13 @@ def open_pedal(rig: Rig, *, port: str | None = None) -> Pedal | None:
 
 
 def servo_of(rig: Rig) -> ServoRig:
-    """Return the force device of a rig for virtual surfaces; `RigError` if it has none, or its actuator takes volts."""
+    """Return the force device of a rig for virtual surfaces; `RigError` if it has none."""
     if rig.servo is None:
         raise RigError(
             f"rig '{rig.rig.name}'",
             "got no table [servo]",
             "add driver, address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file",
             allowed="one, for virtual surfaces need it",
-        )
-    if rig.actuator.shaping is not None:
-        raise RigError(
-            f"rig '{rig.rig.name}'",
-            "got an actuator that takes volts (actuator.shaping); allowed for virtual surfaces: one that takes "
-            "accelerations, with full_scale_m_s2",
-            "have its amplifier made flat",
         )
     return rig.servo
 

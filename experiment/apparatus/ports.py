@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from palpate.experiment.apparatus.panel.conditioning import Played
     from palpate.experiment.apparatus.servo.rendering import Felt
     from palpate.experiment.synthesis.contact.block import Block
-    from palpate.experiment.synthesis.waveforms import Ring, Stimulus
+    from palpate.experiment.synthesis.waveforms import Waveform
 
 
 class Tracker(Protocol):
@@ -79,7 +79,7 @@ class Actuator(Protocol):
     def lead_ns(self) -> int:
         """How long before its onset a stimulus can no longer be moved or withdrawn, ns; 0 where `landed` sounds it."""
 
-    def prepare(self, stimulus: Stimulus | Ring) -> Played:
+    def prepare(self, stimulus: Waveform) -> Played:
         """Make a stimulus at `rate_hz` ready, in place of one that has not begun. Raises `ActuatorError`."""
 
     def aim(self, onset_ns: int) -> bool:

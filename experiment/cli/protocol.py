@@ -292,20 +292,23 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.apparatus.servo import settings
     from palpate.experiment.session.footstep.fidelity import judged, refuse_simulated_table
+    from palpate.experiment.session.tapping import virtual
     from palpate.experiment.study.enrolment import default_root
 
     rig = rigs.load(rig_file)
     if not protocol.renders:
         return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
-    if protocol.footstep is None:
-        bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
-        refusal = RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
-        planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
-        return f"{told} The tracker {planar} pushes along the face.", None if bears else refusal
     try:
         refuse_simulated_table(rig_file, rig)
     except PalpateError as refused:
         return "", refused
+    if protocol.footstep is None:
+        bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
+        refusal = RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
+        planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
+        omitted = virtual.left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
+        told = f"{told} The tracker {planar} pushes along the face. {omitted}".rstrip()
+        return told, None if bears else refusal
     folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
     most = protocol.footstep.synthesis.left_out_max
     allowed = "sets no limit" if most is None else f"allows {most * 100:.6g}%"

@@ -107,6 +107,7 @@ def run(
     if renders:
         rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
     if renders and protocol.comparison is not None:
+        fidelity.refuse_simulated_table(rig_file, rig)
         servo.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
         calibration.check_age(rig, today)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))

@@ -1,11 +1,12 @@
-"""The error budget of a stimulus: what its device is handed, against what equations (1) to (5) ask for.
+"""The error budget of a waveform: what its device is handed, against what its equations ask for.
 
 Each share is an rms, as a part of the rms requested, by Parseval over the bins. Every bin counts once, under what
 limited it last, so the squares of the shares add up:
 
 - `scene`: bins that the scene left out, because they are not felt;
 - `rate`: bins at or above half of the output rate;
-- `below`, `above`: bins outside the frequencies at which the panel was measured, or that its device carries;
+- `below`, `above`: bins outside the frequencies at which the panel was measured, or that its device carries; what a tap
+  has at 0 Hz is below all that does not begin there;
 - `held_back`: bins that the gain limit or the highest level measured limits;
 - `taken_down`: what the limits of panel and amplifier take from all the others, and what the limiter cuts off;
 - `table`: an estimate of what straight lines between measured values miss: how far the cubic through the four nearest
@@ -27,7 +28,7 @@ from palpate.experiment.errors import SynthesisError
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 from palpate.experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
 from palpate.experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, finite, inverse_on, spectrum
-from palpate.experiment.synthesis.waveforms import Stimulus
+from palpate.experiment.synthesis.waveforms import LEAST, Stimulus, Waveform
 
 SHORT = 1e-9
 """A bin that falls short of what it was taken down to by more than this part was held back."""
@@ -63,7 +64,7 @@ class Budget:
 
 
 def of_accelerations(
-    stimulus: Stimulus, *, handed_m_s2: NDArray[np.float64], limited: int, carries_hz: tuple[float, float] = (0.0, inf)
+    stimulus: Waveform, *, handed_m_s2: NDArray[np.float64], limited: int, carries_hz: tuple[float, float] = (0.0, inf)
 ) -> Budget:
     """Return the budget of a device that takes accelerations; it was handed these, m/s^2, shape (n,).
 
@@ -75,23 +76,22 @@ def of_accelerations(
         raise SynthesisError(
             f"carries_hz: got {low_hz:g} to {high_hz:g} Hz; allowed: a lowest frequency below a highest"
         )
-    asked = _requested_amplitudes(stimulus)
+    asked, mean = _requested_amplitudes(stimulus), stimulus.mean_m_s2
     # Against the equations, and not against the waveform that was prepared, which may be wrong itself.
-    off_m_s2 = finite(handed_m_s2, what="handed_m_s2") - inverse_on(asked, stimulus.basis.on)
-    wanted = asked[: stimulus.basis.on.carried]
+    off_m_s2 = finite(handed_m_s2, what="handed_m_s2") - inverse_on(asked, stimulus.on) - mean
+    wanted = asked[: stimulus.on.carried]
     cut = _projected(off_m_s2, stimulus) if limited else np.zeros(wanted.size)
     beyond = _beyond(stimulus, carries_hz)
-    shares = {name: _share(_rms(wanted[bins]), _rms_asked(stimulus)) for name, bins in beyond.items()}
     # What the limiter changes of bins that the device does not carry changes nothing of the panel.
     unfelt = beyond["below"] | beyond["above"]
     off = sqrt(max(float(np.mean(off_m_s2**2)) - _rms(cut[unfelt]) ** 2, 0.0))
     reached = np.where(unfelt, 0.0, np.abs(wanted + cut))
-    shares["taken_down" if limited else "rounding"] = _share(off, _rms_asked(stimulus))
-    return _budget(stimulus, reached, **shares)
+    cause = "taken_down" if limited else "rounding"
+    return _budget(stimulus, reached, beyond, **{cause: _share(off, _rms_asked(stimulus))})
 
 
 def of_voltages(
-    stimulus: Stimulus,
+    stimulus: Waveform,
     *,
     handed_v: NDArray[np.float64],
     voltages_v: NDArray[np.float64],
@@ -102,14 +102,15 @@ def of_voltages(
 
     `voltages_v`, V, shape (n,), and `shaped` are those of `shaping.drive` with that `response` and the scale used.
     """
-    asked, whole, carried = _requested_amplitudes(stimulus), _rms_asked(stimulus), stimulus.basis.on.carried
+    asked, whole, carried = _requested_amplitudes(stimulus), _rms_asked(stimulus), stimulus.on.carried
     missing_v = finite(handed_v, what="handed_v") - finite(voltages_v, what="voltages_v")
     within = _bending(response, stimulus)
     wanted = np.abs(asked[:carried])
     reached = np.abs(shaped.reached_m_s2)
     short = wanted - reached
     known = np.isin(np.arange(carried), np.arange(carried)[within.at.known])
-    beyond = _beyond(stimulus, (float(response.frequencies_hz[0]), float(response.frequencies_hz[-1])))
+    # No voltage moves a panel at 0 Hz.
+    carries_hz = max(float(response.frequencies_hz[0]), LEAST), float(response.frequencies_hz[-1])
     held_back = known & (shaped.scale * wanted - reached > SHORT * wanted)
     missed = within.missed_m_s2(np.abs(shaped.coefficients_v[within.at.known]))
     steepest_m_s2_per_v = (np.diff(within.at.curves, axis=0) / np.diff(within.at.levels_v)[:, None]).max(initial=0.0)
@@ -117,7 +118,7 @@ def of_voltages(
     return _budget(
         stimulus,
         reached,
-        **{name: _share(_rms(short[bins & ~known]), whole) for name, bins in beyond.items()},
+        _beyond(stimulus, carries_hz),
         held_back=_share(_rms(short[held_back]), whole),
         taken_down=_share(_rms(short[known & ~held_back]) if shaped.scale < 1 else 0.0, whole),
         table=_share(_rms(missed), whole),
@@ -125,49 +126,46 @@ def of_voltages(
     )
 
 
-def _beyond(stimulus: Stimulus, carries_hz: tuple[float, float]) -> dict[str, NDArray[np.bool_]]:
+def _beyond(stimulus: Waveform, carries_hz: tuple[float, float]) -> dict[str, NDArray[np.bool_]]:
     """Return which of the carried bins lie below and above a band, by the names of their shares, shape (K,) each."""
-    spectra, (low_hz, high_hz) = stimulus.basis.spectra, carries_hz
-    f = bin_frequencies_hz(bins=spectra.samples, rate_hz=spectra.rate_hz)[: stimulus.basis.on.carried]
+    of, (low_hz, high_hz) = stimulus.bins, carries_hz
+    f = bin_frequencies_hz(bins=of.samples, rate_hz=of.rate_hz)[: stimulus.on.carried]
     return {"below": f < low_hz, "above": f > high_hz}
 
 
-def _budget(stimulus: Stimulus, reached: NDArray[np.float64], **shares: float) -> Budget:
-    """Return a budget with the shares of what the scene left out and what the rate cannot carry; `reached`: (K,)."""
+def _budget(
+    stimulus: Waveform, reached: NDArray[np.float64], beyond: dict[str, NDArray[np.bool_]], **shares: float
+) -> Budget:
+    """Return a budget with the shares of what nothing carries: `reached`, m/s^2, and those `beyond` a band, (K,)."""
     asked, whole = np.abs(_requested_amplitudes(stimulus)), _rms_asked(stimulus)
     carried = reached.size
-    f = bin_frequencies_hz(bins=stimulus.basis.spectra.samples, rate_hz=stimulus.basis.spectra.rate_hz)[: asked.size]
+    f = bin_frequencies_hz(bins=stimulus.bins.samples, rate_hz=stimulus.bins.rate_hz)[: asked.size]
     felt = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
     differs = asked.copy()
     differs[:carried] = np.abs(reached - asked[:carried])
+    missing = {name: _rms(differs[:carried][bins]) for name, bins in beyond.items()}
+    if beyond["below"][0]:
+        differs[0] = 2 * abs(stimulus.mean_m_s2)
+        missing["below"] = hypot(missing["below"], stimulus.mean_m_s2)
     return Budget(
         asked_m_s2=whole,
-        dissimilarity_m_s2=float(differs[felt].sum()) + _scene(stimulus)[1],
-        scene=_share(_scene(stimulus)[0], whole),
+        dissimilarity_m_s2=float(differs[felt].sum()) + stimulus.omitted_m_s2[1],
+        scene=_share(stimulus.omitted_m_s2[0], whole),
         rate=_share(_rms(asked[carried:]), whole),
+        **{name: _share(part, whole) for name, part in missing.items()},
         **shares,
     )
 
 
-def _requested_amplitudes(stimulus: Stimulus) -> NDArray[np.float64]:
+def _requested_amplitudes(stimulus: Waveform) -> NDArray[np.float64]:
     """Return C'_k(v) with its sign, m/s^2, shape (K,), without the bin at 0 Hz, which sounds in no stimulus."""
     asked = stimulus.bins.coefficients.copy()
     asked[0] = 0.0
     return asked
 
 
-def _rms_asked(stimulus: Stimulus) -> float:
-    return hypot(_rms(_requested_amplitudes(stimulus)), _scene(stimulus)[0])
-
-
-def _scene(stimulus: Stimulus) -> tuple[float, float]:
-    """Return the rms of what the scene left out, and its sum within the band of equation (6), both m/s^2."""
-    left_out = stimulus.basis.spectra.left_out
-    if left_out is None:
-        return 0.0, 0.0
-    slow, fast = stimulus.basis.speeds_mm_s[stimulus.interval : stimulus.interval + 2]
-    way = (stimulus.speed_mm_s - slow) / (fast - slow)
-    return left_out.at(stimulus.interval, way)
+def _rms_asked(stimulus: Waveform) -> float:
+    return hypot(_rms(_requested_amplitudes(stimulus)), stimulus.omitted_m_s2[0], stimulus.mean_m_s2)
 
 
 def _rms(amplitudes: NDArray[np.float64]) -> float:
@@ -178,9 +176,9 @@ def _share(part: float, whole: float) -> float:
     return part / whole if whole > 0 else 0.0
 
 
-def _projected(waveform_m_s2: NDArray[np.float64], stimulus: Stimulus) -> NDArray[np.float64]:
+def _projected(waveform_m_s2: NDArray[np.float64], stimulus: Waveform) -> NDArray[np.float64]:
     """Return the amplitude of a waveform at each carried bin but that at 0 Hz, m/s^2."""
-    on = stimulus.basis.on
+    on = stimulus.on
     padded = np.zeros(on.p)
     padded[: on.count] = waveform_m_s2
     amplitudes: NDArray[np.float64] = fft.dct(padded, type=2)[: on.carried * on.q : on.q] / on.count
@@ -213,9 +211,9 @@ class Bending:
         return np.asarray(missed)
 
 
-def _bending(response: Response, stimulus: Stimulus) -> Bending:
-    spectra = stimulus.basis.spectra
-    return _bending_at(response, spectra.samples, spectra.rate_hz, stimulus.basis.on.carried)
+def _bending(response: Response, stimulus: Waveform) -> Bending:
+    of = stimulus.bins
+    return _bending_at(response, of.samples, of.rate_hz, stimulus.on.carried)
 
 
 @lru_cache(maxsize=4)
@@ -258,7 +256,7 @@ def other_reading(stimulus: Stimulus, *, shaped: Shaped, response: Response) -> 
     """
     table = _bending(response, stimulus)
     at, measured = table.at, response.accelerations_m_s2
-    wanted = np.abs(_requested_amplitudes(stimulus)[: stimulus.basis.on.carried][at.known])
+    wanted = np.abs(_requested_amplitudes(stimulus)[: stimulus.on.carried][at.known])
     reached, a = np.abs(shaped.reached_m_s2[at.known]), shaped.scale * wanted
     low_v, high_v = (
         AtBins(slice(None), at.levels_v, np.pad(measured[row].T, ((1, 0), (0, 0)))).voltages_v(a)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 from palpate.experiment.synthesis.shaping import AtBins, Response, Shaped, drive, response_at
 from palpate.experiment.synthesis.spectra import Bins
-from palpate.experiment.synthesis.waveforms import Basis, Stimulus
+from palpate.experiment.synthesis.waveforms import Basis, Stimulus, Waveform
 
 FASTEST = 1.5
 """Waveforms are held up to this multiple of the fastest measured speed: 450 mm/s in the study of Okamoto et al."""
@@ -256,15 +256,17 @@ class Drive:
         """Memory of the voltages that are prepared."""
         return sum(held.nbytes for held in self._held.values())
 
-    def __call__(self, stimulus: Stimulus) -> Driven:
+    def __call__(self, stimulus: Waveform) -> Driven:
         """Return the voltages of a stimulus. Errors are those of `shaping.drive`."""
-        held = self._held.get(stimulus.basis.material)
-        found = held.at(stimulus) if held is not None else None
-        if found is not None:
+        if (
+            isinstance(stimulus, Stimulus)
+            and (held := self._held.get(stimulus.basis.material)) is not None
+            and (found := held.at(stimulus)) is not None
+        ):
             return Driven(*found, prepared=True)
         voltages_v, shaped = self._limited(stimulus.bins)
         return Driven(voltages_v, shaped.scale, prepared=False)
 
-    def worked_out(self, stimulus: Stimulus, scale: float) -> tuple[NDArray[np.float64], Shaped]:
+    def worked_out(self, stimulus: Waveform, scale: float) -> tuple[NDArray[np.float64], Shaped]:
         """Return the voltages of a stimulus that was taken down to a scale, and what shaping did, both made anew."""
         return self._whole(stimulus.bins, scale=scale)

@@ -23,13 +23,13 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from functools import cached_property
 from math import log2, sqrt
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ClassVar, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, SpectrumAtSpeed, at_speed, foot_speed
-from palpate.experiment.synthesis.spectra import Bins, Grid, inverse_on, rms, transformable
+from palpate.experiment.synthesis.spectra import Bins, Grid, grid, inverse_on, rms, spectrum, transformable
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -53,6 +53,30 @@ class Ring:
 
     waveform_m_s2: NDArray[np.float64]
     rate_hz: int
+    occasion: ClassVar[str] = "tap"
+    method: ClassVar[str] = "equation (2)"
+    band: ClassVar[str] = ""
+    extrapolated: ClassVar[bool] = False
+    floored_bins: ClassVar[int] = 0
+    omitted_m_s2: ClassVar[tuple[float, float]] = (0.0, 0.0)
+
+    @property
+    def mean_m_s2(self) -> float:
+        return float(self.waveform_m_s2.mean())
+
+    @property
+    def exact(self) -> NDArray[np.float64]:
+        return self.waveform_m_s2
+
+    @property
+    def bins(self) -> Bins:
+        """As many bins as samples. Errors are those of `spectra.spectrum`."""
+        return Bins(spectrum(self.waveform_m_s2), samples=self.waveform_m_s2.size, rate_hz=self.rate_hz)
+
+    @property
+    def on(self) -> Grid:
+        n = self.waveform_m_s2.size
+        return grid(samples=n, bins=n, rate_hz=self.rate_hz, output_rate_hz=self.rate_hz)
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,17 +134,19 @@ class Stimulus:
     nearer: int
     of_difference: float
     held: bool
+    occasion: ClassVar[str] = "step"
+    mean_m_s2: ClassVar[float] = 0.0
 
     def __repr__(self) -> str:
         beyond = ", extrapolated" if self.extrapolated else ""
-        samples, hz = len(self.waveform_m_s2), self.basis.output_rate_hz
+        samples, hz = len(self.waveform_m_s2), self.rate_hz
         return f"<Stimulus {self.basis.material} at {self.speed_mm_s:g} mm/s{beyond}: {samples} samples at {hz} Hz>"
 
     def to_frame(self) -> pd.DataFrame:
         """Return the waveform: time_s from the first sample, and acceleration_m_s2."""
         import pandas as pd
 
-        times_s = np.arange(len(self.waveform_m_s2)) / self.basis.output_rate_hz
+        times_s = np.arange(len(self.waveform_m_s2)) / self.rate_hz
         return pd.DataFrame({"time_s": times_s, "acceleration_m_s2": self.waveform_m_s2})
 
     @property
@@ -139,6 +165,34 @@ class Stimulus:
         return at_speed(self.basis.spectra, speed_mm_s=self.speed_mm_s)
 
     @property
+    def rate_hz(self) -> int:
+        return self.basis.output_rate_hz
+
+    @property
+    def on(self) -> Grid:
+        return self.basis.on
+
+    @property
+    def method(self) -> str:
+        return "basis waveforms" if self.held else "inverse DCT"
+
+    @property
+    def band(self) -> str:
+        return self.basis.band
+
+    @property
+    def exact(self) -> NDArray[np.float64]:
+        return self.spectrum.coefficients
+
+    @property
+    def omitted_m_s2(self) -> tuple[float, float]:
+        left_out, speeds = self.basis.spectra.left_out, self.basis.speeds_mm_s
+        if left_out is None:
+            return 0.0, 0.0
+        slow, fast = speeds[self.interval : self.interval + 2]
+        return left_out.at(self.interval, (self.speed_mm_s - slow) / (fast - slow))
+
+    @property
     def bins(self) -> Bins:
         """The bins whose sum the waveform is. Errors are those of `at_speed`."""
         of = self.basis.spectra
@@ -153,6 +207,13 @@ class Stimulus:
         summed: NDArray[np.float64] = difference * self.of_difference
         summed += own
         return summed
+
+
+Waveform: TypeAlias = Stimulus | Ring
+"""What a device is asked to play, with one face: samples, m/s^2, at `rate_hz`, which are the sum of `bins` on the grid
+`on` and `mean_m_s2`, what stands at 0 Hz. The bins lack `omitted_m_s2` because it is not felt: its rms, and its sum in
+the band of equation (6). `exact` are the numbers that say what is asked for without rounding. `method`, `band` and
+`occasion` are for records: what makes the samples, the band outside of which bins are omitted, and for what."""
 
 
 def prepare(spectra: CrinkleSpectra, *, material: str, output_rate_hz: int) -> Basis:

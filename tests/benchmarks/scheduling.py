@@ -49,7 +49,7 @@ from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.stimulus import Sounder
 from palpate.experiment.session.footstep.watch import Feed, Watch, watch
 from palpate.experiment.session.masker import open_sound
-from palpate.experiment.synthesis.waveforms import Ring, Stimulus
+from palpate.experiment.synthesis.waveforms import Waveform
 from tests.benchmarks import attended
 from tests.experiment.session.scripted import Endless
 
@@ -143,7 +143,7 @@ class Timed:
     def lead_ns(self) -> int:
         return self._actuator.lead_ns
 
-    def prepare(self, stimulus: Stimulus | Ring) -> Played:
+    def prepare(self, stimulus: Waveform) -> Played:
         return self._actuator.prepare(stimulus)
 
     def aim(self, onset_ns: int) -> bool:

@@ -38,7 +38,7 @@ from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.exposure import Exposed, dose_before
 from palpate.experiment.session.footstep.trials import FootstepDevices
 from palpate.experiment.session.kind import Kind
-from palpate.experiment.synthesis.waveforms import Ring, Stimulus
+from palpate.experiment.synthesis.waveforms import Waveform
 from tests.experiment.session.bench import HEADER, Constant, in_pieces
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, rest_samples, step_samples
 from tests.experiment.synthesis.stimuli import given
@@ -233,7 +233,7 @@ class Panel(ScriptedActuator):
         self._onset_ns: int | None = None
         self.sounded_ns: list[int] = []
 
-    def prepare(self, stimulus: Stimulus | Ring) -> Played:
+    def prepare(self, stimulus: Waveform) -> Played:
         self.settle()
         self._clock.sleep_ns(PREPARES_NS)
         return super().prepare(stimulus)

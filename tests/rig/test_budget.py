@@ -14,6 +14,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.rehearsal.footstep.panel import Panel
 from palpate.experiment.session import scene
+from palpate.experiment.synthesis import tap
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
 from palpate.experiment.synthesis.spectra import spectrum
 from palpate.experiment.synthesis.waveforms import Stimulus, prepare
@@ -90,3 +91,29 @@ def test_the_total_is_the_truth_for_every_material_at_ten_speeds(
         assert methods == {"prepared voltages", "voltages shaped for the step"}
     else:
         assert methods == {"basis waveforms", "inverse DCT"}
+
+
+@pytest.mark.parametrize("speed_mm_s", [50.0, 200.0, 400.0])
+def test_the_total_is_the_truth_of_a_tap_on_a_panel_that_takes_volts(speed_mm_s: float) -> None:
+    """A tap has a mean, which no panel carries; of aluminum's 4,000 Hz a table to 600 Hz has nearly nothing."""
+    actuator = in_volts().model_copy(update={"rate_hz": 16_000})
+    drive = open_drive(shipped("rigs/rehearsal.toml").parent, actuator, limit_m_s2=LIMIT_M_S2)
+    panel = Panel(actuator)
+    condition = Conditioner(full_scale=actuator.full_scale, limit_m_s2=LIMIT_M_S2, drive=drive)
+    port = PcmActuator(panel.address, condition, rate_hz=actuator.rate_hz)
+    shares: dict[str, float] = {}
+    try:
+        for surface in tap.SURFACES:
+            ring = tap.rings(surface, rate_hz=actuator.rate_hz, aluminum_m_s2=40.0).at(speed_mm_s * 1e-3)
+            record = port.prepare(ring).on_record().computed
+            port.landed(0)
+            captured = panel.felt(5.0)
+            assert captured is not None
+            missed = np.linalg.norm(captured - ring.waveform_m_s2) / np.linalg.norm(ring.waveform_m_s2)
+            assert record.relative_error == pytest.approx(missed, rel=0.02)
+            assert record.method.endswith(" tap")
+            shares[surface.name] = record.left_out or 0.0
+    finally:
+        panel.close()
+    assert 0.3 < shares["collapsed polystyrene"] < 0.6
+    assert shares["basswood"] < shares["collapsed polystyrene"] < shares["plastic"] < shares["aluminum"] < 1

@@ -12,7 +12,7 @@ from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
 from palpate.experiment.apparatus.rig import AudioRig, DeliveredRig
 from palpate.experiment.errors import ActuatorError
 from palpate.experiment.records.stimulus import Delivered
-from palpate.experiment.synthesis.waveforms import Ring, Stimulus
+from palpate.experiment.synthesis.waveforms import Waveform
 
 FOUND = 0.5
 """Correlation from which on something heard is the intended waveform; noise of any length stays far below."""
@@ -123,7 +123,7 @@ class AudioActuator:
         frames = self._stream.lead_frames + self._audio.block
         return round(self._output_ns + frames / self._stream.rate_hz * 1e9)
 
-    def prepare(self, stimulus: Stimulus | Ring) -> Played:
+    def prepare(self, stimulus: Waveform) -> Played:
         """Prepare a stimulus at `rate_hz`; nothing sounds yet. Raises `AudioError` if too long or without a stream."""
         self.withdraw()
         self._requested_ns = None

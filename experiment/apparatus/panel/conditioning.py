@@ -21,7 +21,7 @@ from palpate.experiment.records import stimulus as records
 from palpate.experiment.synthesis import budget
 from palpate.experiment.synthesis.shaping import Shaped
 from palpate.experiment.synthesis.voltages import Drive
-from palpate.experiment.synthesis.waveforms import Basis, Ring, Stimulus
+from palpate.experiment.synthesis.waveforms import Basis, Waveform
 
 EVERY_HZ = (0.0, math.inf)
 """What a device carries of which nothing else is said, Hz."""
@@ -35,7 +35,7 @@ class Played:
     `scale`. `method` is for readers. A device that takes accelerations moves the panel at `carries_hz` alone.
     """
 
-    stimulus: Stimulus | Ring
+    stimulus: Waveform
     samples: NDArray[np.float32]
     full_scale: float
     limited: int
@@ -45,12 +45,7 @@ class Played:
     carries_hz: tuple[float, float] = EVERY_HZ
 
     def budget(self) -> tuple[budget.Budget, Shaped | None]:
-        """Return how the samples differ from the request, and what shaping did, None without; computed anew.
-
-        Raises `TypeError` for a tap, which has no bins.
-        """
-        if isinstance(self.stimulus, Ring):
-            raise TypeError("a tap's vibration has no budget of bins")
+        """Return how the samples differ from the request, and what shaping did, None without; computed anew."""
         handed = self.samples.astype(np.float64) * self.full_scale
         if self.drive is None:
             found = budget.of_accelerations(
@@ -67,35 +62,25 @@ class Played:
         """Return what goes on record of it. The budget is worked out for that, so ask after contact."""
         asked = self.stimulus
         peak = max(float(self.samples.max()), -float(self.samples.min())) * self.full_scale
-        reached, shaped = peak, None
-        if isinstance(asked, Ring):
-            missed = self.samples.astype(np.float64) * self.full_scale - asked.waveform_m_s2
-            wanted = float(np.linalg.norm(asked.waveform_m_s2))
-            share = float(np.linalg.norm(missed)) / wanted if wanted else 0.0
-            exact, rate_hz = asked.waveform_m_s2, asked.rate_hz
-            computed = records.Computed(method=self.method, relative_error=share)
-        else:
-            error, shaped = self.budget()
-            if self.drive is not None and shaped is not None:
-                # The bound may lie above the peak, and so above a limit that is known to hold.
-                reached = min(shaped.peak_m_s2, self.drive.limit_m_s2)
-            exact, rate_hz = asked.spectrum.coefficients, asked.basis.output_rate_hz
-            computed = records.Computed(
-                method=self.method + asked.basis.band,
+        (error, shaped), reached = self.budget(), peak
+        if self.drive is not None and shaped is not None:
+            # The bound may lie above the peak, and so above a limit that is known to hold.
+            reached = min(shaped.peak_m_s2, self.drive.limit_m_s2)
+        return records.Stimulus(
+            asked_sha256=hashlib.sha256(np.asarray(asked.exact, "<f8").tobytes()).hexdigest(),
+            floored_bins=asked.floored_bins,
+            extrapolated=asked.extrapolated,
+            computed=records.Computed(
+                method=self.method + asked.band,
                 relative_error=error.total,
                 left_out=error.left_out,
                 dissimilarity_m_s2=error.dissimilarity_m_s2,
-            )
-        return records.Stimulus(
-            asked_sha256=hashlib.sha256(np.asarray(exact, "<f8").tobytes()).hexdigest(),
-            floored_bins=0 if isinstance(asked, Ring) else asked.floored_bins,
-            extrapolated=not isinstance(asked, Ring) and asked.extrapolated,
-            computed=computed,
+            ),
             handed_sha256=hashlib.sha256(self.samples.tobytes()).hexdigest(),
             handed_unit="m/s^2" if shaped is None else "V",
             handed_peak=peak,
             samples=self.samples.size,
-            rate_hz=rate_hz,
+            rate_hz=asked.rate_hz,
             limited=self.limited,
             reached_peak_m_s2=reached,
             shaping=None if shaped is None else _lost(shaped),
@@ -132,10 +117,10 @@ class Conditioner:
         """No sample is larger in magnitude; 1.0 is full scale."""
         return float(self._highest)
 
-    def __call__(self, stimulus: Stimulus | Ring) -> Played:
+    def __call__(self, stimulus: Waveform) -> Played:
         """Return a stimulus at the device's rate as its samples are played.
 
-        Raises `ActuatorError` for nothing to play, or a tap in volts, and `SynthesisError` if the spectrum overflows.
+        Raises `ActuatorError` for nothing to play, and `SynthesisError` if the spectrum overflows.
         """
         wanted, scale, method = self._made(stimulus)
         if np.ndim(wanted) != 1 or np.size(wanted) == 0:
@@ -148,16 +133,12 @@ class Conditioner:
         np.clip(samples, -self._highest, self._highest, out=samples)
         return Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale, self._carries_hz)
 
-    def _made(self, stimulus: Stimulus | Ring) -> tuple[NDArray[np.float64], float, str]:
+    def _made(self, stimulus: Waveform) -> tuple[NDArray[np.float64], float, str]:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""
-        if isinstance(stimulus, Ring):
-            if self._drive is not None:
-                raise ActuatorError("actuator", "got a tap for a device that takes volts", allowed="full_scale_m_s2")
-            return stimulus.waveform_m_s2, 1.0, "equation (2)"
         if self._drive is None:
-            return stimulus.waveform_m_s2, 1.0, "basis waveforms" if stimulus.held else "inverse DCT"
+            return stimulus.waveform_m_s2, 1.0, stimulus.method
         voltages_v, scale, prepared = self._drive(stimulus)
-        return voltages_v, scale, "prepared voltages" if prepared else "voltages shaped for the step"
+        return voltages_v, scale, "prepared voltages" if prepared else f"voltages shaped for the {stimulus.occasion}"
 
 
 def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:

@@ -23,7 +23,7 @@ from palpate.experiment.apparatus.rig import AccelerometerRig
 from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.errors import ActuatorError, PalpateError, RecordingError
 from palpate.experiment.records.stimulus import Delivered
-from palpate.experiment.synthesis.waveforms import Ring, Stimulus
+from palpate.experiment.synthesis.waveforms import Waveform
 
 CONNECT_S = 1.0
 """How long a server may take to accept, s."""
@@ -98,7 +98,7 @@ class PcmActuator:
         self.closed_ms = 0.0
         """How long after the time of the last sample the server closed, ms; negative for earlier."""
 
-    def prepare(self, stimulus: Stimulus | Ring) -> Played:
+    def prepare(self, stimulus: Waveform) -> Played:
         """Limit, shape and keep a stimulus; `ActuatorError` if there is none, or an earlier one may still play."""
         if not self.is_silent():
             raise ActuatorError(self._name, "an earlier stimulus may still play", RESTART)

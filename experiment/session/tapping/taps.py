@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from palpate.experiment.apparatus import host
+from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
@@ -16,7 +17,7 @@ from palpate.experiment.apparatus.tracker.landing import Falling, Landing, Landi
 from palpate.experiment.errors import PalpateError, ServoError
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.records.kinds.tapping import Place, Tapped
-from palpate.experiment.records.stimulus import Onset, Stimulus
+from palpate.experiment.records.stimulus import Onset
 from palpate.experiment.session.kind import Lent, nothing_more
 from palpate.experiment.synthesis.contact.block import Block
 from palpate.experiment.synthesis.tap import Rings
@@ -60,7 +61,7 @@ class _Sounding:
 
     lying: Lying
     speed_mm_s: float
-    stimulus: Stimulus
+    played: Played
     aimed: Landing | None = None
     scheduled_ns: int | None = None
     touch: Touch | None = None
@@ -219,8 +220,9 @@ class Taps:
         self._settle(wait=True)
         was = self._sounding
         if was is None or was.lying is not lying or abs(was.speed_mm_s - speed_mm_s) > ANEW_PART * speed_mm_s:
-            played = self.actuator.prepare(lying.rings.at(speed_mm_s * 1e-3))
-            self._sounding = was = _Sounding(lying, speed_mm_s, played.on_record())
+            self._sounding = was = _Sounding(
+                lying, speed_mm_s, self.actuator.prepare(lying.rings.at(speed_mm_s * 1e-3))
+            )
         return was
 
     def _settle(self, *, wait: bool) -> None:
@@ -228,7 +230,7 @@ class Taps:
         one = self._sounding
         if one is None or one.touch is None:
             return
-        lasts_ns = one.stimulus.samples * 10**9 // one.stimulus.rate_hz
+        lasts_ns = one.played.samples.size * 10**9 // one.played.stimulus.rate_hz
         if not wait and self.lent.clock.now_ns() < one.contact_ns + lasts_ns + self.actuator.lead_ns + ENDS_NS:
             return
         aimed, touch = one.aimed, one.touch
@@ -252,7 +254,7 @@ class Taps:
                 device_us=touch.device_us,
                 speed_mm_s=one.touch_mm_s,
                 fast=one.fast,
-                stimulus=one.stimulus,
+                stimulus=one.played.on_record(),
                 onset=onset,
             )
         )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.rig import Rig
@@ -30,6 +31,7 @@ def open_comparisons(
     *,
     protocol: Protocol,
     rig: Rig,
+    rig_folder: Path,
     task_id: str,
     clock: Clock,
     stream: AudioStream | None,
@@ -42,7 +44,9 @@ def open_comparisons(
         return ComparisonDevices()
     from palpate.experiment.session.tapping.virtual import open_surfaces
 
-    return open_surfaces(protocol=protocol, rig=rig, clock=clock, stream=stream, ends=ends, opened=opened)
+    return open_surfaces(
+        protocol=protocol, rig=rig, rig_folder=rig_folder, clock=clock, stream=stream, ends=ends, opened=opened
+    )
 
 
 @dataclass

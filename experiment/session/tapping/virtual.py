@@ -6,9 +6,11 @@ from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from math import inf
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
@@ -50,11 +52,19 @@ class SurfaceDevices:
 
 
 def open_surfaces(
-    *, protocol: Protocol, rig: Rig, clock: Clock, stream: AudioStream | None, ends: FarEnds, opened: ExitStack
+    *,
+    protocol: Protocol,
+    rig: Rig,
+    rig_folder: Path,
+    clock: Clock,
+    stream: AudioStream | None,
+    ends: FarEnds,
+    opened: ExitStack,
 ) -> SurfaceDevices:
     """Open what virtual surfaces need; otherwise as `laboratory.open_laboratory`.
 
-    Raises `RigError` for a real rig that does not bear the protocol's block, and `ServoError` for device or tracker.
+    Raises `RigError` for a real rig that does not bear the protocol's block, `ServoError` for device or tracker, and as
+    `conditioning.open_drive`.
     """
     virtual = protocol.surfaces
     device = opening.servo_of(rig)
@@ -64,7 +74,14 @@ def open_surfaces(
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     address = ends.panel(opened)
-    actuator = opening.open_actuator(rig, limit_m_s2=limit_m_s2, address=address, stream=stream, clock=clock)
+    actuator = opening.open_actuator(
+        rig,
+        limit_m_s2=limit_m_s2,
+        drive=open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2),
+        address=address,
+        stream=stream,
+        clock=clock,
+    )
     opened.callback(actuator.close)
     rings = {
         name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=ends.ringing_m_s2(virtual.full_m_s2))
@@ -87,6 +104,28 @@ def open_surfaces(
         stream.allow(servo.is_live)
     noise_mm = rig.tracker.noise_mm if rig.tracker.noise_mm is not None else QUIETEST_MM
     return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=rig.tracker.rate_hz), noise_mm, opened)
+
+
+def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
+    """Return in words what a rig leaves out of a tap, at most; empty for nothing. Raises as `conditioning.open_drive`.
+
+    Where no voltage or limit bends, the share is the same at every speed.
+    """
+    limit_m_s2, actuator, virtual = protocol.exposure.vibration_peak_m_s2, rig.actuator, protocol.surfaces
+    condition = Conditioner(
+        full_scale=actuator.full_scale,
+        limit_m_s2=limit_m_s2,
+        drive=open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2),
+        carries_hz=actuator.carries_hz,
+    )
+    shares = {}
+    for name, surface in surfaces(protocol, virtual).items():
+        rings = tap.rings(surface, rate_hz=actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)
+        error, _ = condition(rings.at(tap.REFERENCE_M_S)).budget()
+        shares[name] = error.left_out
+    most = max(shares, key=lambda name: shares[name])
+    at = f"a tap on {most} at {tap.REFERENCE_M_S * 1e3:g} mm/s"
+    return f"At most {shares[most]:.2%} (rms) of {at} is left out." if shares[most] else ""
 
 
 def surfaces(protocol: Protocol, virtual: Virtual) -> dict[str, Surface]:

@@ -105,6 +105,25 @@ def test_check_says_whether_a_virtual_block_pushes_along_its_face(tmp_path: Path
         assert call("check", shipped("wellman1995.toml"), "--rig", rig).stdout.rstrip().endswith(told)
 
 
+def test_check_says_what_a_rig_in_volts_leaves_out_of_a_tap_and_refuses_a_table_that_nobody_measured(
+    tmp_path: Path,
+) -> None:
+    shaping = RIG.read_text("utf-8").partition("[actuator.shaping]\n")[2].partition("\n\n")[0]
+    text = shipped("rigs/tapping.toml").read_text("utf-8")
+    rig = tmp_path / "rig.toml"
+    volts = re.sub(r"(?m)^full_scale_m_s2.*$", "[actuator.shaping]\n" + shaping.replace("\\", ""), text)
+    rig.write_text(volts, "utf-8")
+    (tmp_path / "rehearsal-response.csv").write_bytes(RIG.with_name("rehearsal-response.csv").read_bytes())
+    told = call("check", shipped("wellman1995.toml"), "--rig", rig)
+    [share] = re.findall(r"At most (\S+)% \(rms\) of a tap on aluminum", told.stdout)
+    # Of the exponential at 4,000 Hz next to nothing lies below 600 Hz, where the table ends.
+    assert (told.exit_code, 99 < float(share) < 100) == (0, True)
+    rig.write_text(volts.replace("simulated = true", "simulated = false").replace(' = "rehearsal"', ' = "127.0.0.1:9"'))
+    refused = call("check", shipped("wellman1995.toml"), "--rig", rig).exception
+    assert isinstance(refused, RigError)
+    assert (refused.finding.where, refused.finding.verdict) == (rig, "refuses")
+
+
 def test_check_shows_what_the_screen_of_a_rig_says_in_other_words_than_palpates(tmp_path: Path) -> None:
     text, said = RIG.read_text("utf-8"), "You must step now. If you stop, you lose your payment."
     rig = tmp_path / "rig.toml"

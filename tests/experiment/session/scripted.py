@@ -15,7 +15,7 @@ from palpate.experiment.clock import Clock, ManualClock
 from palpate.experiment.desk.port import STOPPED, Attended, Remark
 from palpate.experiment.errors import PalpateError, TrackerStopped
 from palpate.experiment.records.stimulus import Delivered
-from palpate.experiment.synthesis.waveforms import Ring, Stimulus
+from palpate.experiment.synthesis.waveforms import Waveform
 
 START_NS = 10**18
 
@@ -110,7 +110,7 @@ class ScriptedActuator:
         self.heard: deque[Delivered | BaseException | None] = deque()
         self._prepared: NDArray[np.float64] | None = None
 
-    def prepare(self, stimulus: Stimulus | Ring) -> Played:
+    def prepare(self, stimulus: Waveform) -> Played:
         self._prepared = stimulus.waveform_m_s2
         self.aimed.append([])
         return Played(stimulus, self._prepared.astype("<f4"), full_scale=1.0, limited=0, method="scripted")

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.experiment.rehearsal.footstep.panel import FREQUENCIES_HZ, LEVELS_VRMS, answered
-from palpate.experiment.synthesis import budget
+from palpate.experiment.synthesis import budget, tap
 from palpate.experiment.synthesis.budget import Budget, of_accelerations, of_voltages
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, leave_out, subtract
 from palpate.experiment.synthesis.shaping import Response, drive
@@ -44,6 +44,29 @@ def test_what_an_actuator_is_handed_as_asked_differs_by_its_rounding() -> None:
     assert found.rounding == pytest.approx(np.sqrt(np.mean((handed - exact) ** 2)) / found.asked_m_s2)
     assert 0 < found.rounding < 2**-24
     assert (found.total, found.left_out, found.dissimilarity_m_s2) == (found.rounding, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("low_hz", [0.0, 30.0])
+def test_what_a_device_does_not_carry_of_a_tap_is_its_share_of_the_sum_of_squares(low_hz: float) -> None:
+    """By Parseval, with the cosines of (1) summed one by one; at 0 Hz stands the mean."""
+    rate_hz, high_hz = 8000, 400.0
+    ring = tap.rings(tap.SURFACES[1], rate_hz=rate_hz, aluminum_m_s2=40.0).at(0.2)
+    n = ring.waveform_m_s2.size
+    i, k = np.arange(n) + 0.5, np.arange(n)
+    squares = (2 / n * np.cos(pi * np.outer(k, i) / n) @ ring.waveform_m_s2) ** 2 / 2
+    squares[0] /= 2
+    f = rate_hz * k / (2 * n)
+    missing = (f < low_hz) | (f > high_hz)
+    found = of_accelerations(ring, handed_m_s2=ring.waveform_m_s2, limited=0, carries_hz=(low_hz, high_hz))
+    assert found.asked_m_s2 == pytest.approx(sqrt(np.mean(ring.waveform_m_s2**2)))
+    assert found.left_out == pytest.approx(sqrt(squares[missing].sum() / squares.sum()))
+    assert found.below == pytest.approx(sqrt(squares[f < low_hz].sum() / squares.sum()), abs=1e-12)
+    assert found.rounding < 1e-12
+    # Of a flat response only the mean is missing below, at whatever frequency the table begins.
+    flat = Response(np.array([low_hz, high_hz]), np.array([1.0, 10.0]), np.array([[2.0, 20.0], [2.0, 20.0]]))
+    volts, shaped = drive(ring.bins, rate_hz=rate_hz, response=flat, gain_limit_v_per_m_s2=1e9)
+    found = of_voltages(ring, handed_v=volts, voltages_v=volts, shaped=shaped, response=flat)
+    assert found.left_out == pytest.approx(sqrt(squares[missing | (k == 0)].sum() / squares.sum()))
 
 
 def test_a_rate_that_cannot_carry_bins_leaves_out_their_share() -> None:

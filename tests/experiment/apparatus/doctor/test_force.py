@@ -73,13 +73,6 @@ def test_a_rig_that_renders_no_surface_is_red_before_a_study_of_them_alone(name:
         assert list(force.checks(rig, None, protocol=other, clock=MonotonicClock())) == []
 
 
-def test_an_actuator_in_volts_rings_on_no_surface(approved: SnapshotAssertion) -> None:
-    volts = RIG.model_copy(update={"actuator": rigs.load(shipped("rigs/rehearsal.toml")).actuator})
-    (found,) = force.checks(volts, None, protocol=PAPER, clock=MonotonicClock())
-    assert found.verdict == "refuses"
-    assert found.remedy == approved
-
-
 def test_a_device_that_would_give_energy_to_the_hand_is_red() -> None:
     """The paper's block needs 100.5 N s/m of its device: K T / 2 + C."""
     found = looked_at("127.0.0.1:1", changed(damping_n_s_m=100.4))["block"]

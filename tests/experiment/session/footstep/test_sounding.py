@@ -11,7 +11,7 @@ from palpate.experiment.apparatus.tracker.landing import Landing
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.session.footstep.stimulus import Sounder, Sounding
-from palpate.experiment.synthesis.waveforms import Ring, Stimulus
+from palpate.experiment.synthesis.waveforms import Waveform
 from tests.experiment.synthesis.stimuli import basis_of
 
 LEAD_NS = 10_000_000
@@ -28,7 +28,7 @@ class Aimed:
         self.aims: list[int] = []
         self.prepared = 0
 
-    def prepare(self, stimulus: Stimulus | Ring) -> Played:
+    def prepare(self, stimulus: Waveform) -> Played:
         self.prepared += 1
         return Conditioner(full_scale=64.0, limit_m_s2=20.0)(stimulus)
 
