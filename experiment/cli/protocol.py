@@ -290,8 +290,9 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     from palpate.experiment import storage
     from palpate.experiment.apparatus import opening
     from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.panel.conditioning import refuse_simulated_table
     from palpate.experiment.apparatus.servo import settings
-    from palpate.experiment.session.footstep.fidelity import judged, refuse_simulated_table
+    from palpate.experiment.session.footstep.fidelity import judged
     from palpate.experiment.session.tapping import virtual
     from palpate.experiment.study.enrolment import default_root
 
@@ -307,7 +308,8 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
         refusal = RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
         planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
         omitted = virtual.left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
-        told = f"{told} The tracker {planar} pushes along the face. {omitted}".rstrip()
+        told = f"{told} The tracker {planar} pushes along the face."
+        told += f" Of its vibrations, {omitted}." if omitted else ""
         return told, None if bears else refusal
     folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
     most = protocol.footstep.synthesis.left_out_max

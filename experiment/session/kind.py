@@ -7,10 +7,13 @@ devices, is the kind's: `footstep/` is one. A kind never imports another.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from datetime import date
+from importlib import import_module
+from typing import TYPE_CHECKING, Protocol, cast
 
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import Rig
@@ -19,6 +22,7 @@ from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Measured
 from palpate.experiment.desk.port import Console
 from palpate.experiment.protocol.models import Protocol as StudyProtocol
+from palpate.experiment.protocol.models import Task
 from palpate.experiment.records.entries import Header, PlannedTrial, Trace
 from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.records.progress import Progress
@@ -26,6 +30,9 @@ from palpate.experiment.records.progress import Progress
 if TYPE_CHECKING:
     from palpate.experiment.synthesis.voltages import Drive
     from palpate.experiment.synthesis.waveforms import Basis
+
+ROOMS: Mapping[str, str] = {"footstep": "footstep", "comparison": "tapping"}
+"""The room of each kind of trial, by the name that a task gives it; its `trials.py` has `KIND`."""
 
 
 @dataclass(frozen=True)
@@ -257,3 +264,27 @@ class FarEnds(Protocol):
     @abstractmethod
     def console(self) -> Console:
         """Return the experimenter's screen and keys."""
+
+
+@dataclass(frozen=True)
+class SessionKind:
+    """What a session asks of a kind of trial.
+
+    Attributes:
+        opens: opens the devices of a task; arguments are those of `laboratory.open_laboratory`.
+        recorded: returns the ids of the materials of which tasks with virtual stimuli play recordings.
+        check_rig: refuses a rig with which no session of a study can be run, by its calibration of a day.
+        judge: refuses a rig for tasks, and returns in words what it leaves out of their vibrations.
+        frames: whether the tracker's frames of a step are kept.
+    """
+
+    opens: Callable[..., KindDevices]
+    recorded: Callable[[StudyProtocol, Sequence[Task]], AbstractSet[str]]
+    check_rig: Callable[[StudyProtocol, Rig, date], None]
+    judge: Callable[..., str]
+    frames: bool
+
+
+def session_kind(task: Task) -> SessionKind:
+    """Return the kind of a task; no other is imported."""
+    return cast("SessionKind", import_module(f"palpate.experiment.session.{ROOMS[task.kind]}.trials").KIND)

@@ -4,7 +4,7 @@ A rehearsal opens the same parts, with other far ends of the ports (`FarEnds`).
 """
 
 import secrets
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -21,13 +21,8 @@ from palpate.experiment.records import journal, software
 from palpate.experiment.records.entries import Header, Purpose
 from palpate.experiment.session import exposure, masker, scene
 from palpate.experiment.session.attempt import Devices
-from palpate.experiment.session.footstep.trials import open_footsteps
-from palpate.experiment.session.kind import FarEnds, KindDevices
-from palpate.experiment.session.tapping.trials import open_comparisons
+from palpate.experiment.session.kind import FarEnds, session_kind
 from palpate.experiment.study import schedule
-
-OPENS: Mapping[str, Callable[..., KindDevices]] = {"footstep": open_footsteps, "comparison": open_comparisons}
-"""What opens the devices of each kind of trial; a task of the protocol names its kind."""
 
 
 @contextmanager
@@ -60,7 +55,7 @@ def open_laboratory(
                 rig, protocol, planned=planned, clock=clock, dose_before=dose, opened=opened, device=device
             )
             ends.wire_sound()
-        kind = OPENS[protocol.task(task_id).kind](
+        kind = session_kind(protocol.task(task_id)).opens(
             protocol=protocol,
             rig=rig,
             rig_folder=rig_folder,

@@ -7,11 +7,9 @@ from datetime import date
 from pathlib import Path
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.apparatus.servo import settings as servo
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from palpate.experiment.dataset import build, checks, register
@@ -23,8 +21,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose, Visited
 from palpate.experiment.records.progress import progress
 from palpate.experiment.session import exposure, remarks, runner, scene, visit
-from palpate.experiment.session.footstep import fidelity
-from palpate.experiment.session.kind import FarEnds
+from palpate.experiment.session.kind import FarEnds, session_kind
 from palpate.experiment.session.laboratory import header, open_laboratory
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study import enrolment, people, roster
@@ -79,9 +76,8 @@ def run(
     anchored_in = _anchored_in(rig, rig_file)
     if rig.rig.simulated:
         raise RigError(rig_file, "the rig is simulated", "name a rig file of real devices, or use palpate rehearse")
-    if protocol.footstep is not None:
-        rigs.check(rig, protocol.footstep.step)
-        calibration.check_age(rig, today)
+    for one in protocol.tasks:
+        session_kind(one).check_rig(protocol, rig, today)
     if not _lacks_consent(root, protocol, participant):
         _admitted(root, protocol_file, protocol, participant, clock)
     seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
@@ -98,18 +94,12 @@ def run(
     _check_turn(root, allocation, tasks[0])
     if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
         recordings = _real_recordings(root, recordings, protocol)
-        fidelity.refuse_simulated_table(rig_file, rig)
-        told = fidelity.judged(
-            protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings, task_ids=tasks
-        )
-        console.show(f"Rig '{rig.rig.name}': {told}.")
-    renders = any(protocol.task(task).stimulus == "virtual" for task in tasks)
-    if renders:
+    for judge in {session_kind(protocol.task(task)).judge for task in tasks}:
+        told = judge(protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings, task_ids=tasks, today=today)
+        if told:
+            console.show(f"Rig '{rig.rig.name}': {told}.")
+    if any(protocol.task(task).stimulus == "virtual" for task in tasks):
         rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
-    if renders and protocol.comparison is not None:
-        fidelity.refuse_simulated_table(rig_file, rig)
-        servo.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
-        calibration.check_age(rig, today)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)

@@ -25,6 +25,7 @@ from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.attempt import FELT, Attempts, Devices, Event, State, follow
 from palpate.experiment.session.exposure import Exposed, spent_ns
+from palpate.experiment.session.kind import session_kind
 from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Attendance
 from palpate.experiment.storage import foot_path, journal_path, rig_path, roster_path, voices_folder
@@ -84,7 +85,7 @@ def run(
             journal.settle(path, contents)
             return done.footer
         opening.copy_rig(rig_file, rig_path(path))
-        frames = foot_path(path) if protocol.footstep is not None else None
+        frames = foot_path(path) if session_kind(protocol.task(header.task)).frames else None
         with closing(SessionLog(path, devices.clock, contents, done, frames)) as log:
             session = _Session(
                 protocol=protocol,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.protocol.models import Protocol, Task
+from palpate.experiment.session.kind import session_kind
 
 if TYPE_CHECKING:
     import numpy as np
@@ -23,16 +24,19 @@ if TYPE_CHECKING:
 class Scene:
     """What a task needs.
 
-    `synthesis` makes stimuli from the spectra of `materials`, those of the task and of the masker's probe, for the
-    panel (`actuator`); else real objects are laid out. `masker` is the noise's color, None for none, and a microphone
-    may listen to answers (`listens`).
+    Stimuli are made from the spectra of `materials`, those of the task and of the masker's probe, for what shakes
+    (`actuator`). `masker` is the noise's color, None for none, and a microphone may listen to answers (`listens`).
     """
 
-    synthesis: bool
     actuator: bool
     materials: tuple[str, ...]
     masker: Colour | None
     listens: bool
+
+    @property
+    def synthesis(self) -> bool:
+        """Whether stimuli are made from recordings."""
+        return bool(self.materials)
 
     def sounds(self, rig: Rig) -> bool:
         """Return whether anything of an audio device is needed: headphones, a microphone, or an output that shakes."""
@@ -46,14 +50,13 @@ def plan(*, protocol: Protocol, task_id: str) -> Scene:
         whole = replace(whole, masker=None if task.masker == "none" else task.masker)
     if task.stimulus == "virtual":
         return replace(whole, materials=_played(protocol, [task]))
-    return replace(whole, synthesis=False, actuator=False, materials=())
+    return replace(whole, actuator=False, materials=())
 
 
 def virtual(protocol: Protocol) -> Scene:
     """Return what all tasks with virtual stimuli need together, or one that presented every material."""
     every = [task.model_copy(update={"materials": None}) for task in protocol.tasks]
     return Scene(
-        synthesis=protocol.comparison is None,
         actuator=True,
         materials=_played(protocol, [task for task in protocol.tasks if task.stimulus == "virtual"] or every),
         masker=protocol.masker.noise,
@@ -69,12 +72,8 @@ def played(protocol: Protocol, task_ids: Collection[str] | None = None) -> list[
 
 
 def _played(protocol: Protocol, tasks: Sequence[Task]) -> tuple[str, ...]:
-    """Return the materials of which these tasks play recordings; a virtual surface rings by a closed form."""
-    if protocol.comparison is not None:
-        return ()
-    probe = protocol.masker.probe
-    wanted = {material for task in tasks for material in protocol.presented(task)}
-    wanted |= {probe.material for task in tasks if probe is not None and task.masker != "none"}
+    """Return the materials of which these tasks play recordings."""
+    wanted = {material for task in tasks for material in session_kind(task).recorded(protocol, [task])}
     return tuple(material.id for material in protocol.materials if material.id in wanted)
 
 

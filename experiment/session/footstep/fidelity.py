@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel.conditioning import simulated_table
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from palpate.experiment.errors import Finding, RigError
@@ -150,25 +150,6 @@ def judged(
     known += " of these SIMULATED recordings" * manifest.is_simulated(recordings)
     known += f"; {worst.weaker}" if worst.weaker else ""
     return known if carries_hz else f"{UNKNOWN}; if it carries all, {known}"
-
-
-def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
-    """Raise `RigError` if a real rig would make and limit voltages by the response of a panel that nobody measured."""
-    if (simulated := _unmeasured(rig_file, rig_file.parent, rig)) is not None:
-        raise RigError.at(simulated)
-
-
-def _unmeasured(where: Path | str, rig_folder: Path, rig: Rig) -> Finding | None:
-    """Return what is wrong with a real rig, named by `where`, whose response table is SIMULATED; None otherwise."""
-    from palpate.experiment.apparatus.panel import response_table
-
-    shaping = rig.actuator.shaping
-    if rig.rig.simulated or shaping is None:
-        return None
-    if not response_table.is_simulated(rigs.response_table(rig_folder, shaping)):
-        return None
-    what, remedy = f"{shaping.response} says that it is SIMULATED", "measure the loaded panel, and name that table"
-    return Finding(what, where, allowed="a table that was measured", remedy=remedy)
 
 
 UNKNOWN = "nobody measured which frequencies its actuator carries"
@@ -415,7 +396,7 @@ def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path
     worst = most_left_out([found, *(given(scene=one, beside=False) for one in others)], carries_hz)
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"
-    refused = _unmeasured(f"rig '{rig.rig.name}'", rig_folder, rig) or refusal(protocol, rig, worst, carries_hz)
+    refused = simulated_table(f"rig '{rig.rig.name}'", rig_folder, rig) or refusal(protocol, rig, worst, carries_hz)
     return ErrorBudget(found, aims_ms, carries_hz, schedules, refused.sentence() if refused else "")
 
 

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
+from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
@@ -20,13 +23,13 @@ from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredic
 from palpate.experiment.clock import Clock, lasted_ms
 from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
 from palpate.experiment.errors import ActuatorError, RecordingError, TrackerError, TrackerStopped
-from palpate.experiment.protocol.models import ExclusionRule, Protocol
+from palpate.experiment.protocol.models import ExclusionRule, Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
 from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.stimulus import Sounder
 from palpate.experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Stimuli, nothing_more
+from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, SessionKind, Stimuli, nothing_more
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
@@ -454,3 +457,31 @@ def _clock(known: ClockMap) -> TrackerClock:
 
 def _link(counts: LinkCounts) -> Link:
     return Link(received=counts.received, lost=counts.lost, damaged=counts.damaged, repeated=counts.repeated)
+
+
+def _recorded(protocol: Protocol, tasks: Sequence[Task]) -> set[str]:
+    probe = protocol.masker.probe
+    wanted = {material for task in tasks for material in protocol.presented(task)}
+    return wanted | {probe.material for task in tasks if probe is not None and task.masker != "none"}
+
+
+def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
+    rigs.check(rig, protocol.footsteps.step)
+    calibration.check_age(rig, today)
+
+
+def _judge(
+    *, protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path | None, task_ids: Collection[str], **_: object
+) -> str:
+    from palpate.experiment.apparatus.panel.conditioning import refuse_simulated_table
+    from palpate.experiment.session.footstep import fidelity
+
+    if recordings is None:
+        return ""
+    refuse_simulated_table(rig_file, rig)
+    return fidelity.judged(
+        protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings, task_ids=task_ids
+    )
+
+
+KIND = SessionKind(opens=open_footsteps, recorded=_recorded, check_rig=_check_rig, judge=_judge, frames=True)

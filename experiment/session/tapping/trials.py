@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
+from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, PairLaidOut
-from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen
+from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen, SessionKind
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
@@ -79,3 +80,23 @@ class Comparisons(Kind):
         return {
             key: Meaning(one, words.get(one, "neither")) for key, one in self.lent.protocol.comparisons.answers.items()
         }
+
+
+def _recorded(protocol: Protocol, tasks: Sequence[Task]) -> set[str]:  # noqa: ARG001
+    """Return none: a virtual surface rings by a closed form."""
+    return set()
+
+
+def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
+    """Real samples need no rig; what renders surfaces is judged by `_judge`."""
+
+
+def _judge(*, protocol: Protocol, rig: Rig, rig_file: Path, task_ids: Collection[str], today: date, **_: object) -> str:
+    if not any(protocol.task(one).stimulus == "virtual" for one in task_ids):
+        return ""
+    from palpate.experiment.session.tapping.virtual import judge
+
+    return judge(protocol=protocol, rig=rig, rig_file=rig_file, today=today)
+
+
+KIND = SessionKind(opens=open_comparisons, recorded=_recorded, check_rig=_check_rig, judge=_judge, frames=False)

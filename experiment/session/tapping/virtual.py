@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
+from datetime import date
 from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import opening
-from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive, refuse_simulated_table
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
@@ -106,8 +107,16 @@ def open_surfaces(
     return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=rig.tracker.rate_hz), noise_mm, opened)
 
 
+def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date) -> str:
+    """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
+    refuse_simulated_table(rig_file, rig)
+    settings.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
+    calibration.check_age(rig, today)
+    return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
+
+
 def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
-    """Return in words what a rig leaves out of a tap, at most; empty for nothing. Raises as `conditioning.open_drive`.
+    """Return in words what is left out of a tap, at most; empty for nothing. Raises as `conditioning.open_drive`.
 
     Where no voltage or limit bends, the share is the same at every speed.
     """
@@ -125,7 +134,7 @@ def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
         shares[name] = error.left_out
     most = max(shares, key=lambda name: shares[name])
     at = f"a tap on {most} at {tap.REFERENCE_M_S * 1e3:g} mm/s"
-    return f"At most {shares[most]:.2%} (rms) of {at} is left out." if shares[most] else ""
+    return f"at most {shares[most]:.2%} (rms) of {at} is left out" if shares[most] else ""
 
 
 def surfaces(protocol: Protocol, virtual: Virtual) -> dict[str, Surface]:
