@@ -274,7 +274,7 @@ class SessionKind:
         opens: opens the devices of a task; arguments are those of `laboratory.open_laboratory`.
         recorded: returns the ids of the materials of which tasks with virtual stimuli play recordings.
         check_rig: refuses a rig with which no session of a study can be run, by its calibration of a day.
-        judge: refuses a rig for tasks, and returns in words what it leaves out of their vibrations.
+        judge: refuses a rig for tasks with virtual stimuli, and returns in words what it leaves out of them.
         frames: whether the tracker's frames of a step are kept.
     """
 

@@ -94,11 +94,13 @@ def run(
     _check_turn(root, allocation, tasks[0])
     if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
         recordings = _real_recordings(root, recordings, protocol)
-    for judge in {session_kind(protocol.task(task)).judge for task in tasks}:
-        told = judge(protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings, task_ids=tasks, today=today)
-        if told:
+    virtual = tuple(task for task in tasks if protocol.task(task).stimulus == "virtual")
+    for judge in {session_kind(protocol.task(task)).judge for task in virtual}:
+        if told := judge(
+            protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings, task_ids=virtual, today=today
+        ):
             console.show(f"Rig '{rig.rig.name}': {told}.")
-    if any(protocol.task(task).stimulus == "virtual" for task in tasks):
+    if virtual:
         rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))

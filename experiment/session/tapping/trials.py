@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from datetime import date
@@ -91,9 +91,7 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     """Real samples need no rig; what renders surfaces is judged by `_judge`."""
 
 
-def _judge(*, protocol: Protocol, rig: Rig, rig_file: Path, task_ids: Collection[str], today: date, **_: object) -> str:
-    if not any(protocol.task(one).stimulus == "virtual" for one in task_ids):
-        return ""
+def _judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     from palpate.experiment.session.tapping.virtual import judge
 
     return judge(protocol=protocol, rig=rig, rig_file=rig_file, today=today)
