@@ -205,6 +205,23 @@ def open_pedal(rig: Rig, *, port: str | None = None) -> Pedal | None:
     return pedal.Pedal(port or rig.pedal.port, rig.pedal.baud)
 
 
+def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
+    """Raise `RigError` if a real rig would make and limit voltages by the response of a panel that nobody measured."""
+    if (simulated := simulated_table(rig_file, rig_file.parent, rig)) is not None:
+        raise RigError.at(simulated)
+
+
+def simulated_table(where: Path | str, rig_folder: Path, rig: Rig) -> Finding | None:
+    """Return what is wrong with a real rig, named by `where`, whose response table is SIMULATED; None otherwise."""
+    from palpate.experiment.apparatus.panel.response_table import is_simulated
+
+    shaping = rig.actuator.shaping
+    if rig.rig.simulated or shaping is None or not is_simulated(rigs.response_table(rig_folder, shaping)):
+        return None
+    what, remedy = f"{shaping.response} says that it is SIMULATED", "measure the loaded panel, and name that table"
+    return Finding(what, where, allowed="a table that was measured", remedy=remedy)
+
+
 def servo_of(rig: Rig) -> ServoRig:
     """Return the force device of a rig for virtual surfaces; `RigError` if it has none."""
     if rig.servo is None:

@@ -290,7 +290,6 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     from palpate.experiment import storage
     from palpate.experiment.apparatus import opening
     from palpate.experiment.apparatus import rig as rigs
-    from palpate.experiment.apparatus.panel.conditioning import refuse_simulated_table
     from palpate.experiment.apparatus.servo import settings
     from palpate.experiment.session.footstep.fidelity import judged
     from palpate.experiment.session.tapping import virtual
@@ -300,7 +299,7 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     if not protocol.renders:
         return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
     try:
-        refuse_simulated_table(rig_file, rig)
+        opening.refuse_simulated_table(rig_file, rig)
     except PalpateError as refused:
         return "", refused
     if protocol.footstep is None:

@@ -14,10 +14,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from palpate.experiment.apparatus.panel.response_table import is_simulated, parse
-from palpate.experiment.apparatus.rig import ActuatorRig, Rig, response_table
-from palpate.experiment.errors import ActuatorError, RigError
-from palpate.experiment.findings import Finding
+from palpate.experiment.apparatus.panel.response_table import parse
+from palpate.experiment.apparatus.rig import ActuatorRig, response_table
+from palpate.experiment.errors import ActuatorError
 from palpate.experiment.records import stimulus as records
 from palpate.experiment.synthesis import budget
 from palpate.experiment.synthesis.shaping import Shaped
@@ -178,21 +177,6 @@ def open_drive(
         limit_m_s2=limit_m_s2,
         limit_v=settings.full_scale_v,
     )
-
-
-def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
-    """Raise `RigError` if a real rig would make and limit voltages by the response of a panel that nobody measured."""
-    if (simulated := simulated_table(rig_file, rig_file.parent, rig)) is not None:
-        raise RigError.at(simulated)
-
-
-def simulated_table(where: Path | str, rig_folder: Path, rig: Rig) -> Finding | None:
-    """Return what is wrong with a real rig, named by `where`, whose response table is SIMULATED; None otherwise."""
-    shaping = rig.actuator.shaping
-    if rig.rig.simulated or shaping is None or not is_simulated(response_table(rig_folder, shaping)):
-        return None
-    what, remedy = f"{shaping.response} says that it is SIMULATED", "measure the loaded panel, and name that table"
-    return Finding(what, where, allowed="a table that was measured", remedy=remedy)
 
 
 def _lost(shaped: Shaped) -> records.Shaping:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.experiment.apparatus.panel.conditioning import simulated_table
+from palpate.experiment.apparatus.opening import simulated_table
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from palpate.experiment.errors import Finding, RigError

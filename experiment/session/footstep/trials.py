@@ -473,10 +473,9 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
 def _judge(
     *, protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path, task_ids: Collection[str], **_: object
 ) -> str:
-    from palpate.experiment.apparatus.panel.conditioning import refuse_simulated_table
     from palpate.experiment.session.footstep import fidelity
 
-    refuse_simulated_table(rig_file, rig)
+    opening.refuse_simulated_table(rig_file, rig)
     return fidelity.judged(
         protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings, task_ids=task_ids
     )

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import opening
-from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive, refuse_simulated_table
+from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
@@ -109,7 +109,7 @@ def open_surfaces(
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date) -> str:
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
-    refuse_simulated_table(rig_file, rig)
+    opening.refuse_simulated_table(rig_file, rig)
     settings.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
     calibration.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
