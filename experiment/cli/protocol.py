@@ -13,7 +13,7 @@ import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, ProtocolFile, a_day, a_protocol
-from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError
+from palpate.experiment.errors import Interrupted, PalpateError
 from palpate.experiment.settings.characters import quoted
 
 if TYPE_CHECKING:
@@ -287,46 +287,24 @@ def check(
 
 def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tuple[str, PalpateError | None]:
     """Return what is said of a rig for a study, and why it is refused for participants."""
-    from palpate.experiment import storage
     from palpate.experiment.apparatus import opening
     from palpate.experiment.apparatus import rig as rigs
-    from palpate.experiment.apparatus.servo import settings
-    from palpate.experiment.session.footstep.fidelity import judged
-    from palpate.experiment.session.tapping import virtual
-    from palpate.experiment.study.enrolment import default_root
+    from palpate.experiment.session.kind import session_kind
 
-    rig = rigs.load(rig_file)
-    if not protocol.renders:
+    rig, said = rigs.load(rig_file), []
+    virtual = [task for task in protocol.tasks if task.stimulus == "virtual"]
+    if not virtual:
         return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
     try:
         opening.refuse_simulated_table(rig_file, rig)
+        for kind in {session_kind(task): None for task in virtual}:
+            told, refusal = kind.examine(protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings)
+            said.append(told)
+            if refusal is not None:
+                return " ".join(said), refusal
     except PalpateError as refused:
         return "", refused
-    if protocol.footstep is None:
-        bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
-        refusal = RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
-        planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
-        omitted = virtual.left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
-        told = f"{told} The tracker {planar} pushes along the face."
-        told += f" Of its vibrations, {omitted}." if omitted else ""
-        return told, None if bears else refusal
-    folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
-    most = protocol.footstep.synthesis.left_out_max
-    allowed = "sets no limit" if most is None else f"allows {most * 100:.6g}%"
-    if recordings is None and not folder.exists():
-        if most is not None:
-            limited = f"the protocol {allowed} of a vibration to be left out"
-            return "", RecordingError(
-                f"{limited}, and {folder} has no recordings", remedy="name their folder (--recordings)"
-            )
-        limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
-        return f"{name}: {limitless}. Name the folder of recordings (--recordings), and what is left out is told.", None
-    try:
-        told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
-    except PalpateError as refused:
-        return "", refused
-    mend = "palpate plan says what would lower this"
-    return f"{name}: {told}. The protocol {allowed}; {mend}. The recordings are those in {folder}.", None
+    return " ".join(said), None
 
 
 @commands.command(

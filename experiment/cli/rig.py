@@ -123,11 +123,12 @@ def left_out(
     from palpate.experiment.apparatus.doctor import checks
     from palpate.experiment.errors import PalpateError, RigError
     from palpate.experiment.protocol import files
+    from palpate.experiment.session import scene
     from palpate.experiment.session.footstep.fidelity import judged
     from palpate.experiment.study.enrolment import default_root
 
     protocol, name = files.load(protocol_file) if protocol_file is not None else None, "left out"
-    if protocol is not None and (protocol.footstep is None or not protocol.renders):
+    if protocol is not None and not (protocol.renders and scene.virtual(protocol).synthesis):
         return
     try:
         rig = rigs.load(rig_file)

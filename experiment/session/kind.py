@@ -21,6 +21,7 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Measured
 from palpate.experiment.desk.port import Console
+from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol.models import Protocol as StudyProtocol
 from palpate.experiment.protocol.models import Task
 from palpate.experiment.records.entries import Header, PlannedTrial, Trace
@@ -31,8 +32,8 @@ if TYPE_CHECKING:
     from palpate.experiment.synthesis.voltages import Drive
     from palpate.experiment.synthesis.waveforms import Basis
 
-ROOMS: Mapping[str, str] = {"footstep": "footstep", "comparison": "tapping"}
-"""The room of each kind of trial, by the name that a task gives it; its `trials.py` has `KIND`."""
+ROOMS: Mapping[str, str] = {"comparison": "tapping"}
+"""The room of a kind of trial that has another name than the kind; its `trials.py` has `KIND`."""
 
 
 @dataclass(frozen=True)
@@ -274,17 +275,26 @@ class SessionKind:
         opens: opens the devices of a task; arguments are those of `laboratory.open_laboratory`.
         recorded: returns the ids of the materials of which tasks with virtual stimuli play recordings.
         check_rig: refuses a rig with which no session of a study can be run, by its calibration of a day.
-        judge: refuses a rig for tasks with virtual stimuli, and returns in words what it leaves out of them.
+        rig: the module that judges rigs, imported where one is judged.
         frames: whether the tracker's frames of a step are kept.
     """
 
     opens: Callable[..., KindDevices]
     recorded: Callable[[StudyProtocol, Sequence[Task]], AbstractSet[str]]
     check_rig: Callable[[StudyProtocol, Rig, date], None]
-    judge: Callable[..., str]
+    rig: str
     frames: bool
+
+    def judge(self, **given: object) -> str:
+        """Refuse a rig for tasks with virtual stimuli, or return in words what it leaves out of them."""
+        return str(import_module(self.rig).judge(**given))
+
+    def examine(self, **given: object) -> tuple[str, PalpateError | None]:
+        """Return in words what the board reads of a rig, and why it is refused for participants, if it is."""
+        return cast("tuple[str, PalpateError | None]", import_module(self.rig).examine(**given))
 
 
 def session_kind(task: Task) -> SessionKind:
     """Return the kind of a task; no other is imported."""
-    return cast("SessionKind", import_module(f"palpate.experiment.session.{ROOMS[task.kind]}.trials").KIND)
+    module = f"palpate.experiment.session.{ROOMS.get(task.kind, task.kind)}.trials"
+    return cast("SessionKind", import_module(module).KIND)

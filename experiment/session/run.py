@@ -94,14 +94,7 @@ def run(
     _check_turn(root, allocation, tasks[0])
     if any(scene.plan(protocol=protocol, task_id=task).synthesis for task in tasks):
         recordings = _real_recordings(root, recordings, protocol)
-    virtual = tuple(task for task in tasks if protocol.task(task).stimulus == "virtual")
-    for judge in {session_kind(protocol.task(task)).judge for task in virtual}:
-        if told := judge(
-            protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings, task_ids=virtual, today=today
-        ):
-            console.show(f"Rig '{rig.rig.name}': {told}.")
-    if virtual:
-        rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
+    _judge_rig(protocol, rig, rig_file, recordings, tasks, console)
     visit.asked(console, lambda: _ask_consent(root, protocol_file, protocol, participant, console))
     visit.asked(console, lambda: _ask_voices(root, protocol_file, protocol, participant, console))
     enrolled = _admitted(root, protocol_file, protocol, participant, clock)
@@ -360,6 +353,22 @@ def _check_turn(root: Path, allocation: Allocation, task_id: str) -> None:
             raise RosterError(
                 f"participant {who} does task '{earlier}' before '{task_id}'", remedy="run that one first"
             )
+
+
+def _judge_rig(
+    protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path | None, tasks: tuple[str, ...], console: Console
+) -> None:
+    """Show what the rig leaves out of the tasks' virtual stimuli. Raises `RigError` for one that may not be used."""
+    today = day(wall_ns())
+    virtual = tuple(task for task in tasks if protocol.task(task).stimulus == "virtual")
+    for kind in {session_kind(protocol.task(task)): None for task in virtual}:
+        told = kind.judge(
+            protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings, task_ids=virtual, today=today
+        )
+        if told:
+            console.show(f"Rig '{rig.rig.name}': {told}.")
+    if virtual:
+        rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
 
 
 def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from datetime import date
@@ -470,15 +470,4 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     calibration.check_age(rig, today)
 
 
-def _judge(
-    *, protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path, task_ids: Collection[str], **_: object
-) -> str:
-    from palpate.experiment.session.footstep import fidelity
-
-    opening.refuse_simulated_table(rig_file, rig)
-    return fidelity.judged(
-        protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings, task_ids=task_ids
-    )
-
-
-KIND = SessionKind(opens=open_footsteps, recorded=_recorded, check_rig=_check_rig, judge=_judge, frames=True)
+KIND = SessionKind(open_footsteps, _recorded, _check_rig, "palpate.experiment.session.footstep.fidelity", frames=True)

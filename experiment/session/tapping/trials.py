@@ -91,10 +91,4 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     """Real samples need no rig; what renders surfaces is judged by `_judge`."""
 
 
-def _judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
-    from palpate.experiment.session.tapping.virtual import judge
-
-    return judge(protocol=protocol, rig=rig, rig_file=rig_file, today=today)
-
-
-KIND = SessionKind(opens=open_comparisons, recorded=_recorded, check_rig=_check_rig, judge=_judge, frames=False)
+KIND = SessionKind(open_comparisons, _recorded, _check_rig, "palpate.experiment.session.tapping.virtual", frames=False)

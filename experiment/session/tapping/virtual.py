@@ -19,7 +19,7 @@ from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import Clock, day
 from palpate.experiment.desk.messages import Lamp, Measured
-from palpate.experiment.errors import TrackerStopped
+from palpate.experiment.errors import PalpateError, RigError, TrackerStopped
 from palpate.experiment.protocol.models import Protocol, Virtual
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import WORDS, Changed, PairLaidOut, Place
@@ -107,12 +107,24 @@ def open_surfaces(
     return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=rig.tracker.rate_hz), noise_mm, opened)
 
 
-def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date) -> str:
+def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
-    opening.refuse_simulated_table(rig_file, rig)
     settings.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
+    opening.refuse_simulated_table(rig_file, rig)
     calibration.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
+
+
+def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
+    """Return what the board reads of a rig, and why it bears no block of the protocol, if so; raises as `left_out`."""
+    bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
+    planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
+    omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
+    told = f"{told} The tracker {planar} pushes along the face." + (
+        f" Of its vibrations, {omitted}." if omitted else ""
+    )
+    refusal = RigError(rig_file, "does not bear the block of this protocol", "no participant is run on it")
+    return told, None if bears else refusal
 
 
 def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
