@@ -81,13 +81,14 @@ def plans(
     from palpate.experiment.protocol import files
     from palpate.experiment.recordings import manifest
     from palpate.experiment.rehearsal.footstep import recorded_takes
+    from palpate.experiment.session import scene
     from palpate.experiment.session.footstep import scene_cost
 
     protocol, rig = files.load(protocol_file), rigs.load(rig_file)
-    if protocol.footstep is None:
+    if not scene.virtual(protocol).synthesis:
         raise ScheduleError(
             f"study {protocol.study.id}",
-            "got trials of the kind 'comparison'",
+            f"got trials of the kind '{protocol.tasks[0].kind}'",
             "ask `palpate check PROTOCOL --rig RIG` how stiff a block may be",
             allowed="'footstep', for a plan says which spectra and bins a footstep task leaves out",
         )
