@@ -3,14 +3,15 @@
 from collections.abc import Iterable, Iterator
 from datetime import date
 from itertools import pairwise
-from math import factorial, log
+from math import factorial
 from pathlib import Path
 
 from palpate.experiment.errors import Finding, mismatch
 from palpate.experiment.protocol import approval, blocks
 from palpate.experiment.protocol.approval import Seal
 from palpate.experiment.protocol.blocks import Block, Free, Gap, Item, Quoted, Rows, Said, count, facts, named, number
-from palpate.experiment.protocol.models import Footstep, PlannedTest, Protocol, Step, Task, Virtual
+from palpate.experiment.protocol.kinds import ProtocolKind, kind_of
+from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 from palpate.experiment.settings.load import written
 
 IN_SEAL = "(in the seal, once the board has approved)"
@@ -172,11 +173,8 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
 
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
-    moved = "" if protocol.footstep is None else "the height of the foot over time, the speed and time of each step, "
-    if protocol.rendered is not None:
-        moved = "the time and the speed of each tap on a virtual surface, each change from one to the other, "
     yield Said(
-        f"The following is recorded under a number and never under a name: {moved}"
+        f"The following is recorded under a number and never under a name: {_kind(protocol).recorded(protocol)}"
         "what was presented, the level and the dose of the noise, the answer that the "
         "experimenter keyed and when, its corrections, keys that were pressed too early, and every pause and "
         "repetition with its reason. The experimenter can add notes, which are kept with the trial."
@@ -253,7 +251,7 @@ def _minutes(seconds: float) -> str:
 
 
 def _tasks(protocol: Protocol) -> Iterator[Block]:
-    columns = ("task", "participants", f"{_presented(protocol)}s x repetitions = trials", "trials in the study")
+    columns = ("task", "participants", f"{_noun(protocol)}s x repetitions = trials", "trials in the study")
     rows = [
         (
             task.id,
@@ -264,12 +262,9 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         for task in protocol.tasks
     ]
     yield Rows((columns, *rows))
-    if protocol.comparison is not None:
+    if paired := _kind(protocol).pairs:
         yield Gap()
-        yield Said(
-            "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at "
-            "random, the one of its materials is presented first, in the other half the other."
-        )
+        yield Said(paired)
     for task in protocol.tasks:
         wanted = task.familiarisation
         yield Gap()
@@ -277,30 +272,24 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         yield facts(
             ("Title", Free(task.title)),
             ("Kind of trial", task.kind),
-            ("Stimuli", _STIMULUS[task.stimulus] if protocol.comparison is None else _SURFACES[task.stimulus]),
+            ("Stimuli", kind_of(task.kind).sources[task.stimulus]),
             *((("Materials", f"{', '.join(map(named, task.materials))} {_ALONE}"),) if task.materials else ()),
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
-            ("Order", _order(task, _presented(protocol))),
+            ("Order", _order(task, _noun(protocol))),
         )
 
 
-def _presented(protocol: Protocol) -> str:
-    return ("material", "pair")[protocol.kind_table(protocol.tasks[0]).INTERVALS - 1]
+def _kind(protocol: Protocol) -> ProtocolKind:
+    return kind_of(protocol.tasks[0].kind)
+
+
+def _noun(protocol: Protocol) -> str:
+    return ("material", "pair")[_kind(protocol).table.INTERVALS - 1]
 
 
 _ALONE = "alone are presented; answers may be any of the study's materials"
-
-_STIMULUS = {
-    "virtual": "virtual: vibration of the panel, synthesised from recordings",
-    "real": "real: the experimenter lays out the real object before each trial",
-}
-
-_SURFACES = {
-    "virtual": "virtual: surfaces that the rig renders",
-    "real": "real: the experimenter lays out both samples before each trial",
-}
 
 
 def _order(task: Task, presented: str) -> str:
@@ -318,8 +307,8 @@ def _order(task: Task, presented: str) -> str:
 
 
 def _materials(protocol: Protocol) -> Iterator[Block]:
-    if (comparison := protocol.comparison) is not None:
-        yield Said(f"From the least {named(comparison.quality)} to the most:")
+    if ranked := _kind(protocol).ranked(protocol):
+        yield Said(ranked)
     for one in protocol.materials:
         spoken = " or ".join(map(named, one.spoken))
         said = f": participants say {spoken}; the key is [{one.key}]." if one.key is not None else "."
@@ -327,21 +316,8 @@ def _materials(protocol: Protocol) -> Iterator[Block]:
         yield Quoted(one.description)
 
 
-_AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coefficients of their spectra"}
-
-
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
-    if protocol.footstep is not None:
-        yield from _synthesised(protocol.footstep) if protocol.renders else ()
-        yield from _steps(protocol.footstep.step)
-    elif any(task.stimulus == "real" for task in protocol.tasks):
-        yield Said(
-            "Two real samples lie before the participant in each trial, who tries them as often as they wish, and "
-            "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
-            "participant whether an answer was right."
-        )
-    if (virtual := protocol.rendered) is not None:
-        yield from _rendered(protocol, virtual)
+    yield from _kind(protocol).stimuli(protocol)
     masker = protocol.masker
     if any(task.masker is None for task in protocol.tasks):
         yield Said(f"The headphones play {masker.noise} noise.")
@@ -358,65 +334,6 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
         )
 
 
-def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
-    mass = "is held" if virtual.mass_kg is None else f"has a mass of {number(virtual.mass_kg)} kg"
-    yield Said(
-        "In a task with virtual surfaces the hand moves a device, which pushes it back where a block begins. All "
-        f"surfaces have one block: a spring of {number(virtual.stiffness_n_m)} N/m and a damper of "
-        f"{number(virtual.damping_n_s_m)} N s/m, and it {mass}. The force is computed {virtual.rate_hz} times a second "
-        f"and is never above {number(protocol.exposure.force_peak_n or 0.0)} N. It falls to zero, as does the "
-        "vibration, where the device, the tracker or the program fails."
-    )
-    yield Said(
-        "At the touch the finger is vibrated as a tap rings: a sinusoid that fades by exp(-t B), with B = "
-        f"{number(virtual.decay_per_s)} /s, and grows with the speed of the tap. Its frequency, and its amplitude at "
-        "200 mm/s:"
-    )
-    for one in protocol.materials:
-        ring = round((one.amplitude or 0.0) * virtual.full_m_s2, 6)
-        yield Item(f"{named(one.id)}: {number(one.attack_hz or 0.0)} Hz, {number(ring)} m/s^2.")
-    yield Said(
-        "The participant changes from one surface of a pair to the other as often as they wish: they say so, and the "
-        f"experimenter presses [{virtual.switch_key}]. No answer is taken before both were tapped. A lamp says when "
-        f"the hand is faster than {number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer "
-        "was right."
-    )
-
-
-def _synthesised(footstep: Footstep) -> Iterator[Block]:
-    synthesis, tactile = footstep.synthesis, footstep.tactile
-    speeds = ", ".join(map(number, synthesis.speeds_mm_s))
-    yield Said(
-        f"Virtual stimuli are made from recordings of the real materials: {count(synthesis.takes, 'take')} at each of "
-        f"the speeds {speeds} mm/s, each of {synthesis.samples} samples at {synthesis.rate_hz} Hz "
-        f"({number(synthesis.samples / synthesis.rate_hz)} s). The average over takes is that of the "
-        f"{_AVERAGED[synthesis.average]}."
-    )
-    yield Said(
-        f"Frequencies outside {number(tactile.low_hz)} to {number(tactile.high_hz)} Hz are left out of every stimulus "
-        f"of a task if together they stay below {number(tactile.floor_m_s2)} m/s^2 (rms) in every material; otherwise "
-        "they all stay in. Source:"
-    )
-    yield Quoted(tactile.source)
-    yield Said(
-        "The protocol sets no limit to what a rig may leave out of a stimulus because it cannot carry those "
-        "frequencies. Each trial's record says what share was left out."
-        if synthesis.left_out_max is None
-        else f"No session is run on a rig that leaves out more than {synthesis.left_out_max * 100:.10g} % of the "
-        "vibration (rms) of any material, at any speed that counts, because it cannot carry those frequencies, or of "
-        "which nobody knows what it carries."
-    )
-
-
-def _steps(step: Step) -> Iterator[Block]:
-    yield Said(
-        f"The speed of the foot is measured while it moves down from {number(step.gate_top_mm)} to "
-        f"{number(step.gate_bottom_mm)} mm above the panel, and the stimulus starts when it reaches "
-        f"{number(step.contact_mm)} mm. If the foot stops, turns back or hesitates on the way, no stimulus is played "
-        "and the trial is at once made ready (armed) for another step."
-    )
-
-
 def _limits(protocol: Protocol) -> Iterator[Block]:
     exposure = protocol.exposure
     force = () if exposure.force_peak_n is None else (("Force", f"at most {number(exposure.force_peak_n)} N"),)
@@ -430,25 +347,15 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
     if protocol.renders:
         yield Said(STOPS, indent="  ")
     for task in protocol.tasks:
-        if task.stimulus == "virtual" and protocol.footstep is not None:
-            synthesis = protocol.footstep.synthesis
-            total_s = number(round(protocol.trials(task) * synthesis.samples / synthesis.rate_hz, 1))
-            told = f"In task {task.id} the panel vibrates for {total_s} s in all, if no trial is repeated."
-            yield Said(told, indent="  ")
-        elif task.stimulus == "virtual" and protocol.rendered is not None:
-            faded_ms = 1e3 * log(1e3) / protocol.rendered.decay_per_s
-            told = f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
-            yield Said(f"{told} Each time it has faded to a thousandth after {faded_ms:.0f} ms.", indent="  ")
+        if task.stimulus == "virtual":
+            yield Said(kind_of(task.kind).felt(protocol, task), indent="  ")
 
 
 def _answers(protocol: Protocol) -> Iterator[Block]:
     answers = protocol.answers
-    if (comparison := protocol.comparison) is None:
-        keys = "".join(f"[{material.key}] {named(material.id)}, " for material in protocol.materials)
-    else:
-        keys = "".join(f"[{key}] {answer}, " for key, answer in comparison.answers.items())
-        tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
-        yield Said(f"Participants say which of the two has more {named(comparison.quality)}{tie}.")
+    keys = "".join(f"[{key}] {words}, " for key, words in _kind(protocol).answers(protocol))
+    if asked := _kind(protocol).asked(protocol):
+        yield Said(asked)
     yield Said(
         f"Answers are {answers.mode}. Participants answer aloud after each trial, and the experimenter presses the "
         "key for what they said:"
@@ -471,7 +378,7 @@ def _answers(protocol: Protocol) -> Iterator[Block]:
     yield Said(
         "A trial whose stimulus may have been felt, and which has no confirmed answer, is repeated at the end of its "
         "block, whatever the cause: the key, a pause, a rule below, or a fault of the rig. In a task whose order is "
-        f"blocked-random, a block presents each {_presented(protocol)} once; any other "
+        f"blocked-random, a block presents each {_noun(protocol)} once; any other "
         "task is one single block. The experimenter "
         "can correct an answer until the session ends; the record then holds both, and the reason."
     )
@@ -548,8 +455,9 @@ def _odd(protocol: Protocol) -> Iterator[Block]:
 
 def advice(protocol: Protocol) -> tuple[Finding, ...]:
     """Return each value that is legal but odd, which nothing refuses: its field, and what it would be as a rule."""
-    checks = (_unasked_consent, _chances, _open_anovas, _band, _orders, _duration)
-    return tuple(problem for check in checks for problem in check(protocol))
+    checks = (_unasked_consent, _chances, _open_anovas, _orders, _duration)
+    odd = (mismatch(field, None, got, allowed) for field, got, allowed in _kind(protocol).odd(protocol))
+    return (*(problem for check in checks for problem in check(protocol)), *odd)
 
 
 def _unasked_consent(protocol: Protocol) -> Iterator[Finding]:
@@ -574,17 +482,6 @@ def _open_anovas(protocol: Protocol) -> Iterator[Finding]:
         if test.test == "one-way ANOVA" and test.materials is None:
             allowed = "as a rule the two materials that it compares: without them its table is exploratory"
             yield mismatch(written(("analysis", place, "materials")), None, "none", allowed)
-
-
-def _band(protocol: Protocol) -> Iterator[Finding]:
-    if protocol.footstep is None:
-        return
-    high_hz, rate_hz = protocol.footstep.tactile.high_hz, protocol.footstep.synthesis.rate_hz
-    if high_hz > rate_hz / 2:
-        allowed = (
-            f"as a rule at most {rate_hz / 2:g}, half of footstep.synthesis.rate_hz: recordings hold no frequency above"
-        )
-        yield mismatch("footstep.tactile.high_hz", None, f"{high_hz:g}", allowed)
 
 
 def _orders(protocol: Protocol) -> Iterator[Finding]:

@@ -4,12 +4,12 @@ Rules read plain tables (arrays as tuples) and ignore missing and mistyped value
 once.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import date
 from itertools import pairwise
 from math import comb
-from typing import Any
 
+from palpate.experiment.protocol.kinds import NAMES, is_number, kind_of, list_at, number_at, table_at, tables_at
 from palpate.experiment.settings.characters import looks, skeleton
 from palpate.experiment.settings.load import MISSING, Broken, Table, written
 from palpate.experiment.storage import Place
@@ -19,15 +19,6 @@ MAX_COUNTERBALANCED = 6
 
 LOUDER_KEY, SOFTER_KEY, PROBE_KEY, HEARD_KEY = "+", "-", "p", "h"
 """Keys of the masker's level."""
-
-TESTS: Mapping[str, tuple[str, ...]] = {
-    "footstep": ("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "equivalence"),
-    "comparison": ("Bradley-Terry", "Thurstone", "Davidson"),
-}
-"""The planned tests of each kind of trial."""
-
-OF_STEPS = ("frames-lost", "speed-below", "speed-above", "undelivered")
-"""What only a footstep has, for an exclusion rule to judge."""
 
 MAX_COUNTED = 400
 """Trials of a task whose orders are counted exactly: up to here that takes seconds."""
@@ -60,14 +51,14 @@ def material(table: Table) -> Iterator[Broken]:
 
 def synthesis(table: Table) -> Iterator[Broken]:
     """Each of `speeds_mm_s` is greater than the one before it."""
-    for i, (slower, faster) in enumerate(pairwise(_list(table, "speeds_mm_s")), start=1):
-        if _is_number(slower) and _is_number(faster) and faster <= slower:
+    for i, (slower, faster) in enumerate(pairwise(list_at(table, "speeds_mm_s")), start=1):
+        if is_number(slower) and is_number(faster) and faster <= slower:
             yield Broken(("speeds_mm_s", i), f"a number greater than the one before it ({slower})")
 
 
 def tactile(table: Table) -> Iterator[Broken]:
     """`high_hz` is greater than `low_hz`."""
-    low, high = _number(table, "low_hz"), _number(table, "high_hz")
+    low, high = number_at(table, "low_hz"), number_at(table, "high_hz")
     if low is not None and high is not None and high <= low:
         yield Broken(("high_hz",), f"a number greater than low_hz ({low})")
 
@@ -75,7 +66,7 @@ def tactile(table: Table) -> Iterator[Broken]:
 def step(table: Table) -> Iterator[Broken]:
     """`gate_bottom_mm` is less than `gate_top_mm`, and `contact_mm` less than both."""
     for higher, lower in pairwise(("gate_top_mm", "gate_bottom_mm", "contact_mm")):
-        above, below = _number(table, higher), _number(table, lower)
+        above, below = number_at(table, higher), number_at(table, lower)
         if above is not None and below is not None and below >= above:
             yield Broken((lower,), f"a number less than {higher} ({above})")
 
@@ -117,7 +108,7 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
     `tasks` names each task once, and at least two for a `two-way ANOVA`.
     """
-    test, tasks = table.get("test"), _list(table, "tasks")
+    test, tasks = table.get("test"), list_at(table, "tasks")
     for key, owner, what in (
         ("chance", "t against chance", "a number between 0 and 1"),
         ("form", "ICC", "the name of one form of the coefficient"),
@@ -132,7 +123,7 @@ def planned_test(table: Table) -> Iterator[Broken]:
         yield Broken(("correction",), "no value: only 't against chance' has this key")
     if test != "one-way ANOVA" and table.get("materials") is not None:
         yield Broken(("materials",), "no value: only 'one-way ANOVA' has this key")
-    if len(materials := _list(table, "materials")) == 2 and materials[0] == materials[1]:
+    if len(materials := list_at(table, "materials")) == 2 and materials[0] == materials[1]:
         yield Broken(("materials", 1), "another material")
     yield from (Broken(("tasks", i), "each task once") for i, task in enumerate(tasks) if task in tasks[:i])
     if test == "two-way ANOVA" and len(tasks) == 1:
@@ -165,104 +156,56 @@ def protocol(table: Table) -> Iterator[Broken]:
     yield from _kinds(table)
     for name in ("materials", "tasks", "exclusion"):
         yield from _seen_once(
-            [((name, i, "id"), one.get("id")) for i, one in _tables(table, name)], "a name of its own"
+            [((name, i, "id"), one.get("id")) for i, one in tables_at(table, name)], "a name of its own"
         )
     yield from _keys(table)
     yield from _spoken(table)
-    if _table(table, "consent").get("voice_recordings") is True and not _table(table, "answers").get("microphone"):
+    if table_at(table, "consent").get("voice_recordings") is True and not table_at(table, "answers").get("microphone"):
         yield Broken(("answers", "microphone"), "true: consent.voice_recordings keeps what it hears")
     yield from _participants(table)
     yield from _presented(table)
     yield from _task_limits(table)
     yield from _exclusion_limits(table)
-    probed = _table(_table(table, "masker"), "probe").get("material")
-    if probed is not None and probed not in (ids := [one.get("id") for _, one in _tables(table, "materials")]):
+    probed = table_at(table_at(table, "masker"), "probe").get("material")
+    if probed is not None and probed not in (ids := [one.get("id") for _, one in tables_at(table, "materials")]):
         yield Broken(("masker", "probe", "material"), f"one of the materials: {', '.join(map(str, ids))}")
-    tasks = _tables(table, "tasks")
-    if _table(table, "task_order").get("kind") == "counterbalanced" and len(tasks) > MAX_COUNTERBALANCED:
+    tasks = tables_at(table, "tasks")
+    if table_at(table, "task_order").get("kind") == "counterbalanced" and len(tasks) > MAX_COUNTERBALANCED:
         allowed = f"fixed, or at most {MAX_COUNTERBALANCED} tasks: the orders of {len(tasks)} cannot be balanced"
         yield Broken(("task_order", "kind"), allowed)
 
 
 def _kind(table: Table) -> str | None:
     """Return the kind of trial of a study: that of its first task, if it has one."""
-    return next((kind for _, task in _tables(table, "tasks") if (kind := task.get("kind")) in TESTS), None)
+    return next((kind for _, task in tables_at(table, "tasks") if (kind := task.get("kind")) in NAMES), None)
 
 
 def _kinds(table: Table) -> Iterator[Broken]:
     kind = _kind(table)
     if kind is None:
         return
-    for i, task in _tables(table, "tasks"):
-        if task.get("kind") in TESTS and task["kind"] != kind:
+    for i, task in tables_at(table, "tasks"):
+        if task.get("kind") in NAMES and task["kind"] != kind:
             yield Broken(("tasks", i, "kind"), f"{kind}, as in the first task: a study has one kind of trial")
-    for other in TESTS:
+    own, tests = kind_of(kind), ", ".join(kind_of(kind).tests)
+    for other in NAMES:
         if other == kind and table.get(other) is None:
             yield Broken((other,), f"a table: tasks of the kind '{kind}' need it")
         if other != kind and table.get(other) is not None:
             yield Broken((other,), f"no table: the tasks are of the kind '{kind}'")
-    for i, test in _tables(table, "analysis"):
-        if isinstance(test.get("test"), str) and test["test"] in {*sum(TESTS.values(), ())} - {*TESTS[kind]}:
-            yield Broken(("analysis", i, "test"), f"one of: {', '.join(TESTS[kind])}, with tasks of the kind '{kind}'")
-    if kind != "footstep":
-        yield from _compared(table)
-        return
-    for i, one in _tables(table, "materials"):
-        if one.get("key") is None:
-            yield Broken(("materials", i, "key"), "one ASCII character: participants of a footstep name the material")
-        if not one.get("spoken", ()):
-            yield Broken(
-                ("materials", i, "spoken"), "an array of at least 1, each one line: participants of a footstep name it"
-            )
-
-
-def _compared(table: Table) -> Iterator[Broken]:
-    """Yield what pairs cannot have."""
-    for i, one in _tables(table, "materials"):
-        for key in ("key", "spoken"):
-            if one.get(key):
-                yield Broken(("materials", i, key), "no value: participants compare materials, and name none")
-    for i, task in _tables(table, "tasks"):
-        if _table(task, "order").get("kind") == "max-run":
-            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with pairs of materials")
-        if (count := _number(task, "repetitions")) is not None and count % 2:
-            yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
-        if task.get("materials") is not None:
-            yield Broken(("tasks", i, "materials"), "no value: a task of pairs presents every material")
-    if _table(table, "masker").get("probe") is not None:
-        yield Broken(("masker", "probe"), "no table: real samples play no probe")
-    if _table(table, "answers").get("microphone") is True:
-        yield Broken(("answers", "microphone"), "false: with pairs nobody names a material")
-    for i, rule in _tables(table, "exclusion"):
-        if rule.get("when") in OF_STEPS:
-            yield Broken(("exclusion", i, "when"), "one of: answers-below, withdrawn, with tasks of pairs")
-    if any(task.get("stimulus") == "virtual" for _, task in _tables(table, "tasks")):
-        yield from _rendered(table)
-    tied = _table(table, "comparison").get("tie_key") is not None
-    for i, test in _tables(table, "analysis"):
-        if test.get("test") in TESTS["comparison"] and (test["test"] == "Davidson") != tied:
-            allowed = "Davidson: comparison.tie_key allows ties" if tied else "Bradley-Terry or Thurstone, without ties"
-            yield Broken(("analysis", i, "test"), allowed)
-
-
-def _rendered(table: Table) -> Iterator[Broken]:
-    """Yield what virtual surfaces lack."""
-    if _table(table, "comparison").get("virtual") is None:
-        yield Broken(("comparison", "virtual"), "a table: a task with virtual surfaces needs it")
-    if _table(table, "exposure").get("force_peak_n") is None:
-        yield Broken(("exposure", "force_peak_n"), "a number of newtons: a task with virtual surfaces needs it")
-    for i, one in _tables(table, "materials"):
-        for key in ("attack_hz", "amplitude"):
-            if one.get(key) is None:
-                yield Broken(("materials", i, key), "a number: a task with virtual surfaces renders every material")
+        for i, test in tables_at(table, "analysis"):
+            if (name := test.get("test")) in kind_of(other).tests and name not in own.tests:
+                yield Broken(
+                    ("analysis", i, "test"), f"one of: {', '.join(own.tests)}, with tasks of the kind '{kind}'"
+                )
+    yield from own.rules(table)
 
 
 def _keys(table: Table) -> Iterator[Broken]:
-    answers, comparison = _table(table, "answers"), _table(table, "comparison")
+    answers = table_at(table, "answers")
     places: list[tuple[Place, object]] = [
-        *((("materials", i, "key"), material.get("key")) for i, material in _tables(table, "materials")),
-        *((("comparison", name), comparison.get(name)) for name in ("first_key", "second_key", "tie_key")),
-        (("comparison", "virtual", "switch_key"), _table(comparison, "virtual").get("switch_key")),
+        *((("materials", i, "key"), material.get("key")) for i, material in tables_at(table, "materials")),
+        *(place for name in NAMES for place in kind_of(name).keys(table)),
         *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
     ]
     yield from _seen_once(places, "a key of its own", lambda key: (skeleton(key),))
@@ -274,12 +217,12 @@ def _keys(table: Table) -> Iterator[Broken]:
 def _spoken(table: Table) -> Iterator[Broken]:
     places: list[tuple[Place, object]] = [
         (("materials", i, "spoken", j), said)
-        for i, material in _tables(table, "materials")
-        for j, said in enumerate(_list(material, "spoken"))
+        for i, material in tables_at(table, "materials")
+        for j, said in enumerate(list_at(material, "spoken"))
     ]
     yield from _seen_once(places, "a phrase of its own")
     ids: dict[str | int, tuple[str, ...]] = {
-        i: looks(name) for i, one in _tables(table, "materials") if isinstance(name := one.get("id"), str)
+        i: looks(name) for i, one in tables_at(table, "materials") if isinstance(name := one.get("id"), str)
     }
     for path, said in places:
         own = {*ids.get(path[1], ())}
@@ -289,8 +232,8 @@ def _spoken(table: Table) -> Iterator[Broken]:
 
 
 def _participants(table: Table) -> Iterator[Broken]:
-    enrolled = _number(_table(table, "study"), "participants")
-    wanted = [(i, _number(task, "participants")) for i, task in _tables(table, "tasks")]
+    enrolled = number_at(table_at(table, "study"), "participants")
+    wanted = [(i, number_at(task, "participants")) for i, task in tables_at(table, "tasks")]
     counts = [count for _, count in wanted if count is not None]
     if enrolled is None or not counts:
         return
@@ -304,7 +247,7 @@ def _participants(table: Table) -> Iterator[Broken]:
 
 def _materials(table: Table, task: Table) -> list[str]:
     """Return the ids of the materials that a task presents."""
-    own = _list(task, "materials") or [one.get("id") for _, one in _tables(table, "materials")]
+    own = list_at(task, "materials") or [one.get("id") for _, one in tables_at(table, "materials")]
     return [name for name in own if isinstance(name, str)]
 
 
@@ -312,18 +255,18 @@ def _presented(table: Table) -> Iterator[Broken]:
     """Yield tasks that present what the protocol has not, and planned tests of other tasks or too few materials."""
     every = _materials(table, {})
     of: list[tuple[object, set[str]]] = []
-    for i, task in _tables(table, "tasks"):
+    for i, task in tables_at(table, "tasks"):
         own = _materials(table, task)
         of.append((task.get("id"), {*own}))
         if own != [name for name in every if name in own]:
             allowed = f"some of the protocol's, each once, in their order: {', '.join(every)}"
             yield Broken(("tasks", i, "materials"), allowed)
     known = [name for name, _ in of if isinstance(name, str)]
-    for i, test in _tables(table, "analysis"):
-        for j, task_id in enumerate(_list(test, "tasks")):
+    for i, test in tables_at(table, "analysis"):
+        for j, task_id in enumerate(list_at(test, "tasks")):
             if isinstance(task_id, str) and task_id not in known:
                 yield Broken(("analysis", i, "tasks", j), f"a task of this protocol, one of: {', '.join(known)}")
-        sets = [own for name, own in of if len(every) > 1 and name in _list(test, "tasks")]
+        sets = [own for name, own in of if len(every) > 1 and name in list_at(test, "tasks")]
         if sets:
             yield from _test_materials(("analysis", i), test, every, sets)
 
@@ -334,7 +277,7 @@ def _test_materials(path: Place, test: Table, every: Sequence[str], sets: Sequen
     least = 1 if kind == "equivalence" and len(sets) > 1 else 2
     if kind == "one-way ANOVA" and any(len(one) < least for one in sets):
         yield Broken((*path, "tasks"), "tasks that present at least 2 materials")
-    for j, name in enumerate(_list(test, "materials")):
+    for j, name in enumerate(list_at(test, "materials")):
         if isinstance(name, str) and name not in common:
             allowed = f"a material that its tasks present, one of: {', '.join(one for one in every if one in common)}"
             yield Broken((*path, "materials", j), allowed)
@@ -343,16 +286,16 @@ def _test_materials(path: Place, test: Table, every: Sequence[str], sets: Sequen
 
 
 def _task_limits(table: Table) -> Iterator[Broken]:
-    tasks = _tables(table, "tasks")
-    session_min = _number(_table(table, "exposure"), "session_min")
+    tasks = tables_at(table, "tasks")
+    session_min = number_at(table_at(table, "exposure"), "session_min")
     for i, task in tasks:
-        longest_s = _number(_table(task, "familiarisation"), "max_s")
-        count = _number(task, "repetitions")
+        longest_s = number_at(table_at(task, "familiarisation"), "max_s")
+        count = number_at(task, "repetitions")
         presented = len(_materials(table, task))
         most = MAX_COUNTED // max(presented, 1)
-        if _table(task, "order").get("kind") == "max-run" and presented == 1:
+        if table_at(task, "order").get("kind") == "max-run" and presented == 1:
             yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with one material")
-        elif _table(task, "order").get("kind") == "max-run" and count is not None and count > most:
+        elif table_at(task, "order").get("kind") == "max-run" and count is not None and count > most:
             allowed = f"at most {most} with order 'max-run': no more than {MAX_COUNTED} trials in all"
             yield Broken(("tasks", i, "repetitions"), allowed)
         if session_min is not None and longest_s is not None and longest_s >= session_min * 60:
@@ -361,13 +304,13 @@ def _task_limits(table: Table) -> Iterator[Broken]:
 
 
 def _exclusion_limits(table: Table) -> Iterator[Broken]:
-    tasks, exclusion = _tables(table, "tasks"), _tables(table, "exclusion")
-    of = [(_number(task, "repetitions"), len(_materials(table, task))) for _, task in tasks]
-    pairs = _kind(table) == "comparison"
-    trials = min((n * (comb(m + 1, 2) if pairs else m) for n, m in of if n is not None), default=0)
-    slowest = [_number(rule, "limit") for _, rule in exclusion if rule.get("when") == "speed-below"]
+    tasks, exclusion = tables_at(table, "tasks"), tables_at(table, "exclusion")
+    of = [(number_at(task, "repetitions"), len(_materials(table, task))) for _, task in tasks]
+    shown = kind_of(kind).table.INTERVALS if (kind := _kind(table)) is not None else 1
+    trials = min((n * comb(m + shown - 1, shown) for n, m in of if n is not None), default=0)
+    slowest = [number_at(rule, "limit") for _, rule in exclusion if rule.get("when") == "speed-below"]
     for i, rule in exclusion:
-        limit = _number(rule, "limit")
+        limit = number_at(rule, "limit")
         if limit is None:
             continue
         if rule.get("when") == "answers-below" and limit > trials > 0:
@@ -392,29 +335,6 @@ def _seen_once(
 
 
 def _in_order(table: Table, low: str, high: str) -> Iterator[Broken]:
-    least, most = _number(table, low), _number(table, high)
+    least, most = number_at(table, low), number_at(table, high)
     if least is not None and most is not None and most < least:
         yield Broken((high,), f"a number at least {low} ({least})")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _number(table: Table, key: str) -> float | None:
-    value = table.get(key)
-    return value if _is_number(value) else None
-
-
-def _list(table: Table, key: str) -> Sequence[Any]:
-    found = table.get(key)
-    return found if isinstance(found, tuple) else ()
-
-
-def _table(table: Table, key: str) -> Table:
-    found = table.get(key)
-    return found if isinstance(found, Mapping) else {}
-
-
-def _tables(table: Table, key: str) -> list[tuple[int, Table]]:
-    return [(i, entry) for i, entry in enumerate(_list(table, key)) if isinstance(entry, Mapping)]
