@@ -347,8 +347,8 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
     if protocol.renders:
         yield Said(STOPS, indent="  ")
     for task in protocol.tasks:
-        if task.stimulus == "virtual":
-            yield Said(kind_of(task.kind).felt(protocol, task), indent="  ")
+        if task.stimulus == "virtual" and (felt := kind_of(task.kind).felt(protocol, task)):
+            yield Said(felt, indent="  ")
 
 
 def _answers(protocol: Protocol) -> Iterator[Block]:

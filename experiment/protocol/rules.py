@@ -187,7 +187,7 @@ def _kinds(table: Table) -> Iterator[Broken]:
     for i, task in tables_at(table, "tasks"):
         if task.get("kind") in NAMES and task["kind"] != kind:
             yield Broken(("tasks", i, "kind"), f"{kind}, as in the first task: a study has one kind of trial")
-    own, tests = kind_of(kind), ", ".join(kind_of(kind).tests)
+    own = kind_of(kind)
     for other in NAMES:
         if other == kind and table.get(other) is None:
             yield Broken((other,), f"a table: tasks of the kind '{kind}' need it")

@@ -22,6 +22,7 @@ ROOMS = (
     "analysis/power/comparisons.py",
     "analysis/report/identification_sections.py",
     "experiment/dataset/kinds",
+    "experiment/protocol/kinds",
     "experiment/records/kinds",
     "experiment/rehearsal/footstep",
     "experiment/rehearsal/tapping",

@@ -101,7 +101,9 @@ def _rendered(protocol: Protocol, virtual: Virtual) -> Iterator[Block]:
 
 
 def _felt(protocol: Protocol, task: Task) -> str:
-    faded_ms = 1e3 * log(1e3) / protocol.surfaces.decay_per_s
+    if protocol.rendered is None:
+        return ""
+    faded_ms = 1e3 * log(1e3) / protocol.rendered.decay_per_s
     told = f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
     return f"{told} Each time it has faded to a thousandth after {faded_ms:.0f} ms."
 
