@@ -233,26 +233,6 @@ class Step(Confined):
     contact_mm: Annotated[float, Field(ge=0)]
 
 
-class KindTable(Confined):
-    """Base of the table of a kind of trial, which says how many materials a trial presents."""
-
-    INTERVALS: ClassVar[int] = 1
-
-
-class Footstep(KindTable):
-    """What trials of the kind `footstep` need.
-
-    Attributes:
-        step: how the step is read.
-        synthesis: what virtual stimuli are made of.
-        tactile: which frequencies count.
-    """
-
-    step: Step
-    synthesis: Synthesis
-    tactile: Tactile
-
-
 class Virtual(Confined):
     """How surfaces are rendered: one block for all of them, and a vibration at the touch that is each one's own.
 
@@ -277,6 +257,40 @@ class Virtual(Confined):
     fastest_mm_s: Annotated[float, Field(gt=0, le=1000)]
 
 
+class KindTable(Confined):
+    """Base of the table of a kind of trial, which says how many materials a trial presents."""
+
+    INTERVALS: ClassVar[int] = 1
+
+    @property
+    def gate(self) -> Step | None:
+        """How the step is read; None where nobody steps."""
+        return None
+
+    @property
+    def surface(self) -> Virtual | None:
+        """How surfaces are rendered; None where none is."""
+        return None
+
+
+class Footstep(KindTable):
+    """What trials of the kind `footstep` need.
+
+    Attributes:
+        step: how the step is read.
+        synthesis: what virtual stimuli are made of.
+        tactile: which frequencies count.
+    """
+
+    step: Step
+    synthesis: Synthesis
+    tactile: Tactile
+
+    @property
+    def gate(self) -> Step:
+        return self.step
+
+
 class Comparison(KindTable):
     """What trials of the kind `comparison` need: in each, a participant names one of two materials.
 
@@ -295,6 +309,10 @@ class Comparison(KindTable):
     virtual: Virtual | None = None
 
     INTERVALS: ClassVar[int] = 2
+
+    @property
+    def surface(self) -> Virtual | None:
+        return self.virtual
 
     @property
     def answers(self) -> dict[str, str]:
@@ -562,7 +580,13 @@ class Protocol(Confined):
     @property
     def rendered(self) -> Virtual | None:
         """How a study's virtual surfaces are rendered; None in a study without any."""
-        return self.comparison.virtual if self.comparison is not None and self.renders else None
+        virtual = (task for task in self.tasks if task.stimulus == "virtual")
+        return next((surface for task in virtual if (surface := self.kind_table(task).surface) is not None), None)
+
+    @property
+    def gate(self) -> Step | None:
+        """How the steps of a study are read; None in a study without any."""
+        return next((gate for task in self.tasks if (gate := self.kind_table(task).gate) is not None), None)
 
     def kind_table(self, task: Task) -> KindTable:
         """Return the table of the kind of a task's trials, which has the kind's name."""

@@ -89,8 +89,8 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
         yield table
     if protocol is None:
         yield unchecked("gate", "no protocol was given", "add --protocol")
-    elif protocol.footstep is not None:
-        yield checks.reach(rig, protocol.footstep.step)
+    elif protocol.gate is not None:
+        yield checks.reach(rig, protocol.gate)
     today = day(clock.now_ns())
     yield from checks.ages(rig, today)
     peak_m_s2 = protocol.exposure.vibration_peak_m_s2 if protocol is not None and protocol.renders else None
