@@ -33,11 +33,9 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
-from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
-from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind
 from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
 from palpate.experiment.rehearsal.tapping import hand
-from palpate.experiment.rehearsal.tapping.participant import Fingers, SimulatedTapper
 from palpate.experiment.rehearsal.voice import Speaker
 from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
@@ -162,6 +160,8 @@ class SimulatedEnds:
         self._card: WiredCard | None = None
         self._panel: Panel | CardPanel | None = None
         self._speaker: Speaker | None = None
+        self._foot: Foot | None = None
+        self._powered_ns = 0
 
     def sound_device(self, opened: ExitStack) -> str:
         self._card = opened.enter_context(WiredCard(self.rig))
@@ -208,7 +208,7 @@ class SimulatedEnds:
     def tracker(self, opened: ExitStack) -> tuple[str, ClockMap | None]:
         line = opened.enter_context(SerialLine())
         self._powered_ns = self.clock.now_ns()
-        self._foot = foot(line, self.rig, real_time=self.real_time, taps=self.protocol.comparison is not None)
+        self._foot = foot(line, self.rig, real_time=self.real_time, taps=self.protocol.gate is None)
         opened.callback(self._foot.close)
         # Simulated time stands still during a step, so that arrivals tell nothing of the device's clock.
         return line.url, None if self.real_time else ClockMap(anchor_us=0, anchor_ns=self._powered_ns)
@@ -227,34 +227,17 @@ class SimulatedEnds:
         tasks = [task.id for task in self.protocol.tasks]
         who = self.job.participant, self.task_id
         entropy = (self.job.seed, int(self.job.participant), tasks.index(self.task_id))
-        if self.protocol.footstep is None:
-            fingers = None
-            if self.protocol.task(self.task_id).stimulus == "virtual":
-                fingers = Fingers(self._foot, self._powered_ns, self._panel, self.rig.actuator.rate_hz)
-            return SimulatedTapper(
-                protocol=self.protocol,
-                who=who,
-                entropy=entropy,
-                clock=self.clock,
-                tick=self.tick,
-                screen=self.screen,
-                fingers=fingers,
-            )
-        synthesis = self.protocol.footstep.synthesis
-        return SimulatedParticipant(
+        parts = Parts(
+            self._foot, self._powered_ns, self._panel, self.rig, real_time=self.real_time, speaker=self._speaker
+        )
+        return rehearsal_kind(self.protocol.task(self.task_id)).person(
+            parts,
             protocol=self.protocol,
-            materials=SimulatedMaterials(synthesis.rate_hz, synthesis.samples),
             who=who,
             entropy=entropy,
-            foot=self._foot,
-            powered_ns=self._powered_ns,
-            panel=self._panel,
-            actuator_rate_hz=self.rig.actuator.rate_hz,
             clock=self.clock,
-            real_time=self.real_time,
             tick=self.tick,
             screen=self.screen,
-            speaker=self._speaker,
         )
 
 

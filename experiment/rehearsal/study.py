@@ -25,8 +25,9 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.kind import rehearsal_kind
 from palpate.experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
-from palpate.experiment.rehearsal.tapping import surfaces
+from palpate.experiment.session import scene
 from palpate.experiment.session.remarks import paused
 from palpate.experiment.session.visit import visit_steps, walk
 from palpate.experiment.study.schedule import allocate, find_allocation
@@ -126,7 +127,7 @@ def _check_paced(rig_file: Path, rig: rigs.Rig, protocol: Protocol) -> None:
             "its audio device runs in real time, and simulated time is faster",
             "add --real-time, or give a rig without [audio]",
         )
-    if protocol.footstep is not None and rig.tracker.zeroing_mm is not None:
+    if protocol.gate is not None and rig.tracker.zeroing_mm is not None:
         raise DatasetError(
             rig_file,
             "its tracker is zeroed by a resting foot, and no foot rests in simulated time",
@@ -137,12 +138,13 @@ def _check_paced(rig_file: Path, rig: rigs.Rig, protocol: Protocol) -> None:
 def generic(protocol: Protocol) -> str:
     """Return a sentence on the materials that are simulated generically; nothing without any."""
     materials = [material.id for material in protocol.materials]
-    return recorded_takes.generic(materials) if protocol.comparison is None else surfaces.generic(materials)
+    said = {rehearsal_kind(task).generic(materials): None for task in protocol.tasks}
+    return " ".join(filter(None, said))
 
 
 def simulated_rig(protocol: Protocol) -> Path:
     """Return the shipped rig to rehearse a study on: one with a hand's devices where surfaces are rendered."""
-    rendered = protocol.comparison is not None and protocol.comparison.virtual is not None
+    rendered = any(protocol.kind_table(task).surface for task in protocol.tasks)
     return files.shipped("rigs/tapping.toml" if rendered else "rigs/rehearsal.toml")
 
 
@@ -273,7 +275,7 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
             storage.create(kept, storage.read_bytes(protocol_file))
             opening.copy_rig(rig_file, kept.with_name("rig.toml"))
             protocol = files.load(kept)
-            if protocol.footstep is not None:
+            if scene.virtual(protocol).synthesis:
                 recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)
             storage.write_json(storage.plan_path(partial), plan.model_dump())
         made = True

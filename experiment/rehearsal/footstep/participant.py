@@ -9,14 +9,17 @@ probability falls exponentially with dissimilarity. The parameters are the same 
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.footstep.foot import Foot, Hesitation
 from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
-from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
+from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, generic
+from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.voice import Speaker
 from palpate.experiment.synthesis.spectra import spectrum
@@ -310,3 +313,23 @@ class SimulatedParticipant(SimulatedPerson):
         if self.speaker is not None:
             self.clock.sleep_ns(self._spoken_ns + int(HEARS_S * 1e9) - self.clock.now_ns())
         return key
+
+
+def _person(parts: Parts, *, protocol: Protocol, **everybody: Any) -> SimulatedParticipant:
+    if parts.foot is None:
+        raise RuntimeError("nobody steps without a foot")
+    synthesis = protocol.footsteps.synthesis
+    return SimulatedParticipant(
+        **everybody,
+        protocol=protocol,
+        materials=SimulatedMaterials(synthesis.rate_hz, synthesis.samples),
+        foot=parts.foot,
+        powered_ns=parts.powered_ns,
+        panel=parts.panel,
+        actuator_rate_hz=parts.rig.actuator.rate_hz,
+        real_time=parts.real_time,
+        speaker=parts.speaker,
+    )
+
+
+REHEARSAL = RehearsalKind(person=_person, generic=generic)

@@ -9,6 +9,7 @@ fitted.
 import time
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from palpate.experiment.errors import ActuatorError
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, WORDS
 from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
+from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.tapping import hand, surfaces
 
@@ -136,3 +138,14 @@ class SimulatedTapper(SimulatedPerson):
             return float(np.log(height_hz or 1.0)), 1.0
         hardness, error = surfaces.virtual_hardness(height_hz)
         return DISCRIMINATION * hardness, error
+
+
+def _person(parts: Parts, **everybody: Any) -> SimulatedTapper:
+    """Return a participant who taps: with a hand at the tracker's line virtual surfaces, and without one samples."""
+    fingers = None
+    if parts.foot is not None:
+        fingers = Fingers(parts.foot, parts.powered_ns, parts.panel, parts.rig.actuator.rate_hz)
+    return SimulatedTapper(**everybody, fingers=fingers)
+
+
+REHEARSAL = RehearsalKind(person=_person, generic=surfaces.generic)

@@ -1,0 +1,53 @@
+"""What a rehearsal supplies for a kind of trial: who takes part, and what is said of the materials."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, cast
+
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.protocol.models import Task
+
+if TYPE_CHECKING:
+    from palpate.experiment.rehearsal.footstep.foot import Foot
+    from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
+    from palpate.experiment.rehearsal.participant import SimulatedPerson
+    from palpate.experiment.rehearsal.voice import Speaker
+
+ROOMS: Mapping[str, str] = {"comparison": "tapping"}
+"""The room of a kind of trial that has another name than the kind; its `participant.py` has `REHEARSAL`."""
+
+
+@dataclass(frozen=True)
+class Parts:
+    """What stands at the far ends of a session's ports; the foot's device was powered at a session time, ns.
+
+    `foot` is None where nothing was opened for it; it may be a hand.
+    """
+
+    foot: Foot | None
+    powered_ns: int
+    panel: Panel | CardPanel | None
+    rig: Rig
+    real_time: bool
+    speaker: Speaker | None
+
+
+@dataclass(frozen=True)
+class RehearsalKind:
+    """A kind of trial in a rehearsal.
+
+    `person` makes the participant of a task from `Parts`, and by keywords from what every `SimulatedPerson` has.
+    `generic` returns a sentence on which of the materials are simulated generically; nothing for none.
+    """
+
+    person: Callable[..., SimulatedPerson]
+    generic: Callable[[Sequence[str]], str]
+
+
+def rehearsal_kind(task: Task) -> RehearsalKind:
+    """Return the kind of a task; no other is imported."""
+    module: Any = import_module(f"palpate.experiment.rehearsal.{ROOMS.get(task.kind, task.kind)}.participant")
+    return cast("RehearsalKind", module.REHEARSAL)
