@@ -163,7 +163,8 @@ def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practic
     label = "PRACTICE" if practice else ""
     if not practice and storage.seed_path(folder).exists() and enrolment.purpose_of(folder) == "PILOT":
         label = "PILOT"
-    return View(label=label, study=protocol.study.id, pairs=protocol.comparison is not None, participant=participant)
+    at_will = any(protocol.kind_table(task).AT_WILL for task in protocol.tasks)
+    return View(label=label, study=protocol.study.id, at_will=at_will, participant=participant)
 
 
 def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole"], "Footer"], *, last: bool) -> None:

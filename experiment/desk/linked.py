@@ -430,7 +430,7 @@ class LinkedConsole:
 
     def arm(self, *, trial: int, attempt: int, trials: int) -> bool:  # noqa: ARG002
         # A pair of virtual surfaces can be felt at once.
-        state = "answering" if self._view.pairs else "armed"
+        state = "answering" if self._view.at_will else "armed"
         again = "The lines below say why" if self._armed == trial else ""
         waited = self._watched()
         self._armed = trial

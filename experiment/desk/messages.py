@@ -158,7 +158,7 @@ class Ended(Message):
 
 
 class View(Message):
-    """All that a console shows. `label` is PRACTICE or PILOT, empty in a study; in `pairs` samples are compared.
+    """All that a console shows. `label` is PRACTICE or PILOT, empty in a study. What is presented is felt `at_will`.
 
     `step` is where the visit is, one of `steps`. `trial` and `attempt` are under way, with real objects to `lay_out`.
     `instruction` is the participant's: of the familiarization, then of the task until a first answer. `heard` is the
@@ -170,7 +170,7 @@ class View(Message):
     kind: Literal["view"] = "view"
     label: str = ""
     study: str = ""
-    pairs: bool = False
+    at_will: bool = False
     participant: str = ""
     step: str = ""
     steps: tuple[str, ...] = ()

@@ -59,10 +59,7 @@ NOTHING = Theirs()
 
 def theirs(protocol: Protocol) -> Theirs:
     """Return what a protocol leaves to the participant."""
-    if protocol.comparison is None:
-        answers = tuple(material.spoken[0] for material in protocol.materials)
-    else:
-        answers = tuple(protocol.comparison.answers.values())
+    answers = protocol.kind_table(protocol.tasks[0]).shown_answers(protocol.materials)
     level = frozenset({"level"} if protocol.masker.level_set_by == "participant" else ())
     return Theirs(level, answers if protocol.answers.on_screen else ())
 
@@ -97,7 +94,7 @@ def _show(view: View) -> Show:
         show = "wait"
     if asked is None and view.state == "armed" and gauges is not None and gauges.stepped:
         show = "answer"
-    if show == "answer" and view.pairs:
+    if show == "answer" and view.at_will:
         return "compare"
     return "finished" if show == "wait" and view.step == DEBRIEFING else show
 

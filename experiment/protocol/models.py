@@ -5,6 +5,7 @@ What must hold between fields stands in `rules`; each model names its own. The w
 `protocols/README.md` says of each key.
 """
 
+from collections.abc import Sequence
 from datetime import date
 from fractions import Fraction
 from itertools import combinations_with_replacement
@@ -261,6 +262,12 @@ class KindTable(Confined):
     """Base of the table of a kind of trial, which says how many materials a trial presents."""
 
     INTERVALS: ClassVar[int] = 1
+    AT_WILL: ClassVar[bool] = False
+    """Whether what a trial presents is felt at will, until the answer."""
+
+    def shown_answers(self, materials: Sequence[Material]) -> tuple[str, ...]:
+        """Return the answers that the participant's screen names."""
+        return tuple(material.spoken[0] for material in materials)
 
     @property
     def gate(self) -> Step | None:
@@ -309,6 +316,10 @@ class Comparison(KindTable):
     virtual: Virtual | None = None
 
     INTERVALS: ClassVar[int] = 2
+    AT_WILL: ClassVar[bool] = True
+
+    def shown_answers(self, materials: Sequence[Material]) -> tuple[str, ...]:  # noqa: ARG002
+        return tuple(self.answers.values())
 
     @property
     def surface(self) -> Virtual | None:

@@ -110,13 +110,13 @@ def phase(view: View) -> Phase:
         return STEPPED if view.gauges.stepped else STEPPING
     if view.state == "armed" and view.again:
         return replace(AGAIN, says=AGAIN.says.format(why=view.again))
-    return TRIED if view.pairs and view.state == "answering" else STATES[view.state]
+    return TRIED if view.at_will and view.state == "answering" else STATES[view.state]
 
 
 def strip(view: View) -> tuple[str, ...]:
     """Return the places of the strip, from left to right."""
     virtual = view.gauges is not None and view.gauges.too_fast is not None
-    return STEPS if not view.pairs else VIRTUAL if virtual else PAIRS
+    return STEPS if not view.at_will else VIRTUAL if virtual else PAIRS
 
 
 def heading(label: str, study: str, participant: str, task: str) -> Text:

@@ -739,9 +739,9 @@ def test_whoever_arms_is_told_that_somebody_had_to_be_waited_for(monkeypatch: py
     assert not bench.linked.rearm(trial=1, attempt=3, reason="the foot stopped")
 
 
-@pytest.mark.parametrize(("pairs", "state"), [(False, "armed"), (True, "answering")])
-def test_a_pair_that_is_rendered_can_be_felt_at_once(pairs: bool, state: str) -> None:
-    one = Desk(View(pairs=pairs))
+@pytest.mark.parametrize(("at_will", "state"), [(False, "armed"), (True, "answering")])
+def test_a_pair_that_is_rendered_can_be_felt_at_once(at_will: bool, state: str) -> None:
+    one = Desk(View(at_will=at_will))
     one.came(1, 0)
     one.arm(trial=1, attempt=1, trials=4)
     assert shown(one).state == state

@@ -52,7 +52,7 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
         gauges = other.gauges.model_copy(update=kept)
     matters = {
         name: getattr(view, name)
-        for name in ("state", "step", "pairs", "instruction", "again", "masked", "pause_until_ns", "label")
+        for name in ("state", "step", "at_will", "instruction", "again", "masked", "pause_until_ns", "label")
     }
     ended = view.ended
     if ended is not None and other.ended is not None:
@@ -95,9 +95,9 @@ def test_every_state_has_its_page(state: str, show: str) -> None:
 
 def test_who_compares_is_told_to_feel_both() -> None:
     asked = Question(number=3, kind="answer", text="", choices=())
-    shown = prompt(View(pairs=True, question=asked, gauges=Gauges(left_s=1.0, too_fast=True)), THEIRS)
+    shown = prompt(View(at_will=True, question=asked, gauges=Gauges(left_s=1.0, too_fast=True)), THEIRS)
     assert (shown.show, shown.answers, shown.lamp) == ("compare", THEIRS.answers, True)
-    felt = prompt(View(state="answering", pairs=True, gauges=Gauges(left_s=1.0, second=True)), THEIRS)
+    felt = prompt(View(state="answering", at_will=True, gauges=Gauges(left_s=1.0, second=True)), THEIRS)
     assert (felt.show, felt.second) == ("compare", True)
 
 
@@ -163,7 +163,7 @@ def test_a_masker_at_its_limit_can_be_said_to_be_heard_and_is_no_louder(
         (View(), "wait"),
         (View(question=Question(number=3, kind="place", text="", choices=())), "wait"),
         (View(state="armed"), "ready"),
-        (View(pairs=True, question=Question(number=3, kind="answer", text="", choices=())), "compare"),
+        (View(at_will=True, question=Question(number=3, kind="answer", text="", choices=())), "compare"),
     ],
 )
 def test_the_tasks_instruction_is_shown_until_the_first_answer(view: View, show: str) -> None:

@@ -36,7 +36,7 @@ def test_every_place_where_something_is_lit_is_one_of_the_strip() -> None:
 
 
 def test_where_samples_are_compared_nothing_is_armed_and_no_foot_is_measured() -> None:
-    view = View(pairs=True)
+    view = View(at_will=True)
     assert not {"ARMED", "STEPPING"} & set(picture.strip(view))
     assert {"ARMED", "STEPPING"} <= set(picture.strip(View()))
     virtual = view.model_copy(update={"gauges": Gauges(left_s=60, too_fast=False)})
