@@ -8,7 +8,7 @@ from textwrap import dedent
 
 import pytest
 
-from tests.figures import TRUNKS, WINGS, Figure
+from tests.figures import TRUNKS, Figure
 from tests.measures import imports, kinds
 from tests.measures.parameters import unvaried_parameters
 from tests.measures.patterns import complex_functions, multiplied_texts, sentence_assertions, sentence_matches
@@ -319,7 +319,7 @@ def test_every_room_that_a_figure_names_is_there_and_in_one_wing() -> None:
         room for room in (*named, *trunks, *kinds.ROOMS) if not any(is_inside(path, [room]) for path in paths)
     ] == []
     assert [path for path in paths if sum(is_inside(path, [room]) for room in named) > 1] == []
-    assert (set(TRUNKS), set(WINGS)) == (set(imports.TRUNKS), set(imports.WINGS))
+    assert set(TRUNKS) == set(imports.TRUNKS)
 
 
 def test_circles_and_arrows_upward() -> None:

@@ -44,7 +44,12 @@ TRUNKS: Mapping[str, Trunk] = {
             "experiment/synthesis/contact",
             "experiment/synthesis/stepping",
         ),
-        looked_up=("experiment/dataset/kinds/footstep.py",),
+        looked_up=(
+            "experiment/dataset/kinds/footstep.py",
+            "experiment/protocol/kinds/footstep.py",
+            "experiment/session/footstep/fidelity.py",
+            "experiment/session/footstep/trials.py",
+        ),
     ),
     "analysis": Trunk(
         "analysis/analyse.py", looked_up=("analysis/designs/identification.py", "analysis/report/figures.py")
@@ -62,6 +67,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/doctor/force.py",
         "experiment/apparatus/servo",
         "experiment/dataset/kinds/comparison.py",
+        "experiment/protocol/kinds/comparison.py",
         "experiment/records/kinds/tapping.py",
         "experiment/rehearsal/tapping",
         "experiment/rehearsal/wires/force_device.py",

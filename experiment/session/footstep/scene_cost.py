@@ -21,7 +21,8 @@ from palpate.experiment.apparatus.audio.mixer import Mixer
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
-from palpate.experiment.session.footstep.fidelity import SHOWN, UNKNOWN, ErrorBudget, error_budget, percent, wrapped
+from palpate.experiment.session.footstep.error_budget import ErrorBudget, error_budget, percent, wrapped
+from palpate.experiment.session.footstep.fidelity import SHOWN, UNKNOWN
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import StreamSettings

@@ -18,13 +18,11 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.session import scene
+from palpate.experiment.session.footstep.error_budget import ErrorBudget, aim_ms, error_budget
 from palpate.experiment.session.footstep.fidelity import (
-    ErrorBudget,
     Fidelity,
-    aim_ms,
     carried_hz,
     causes,
-    error_budget,
     fidelity,
     judged,
     most_left_out,

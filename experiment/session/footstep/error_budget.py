@@ -1,0 +1,221 @@
+"""The error budget of a rig, as `palpate plan` prints it: each cause at each speed, and how well an onset is known."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from functools import partial
+from operator import attrgetter
+from pathlib import Path
+
+from palpate.experiment.apparatus.opening import simulated_table
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.session import scene as scenes
+from palpate.experiment.session.footstep.fidelity import (
+    SHOWN,
+    UNKNOWN,
+    Fidelity,
+    MostLeftOut,
+    carried_hz,
+    causes,
+    fidelity,
+    most_left_out,
+    refusal,
+    speeds_mm_s,
+)
+
+WATCHED_US = 4_000_000
+"""So much of a slow foot's way is enough to know how well it is predicted, microseconds."""
+
+
+def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
+    """Return the predictor's standard error of contact at the onset's last move, at one speed, ms; None without."""
+    if rig.actuator.driver != "audio" or rig.audio is None:
+        return None
+    step = protocol.footsteps.step
+    predictor = LandingPredictor(step, noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm)
+    lead_us = rig.audio.latency.output_ms * 1e3 + 2e6 * rig.audio.block / rig.audio.rate_hz
+    last_us = int(min((step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6 - lead_us, 1e15))
+    state, found = predictor.init(), None
+    for us in range(max(0, last_us - WATCHED_US), last_us, round(1e6 / rig.tracker.rate_hz)):
+        height_mm = step.gate_top_mm - speed_mm_s * us / 1e6
+        state = predictor.step(state, us, height_mm)
+        landing = predictor.landing(state) if state is not None and height_mm <= step.gate_bottom_mm else None
+        found = found if landing is None else landing.standard_error_us / 1e3
+    return found
+
+
+@dataclass(frozen=True)
+class ErrorBudget:
+    """How far what a rig plays lies from what is asked for, by material, and how well the onset is known.
+
+    `aims_ms` are the standard errors of contact at each speed when the onset is moved for the last time; None where it
+    is not. `carries_hz` is the band that the rig was measured in, None where it never was, and `schedules` says whether
+    its actuator can be told when to begin. `refused` says why no participant is run on the rig, empty where they are.
+    """
+
+    materials: dict[str, Fidelity]
+    aims_ms: tuple[float | None, ...]
+    carries_hz: tuple[float, float] | None
+    schedules: bool
+    refused: str
+
+    @property
+    def most_left_out(self) -> MostLeftOut:
+        """What the rig leaves out at most."""
+        return most_left_out([self.materials], self.carries_hz)
+
+    @property
+    def speeds_mm_s(self) -> tuple[float, ...]:
+        """The speeds of the foot, from the slowest that counts to the fastest."""
+        return next(iter(self.materials.values())).speeds_mm_s
+
+    def as_dict(self) -> dict[str, object]:
+        """Return everything for JSON; shares are parts of the rms asked for."""
+        return {
+            "speeds_mm_s": list(self.speeds_mm_s),
+            "materials": {
+                material: asdict(of) | {name: [getattr(b, name) for b in of.budgets] for name in ("left_out", "total")}
+                for material, of in self.materials.items()
+            },
+            "contact_standard_error_ms": list(self.aims_ms),
+            "carries_hz": self.carries_hz,
+            "refused": self.refused or None,
+        }
+
+    def lines(self) -> list[str]:
+        """Return it for a terminal."""
+        slowest, *_, fastest = self.speeds_mm_s
+        unknown = f"  {UNKNOWN[0].upper()}{UNKNOWN[1:]}: this counts as if it carried all."
+        return [
+            "error budget: percent (rms) of what equations (1) to (5) ask for, least and most over "
+            f"{len(self.speeds_mm_s)} speeds",
+            f"from {slowest:.4g} to {fastest:.4g} mm/s",
+            *_table([["", *self.materials], *self._causes()]),
+            *([unknown] if self.carries_hz is None else []),
+            "",
+            "beside it, and in no total",
+            *_table(self._beside()),
+            *wrapped(f"  {BESIDE}"),
+            *wrapped(f"  {self._timing()}"),
+            "",
+            "what would lower it",
+            *(line for told in self._lowered() for line in wrapped(f"  {told}")),
+        ]
+
+    def _causes(self) -> list[list[str]]:
+        each = list(self.materials.values())
+        rows = [
+            [name, *(percent(*one.range(attrgetter(field))) for one in each)]
+            for field, name, _ in causes(self.carries_hz)
+        ]
+        rows.append(["all of it", *(percent(*one.range(attrgetter("total"))) for one in each)])
+        return rows
+
+    def _beside(self) -> list[list[str]]:
+        each = list(self.materials.values())
+        off = [one.range(attrgetter("dissimilarity_m_s2")) for one in each]
+        rows = [
+            ["", *self.materials],
+            ["off what was asked for, (6)", *(_between(*one, "{:.3g}".format) for one in off)],
+            ["off the nearest material, (6)", *(_of(one.nearest_m_s2, "{:.3g}".format) for one in each)],
+            ["a speed from its neighbours", *(_up_to(one.interpolation) for one in each)],
+            ["standard error over takes", *(_up_to(one.averaging) for one in each)],
+        ]
+        if each[0].other_reading:
+            rows.append(["W interpolated, (7)", *(_of(one.other_reading, _percent) for one in each)])
+        return rows
+
+    def _timing(self) -> str:
+        known = [(v, ms) for v, ms in zip(self.speeds_mm_s, self.aims_ms, strict=True) if ms is not None]
+        if not known:
+            why = (
+                "its onset can never be scheduled in time"
+                if self.schedules
+                else "this actuator cannot be told when to begin"
+            )
+            return f"timing: the stimulus sounds after contact, for {why}"
+        slow, fast = known[0], known[-1]
+        return (
+            f"timing: contact has a standard error of {slow[1]:.2f} ms at {slow[0]:.0f} mm/s and {fast[1]:.2f} ms at "
+            f"{fast[0]:.0f} mm/s when the onset is moved last"
+        )
+
+    def _lowered(self) -> list[str]:
+        each = list(self.materials.values())
+        told = [
+            f"{name}: {remedy}"
+            for field, name, remedy in causes(self.carries_hz)
+            if max(one.range(attrgetter(field))[1] for one in each) >= SHOWN
+        ]
+        if any(one.interpolation is not None for one in each):
+            told.append("speeds and takes: recordings at more speeds, more takes of each")
+        if not self.schedules:
+            return [*told, "timing: an actuator on a channel of the audio device, which can be told when to begin"]
+        return [*told, "timing: a tracker with less noise or more frames, or a shorter latency of the output"]
+
+
+def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> ErrorBudget:
+    """Return the error budget of what a task plays on a rig, refused for any task; errors as in `fidelity`."""
+    carries_hz = carried_hz(rig, rig_folder)
+    given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+    own = scenes.plan(protocol=protocol, task_id=task_id)
+    found = given(scene=own)
+    others = [one for one in scenes.played(protocol) if one.materials != own.materials]
+    worst = most_left_out([found, *(given(scene=one, beside=False) for one in others)], carries_hz)
+    aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
+    schedules = rig.actuator.driver == "audio"
+    refused = simulated_table(f"rig '{rig.rig.name}'", rig_folder, rig) or refusal(protocol, rig, worst, carries_hz)
+    return ErrorBudget(found, aims_ms, carries_hz, schedules, refused.sentence() if refused else "")
+
+
+WIDTH = 100
+"""No line of a plan is wider, in characters."""
+
+BESIDE = (
+    "(6) is the dissimilarity in m/s^2, to what was asked for and to the most similar material. The rest is in "
+    "percent: a recorded speed told from its two neighbours, the standard error of the mean over takes, and W "
+    "interpolated in place of A inverted, equation (7)."
+)
+"""What the lines beside a budget are."""
+
+
+def wrapped(line: str, indent: int = 4) -> list[str]:
+    """Return a line of a plan as lines of at most `WIDTH` characters, each further one indented."""
+    return textwrap.wrap(line, WIDTH, subsequent_indent=" " * indent, break_long_words=False, break_on_hyphens=False)
+
+
+def percent(low: float, high: float) -> str:
+    """Return shares from the least to the most, in percent."""
+    return _between(low, high, _percent)
+
+
+def _table(rows: list[list[str]]) -> list[str]:
+    """Return a table in lines, as many of its columns beside one another as there is room for."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    fits, used = 1, 2 + widths[0]
+    while fits < len(widths) and (fits == 1 or used + 2 + widths[fits] <= WIDTH):
+        used += 2 + widths[fits]
+        fits += 1
+    shown = ["  " + "  ".join(map(str.ljust, row[:fits], widths)).rstrip() for row in rows]
+    return shown if fits == len(widths) else [*shown, "", *_table([[row[0], *row[fits:]] for row in rows])]
+
+
+def _percent(share: float) -> str:
+    return "<0.001" if 0 < share < SHOWN else f"{share * 100:.3g}"
+
+
+def _of(values: tuple[float, ...], shown: Callable[[float], str]) -> str:
+    return _between(min(values), max(values), shown) if values else "none"
+
+
+def _between(low: float, high: float, shown: Callable[[float], str]) -> str:
+    first, last = shown(low), shown(high)
+    return first if first == last else f"{first} to {last}"
+
+
+def _up_to(share: float | None) -> str:
+    return "unknown" if share is None else f"up to {_percent(share)}"
