@@ -44,7 +44,7 @@ def test_another_table_of_the_same_name_is_never_put_over_the_one_that_was_used(
 
 
 def test_it_goes_on_after_the_port_vanished_and_loses_nothing(
-    tmp_path: Path, one: Path, monkeypatch: pytest.MonkeyPatch, refuses: Refuses
+    tmp_path: Path, one: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     steps = 0
     step = Foot.step
@@ -56,7 +56,8 @@ def test_it_goes_on_after_the_port_vanished_and_loses_nothing(
 
     monkeypatch.setattr(Foot, "step", unplugged_at_the_thirtieth)
     monkeypatch.setattr(session.SimulatedEnds, "reconnect_s", 0.2)
-    with refuses(Interrupted):
+    # Another test may have got the number of the port meanwhile: why it is away is not always the same.
+    with pytest.raises(Interrupted, match=r"paused \(tracker at "):
         rehearse(tmp_path / "rehearsal")
     told: list[tuple[int, int]] = []
     root = rehearse(tmp_path / "rehearsal", total=lambda answers, done: told.append((answers, done)))

@@ -189,7 +189,7 @@ def test_a_tracker_goes_on_where_its_line_is_plugged_in_again(
         line.unplug()
         with pytest.raises(TrackerStopped, match="the port has gone"):
             tracker.read()
-        with pytest.raises(TrackerStopped, match=r"not back within 0.1 s \(.*\); plug the device in"):
+        with pytest.raises(TrackerStopped, match=r"not back within 0.1 s \(.*\); plug it in"):
             tracker.reconnect(0.1)
 
         back = threading.Event()
