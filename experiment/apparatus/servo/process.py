@@ -56,7 +56,7 @@ SAMPLES, TOUCH, COUNTS, ENDED, STOOD, RENDER, BEAT = range(7)
 """Kinds of messages: the tracker's bytes, a touch, cycles, an end, a stall; and to it, a block and a heartbeat."""
 
 HEAD = struct.Struct("<BIq")
-TOUCHED = struct.Struct("<dd")
+TOUCHED = struct.Struct("<ddd")
 TIME = struct.Struct("<q")
 
 PR_SET_TIMERSLACK = 29

@@ -38,10 +38,14 @@ NO_FORCE: Pair = (0.0, 0.0)
 
 
 class Touch(NamedTuple):
-    """The hand touched a block at a device time, microseconds, at this speed into it, mm/s."""
+    """The hand touched a block at a device time, microseconds, at this speed into it, mm/s.
+
+    `mean_mm_s` is the hand's mean speed then, in any direction, by which it is too fast or not.
+    """
 
     device_us: float
     speed_mm_s: float
+    mean_mm_s: float
 
 
 @dataclass(frozen=True)
@@ -122,7 +126,7 @@ def step(block: Block | None, at: Rendered, us: int, place_mm: Pair) -> tuple[Re
     except SynthesisError:
         return moved, ()
     touches = tuple(
-        Touch(us - passed_us + one.after_s * 1e6, one.deep_m_s * 1e3)
+        Touch(us - passed_us + one.after_s * 1e6, one.deep_m_s * 1e3, speed_mm_s)
         for _, one in stepped.switches
         if one.kind == "touch" and armed
     )[:1]

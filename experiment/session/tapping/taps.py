@@ -210,7 +210,8 @@ class Taps:
         sounding = self._sounding
         if sounding is None or sounding.aimed is None or sounding.lying is not lying:
             sounding = self._ready(lying, speed_mm_s)
-        sounding.touch, sounding.touch_mm_s, sounding.fast = touch, speed_mm_s, felt.fast
+        sounding.touch, sounding.touch_mm_s = touch, speed_mm_s
+        sounding.fast = touch.mean_mm_s > self.lent.protocol.surfaces.fastest_mm_s
         sounding.contact_ns = contact_ns
         self.actuator.landed(contact_ns)
         self._settle(wait=self.lent.clock.simulated or not self.actuator.lead_ns)

@@ -42,7 +42,7 @@ def test_a_held_block_pushes_as_equation_4_says() -> None:
     assert [along for _, along in forces] == [0.0] * len(forces)
     # 2 mm above the face, at 100 mm/s.
     (touch,) = touches
-    assert touch == pytest.approx((20_000.0, 100.0))
+    assert touch == pytest.approx((20_000.0, 100.0, 100.0))
 
 
 def test_a_planar_hand_is_pushed_along_the_face_too() -> None:
@@ -71,14 +71,17 @@ def test_the_force_along_the_face_is_that_of_its_own_spring_and_damper(
     """By equation (4) for the second axis of K and C: -K y - C dy/dt, y counted from where the hand touched."""
     block = Block((K, k), (C, c), (inf, inf), into=(-1.0, 0.0), nominal_s=DT_US * 1e-6)
     at, down_mm_s, touched_us = Rendered(), 100.0, 20_000
+    touches: list[Touch] = []
     for n in range(60):
         us = n * DT_US
-        at, _ = step(block, at, begins_us + us, (2.0 - down_mm_s * us * 1e-6, begins_mm + along_mm_s * us * 1e-6))
+        at, touched = step(block, at, begins_us + us, (2.0 - down_mm_s * us * 1e-6, begins_mm + along_mm_s * us * 1e-6))
+        touches += touched
         inside_s = (us - touched_us) * 1e-6
         wanted = -k * along_mm_s * 1e-3 * inside_s - c * along_mm_s * 1e-3 if inside_s > 1e-9 else 0.0
         if abs(inside_s) > 1e-9:
             assert at.force_n[1] == pytest.approx(wanted, rel=1e-7, abs=1e-9)
     assert at.speed_mm_s == pytest.approx(hypot(down_mm_s, along_mm_s))
+    assert [one.mean_mm_s for one in touches] == pytest.approx([hypot(down_mm_s, along_mm_s)])
 
 
 def test_a_hand_that_slides_over_the_face_and_stays_above_it_is_fast_and_feels_nothing() -> None:

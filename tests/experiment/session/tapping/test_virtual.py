@@ -104,11 +104,11 @@ class ScriptedServo:
         pass
 
 
-def touch(speed_mm_s: float, us: int = 1_000_000, *, fast: bool = False) -> Felt:
-    """A hand that falls straight to the face, and touches it in the last of its samples."""
+def touch(speed_mm_s: float, us: int = 1_000_000, *, mean_mm_s: float = 0.0) -> Felt:
+    """A hand that falls straight to the face, touches it in the last of its samples, and is slow by then."""
     times = tuple(range(us - 60_000, us, 1000))
     heights = tuple((us - t) * 1e-6 * speed_mm_s for t in times)
-    return Felt(times, heights, (Touch(us - 1.0, speed_mm_s),), CLOCK, fast)
+    return Felt(times, heights, (Touch(us - 1.0, speed_mm_s, mean_mm_s),), CLOCK, False)
 
 
 def samples(path: list[tuple[int, float]]) -> Felt:
@@ -175,7 +175,7 @@ def test_each_surface_rings_as_its_own_and_every_change_and_tap_is_on_record(
         ([touch(100.0)], "s"),
         ([touch(150.0, 2_000_000)], "s"),
         ([touch(120.0, 3_000_000)], "1"),
-        ([touch(110.0, 4_000_000, fast=True)], "2"),
+        ([touch(110.0, 4_000_000, mean_mm_s=176.0)], "2"),
     ]
     session = Session(script, tmp_path)
     changed = [(one.trial, one.place, one.material) for one in session.entries(Changed)]
@@ -226,7 +226,7 @@ def test_a_vibration_is_aimed_at_the_touch_that_is_predicted_and_at_none_that_do
     down = [(us, 10.0 - (us - begin_us) * 1e-6 * speed) for us in range(begin_us, int(touch_us) + 3000, 1000)]
     reads = [samples(down[n : n + 4]) for n in range(0, len(down), 4)]
     last = reads[-1]
-    reads[-1] = Felt(last.device_us, last.height_mm, (Touch(touch_us, speed),), CLOCK, False)
+    reads[-1] = Felt(last.device_us, last.height_mm, (Touch(touch_us, speed, speed),), CLOCK, False)
     turned = [(us + 10**6, mm) for us, mm in down if mm > 1.5]
     turned += [(turned[-1][0] + n * 1000, turned[-1][1] + n * 0.1) for n in range(1, 60)]
     back = [samples(turned[n : n + 4]) for n in range(0, len(turned), 4)]
@@ -248,7 +248,7 @@ def sped_up(before_us: int) -> list[Felt | PalpateError]:
         for us in range(begin_us, int(touch_us) + 3000, 400)
     ]
     reads = [samples(down[n : n + 5]) for n in range(0, len(down), 5)]
-    return [*reads[:-1], replace(reads[-1], touches=(Touch(touch_us, 140.0),))]
+    return [*reads[:-1], replace(reads[-1], touches=(Touch(touch_us, 140.0, 140.0),))]
 
 
 def test_a_vibration_is_made_anew_for_another_speed_while_there_is_time(tmp_path: Path) -> None:
