@@ -24,7 +24,7 @@ COLUMN_POINTS = 300.0
 
 REPORT = "report.html"
 
-FORMAT = 1
+FORMAT = 2
 """The format of a folder of results: its `results.json` and the columns of its tables."""
 
 Methods = Sequence[tuple[str, str]]

@@ -20,7 +20,8 @@ from palpate.analysis.reading.study import Study
 from palpate.analysis.statistics import mixed_logit
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements
 from palpate.analysis.statistics.inference import CONFIDENCE, EffectSize, TTest, cohens_d, holm, t_against_chance
-from palpate.analysis.statistics.participants import Equivalence, Repeated, SignFlip, equivalence, repeated, sign_flip
+from palpate.analysis.statistics.participants import Equivalence, Repeated, equivalence, repeated
+from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 
 LEAST = 6
 """The fewest participants of a logit in which they differ by material and task."""
@@ -74,8 +75,8 @@ class Beside:
     statements: Mapping[str, str]
 
 
-def beside(study: Study, tasks: Mapping[str, Confusion]) -> Beside:
-    """Return the tests of a study from the confusion matrices of its tasks."""
+def beside(study: Study, tasks: Mapping[str, Confusion], rng: np.random.Generator) -> Beside:
+    """Return the tests of a study from the confusion matrices of its tasks; sign flips may draw."""
     said = Statements()
     materials: dict[str, tuple[Repeated, ...]] = {}
     for task, matrix in tasks.items():
@@ -90,7 +91,7 @@ def beside(study: Study, tasks: Mapping[str, Confusion]) -> Beside:
         if linked:
             both = said.told("repeated-measures ANOVA of tasks and materials", lambda: _both(list(tasks.values())))
             for first, second in combinations(tasks, 2):
-                one = said.told(f"comparison of {first} with {second}", partial(_paired, first, second, tasks))
+                one = said.told(f"comparison of {first} with {second}", partial(_paired, first, second, tasks, rng))
                 paired += [one] if one else []
         else:
             said["paired comparison of tasks"] = LINKED
@@ -114,7 +115,7 @@ def _both(tasks: Sequence[Confusion]) -> tuple[Repeated, ...]:
     return repeated(values, ["task", "material"])
 
 
-def _paired(first: str, second: str, tasks: Mapping[str, Confusion]) -> Paired:
+def _paired(first: str, second: str, tasks: Mapping[str, Confusion], rng: np.random.Generator) -> Paired:
     pair = [tasks[first], tasks[second]]
     people, places = in_every(pair), shared(pair)
     if len(people) < 2:
@@ -124,7 +125,7 @@ def _paired(first: str, second: str, tasks: Mapping[str, Confusion]) -> Paired:
     right = [[matrix.ratios(i, i) for i in places] for matrix in pair]
     gaps = [sum((a[who] - b[who] for a, b in zip(*right, strict=True)), Fraction(0)) / len(places) for who in people]
     test = t_against_chance(gaps, 0)
-    return Paired(first, second, test, None if test.t is None else cohens_d(test.t, test.df), sign_flip(gaps, 0))
+    return Paired(first, second, test, None if test.t is None else cohens_d(test.t, test.df), sign_flip(gaps, 0, rng))
 
 
 def right_answers(tasks: Mapping[str, Confusion]) -> tuple[tuple[str, ...], Integers, Integers]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -30,7 +31,7 @@ from palpate.analysis.statistics import anova as anovas
 from palpate.analysis.statistics import inference
 from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.icc import Icc, icc
-from palpate.analysis.statistics.participants import SignFlip, sign_flip
+from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -41,12 +42,18 @@ EVERY = "materials and tasks"
 """The family, as a protocol names it, of the tests of all materials in all tasks."""
 
 SEED = 1
-"""The seed of every bootstrap; the draws of one task do not depend on the other tasks."""
+"""The seed of every draw; the draws of one task do not depend on the other tasks."""
+
+FLIPS = 1
+"""What sets the draws of sign flips apart from the other draws of a task."""
 
 
 @dataclass(frozen=True)
 class MaterialTest:
-    """Correct answers to one material against chance; stars follow the protocol's P, Holm's in the `family`."""
+    """Correct answers to one material against chance; stars follow the protocol's P, Holm's in the `family`.
+
+    `flip_least` is P of sign flips, adjusted where the stars' P is, if everybody who differs from chance did so alike.
+    """
 
     material: str
     result: inference.TTest
@@ -55,7 +62,7 @@ class MaterialTest:
     log_bf10: float | None
     flip: SignFlip | None
     flip_holm: float | None
-    flip_statement: str
+    flip_least: float | None
     stars: str
 
 
@@ -190,7 +197,7 @@ def compute(
             identify(task.task.id, task.confusion, table, np.random.default_rng([SEED, place]))
             for place, task in enumerate(tasks)
         )
-        beside_these = beside(study, matrices)
+        beside_these = beside(study, matrices, np.random.default_rng([SEED, len(tasks), FLIPS]))
         contrasts, trials, course = modelled()
     return Results(
         tasks=tasks, identifications=identifications, dissimilarities=dissimilarities,
@@ -215,34 +222,44 @@ def _tasks(study: Study) -> tuple[TaskResult, ...]:
     tasks = [task for task in study.tasks if len(study.trials(task.id))]
     found = [(confusion_of(study, task.id), chance(study, task.id)) for task in tasks]
     tests = [[inference.t_against_chance(each, guessed) for each in _correct(matrix)] for matrix, guessed in found]
-    flips = [[defined(partial(sign_flip, each, guessed)) for each in _correct(matrix)] for matrix, guessed in found]
+    flips = [_flips(*one, np.random.default_rng([SEED, place, FLIPS])) for place, one in enumerate(found)]
     corrections = [correction(study, task.id) for task in tasks]
-    adjusted = _adjusted([[test.p for test in of] for of in tests], corrections)
-    flipped = _adjusted([[flip.p if flip else None for flip, _ in of] for of in flips], corrections)
+    columns = (
+        _adjusted([[test.p for test in of] for of in tests], corrections),
+        _adjusted([[flip.p if flip else None for flip in of] for of in flips], corrections),
+        _adjusted([[flip.least if flip else None for flip in of] for of in flips], corrections),
+    )
     return tuple(
-        TaskResult(
-            task,
-            float(guessed),
-            matrix,
-            tuple(
-                MaterialTest(
-                    material,
-                    test,
-                    p_holm,
-                    None if test.t is None else inference.cohens_d(test.t, test.df),
-                    None if test.t is None else inference.log_bayes_factor(test.t, test.n),
-                    flip,
-                    flip_holm,
-                    why,
-                    test.stars if family is None else replace(test, p=p_holm).stars,
-                )
-                for material, test, p_holm, (flip, why), flip_holm in zip(
-                    task.presented, tests[k], adjusted[k], flips[k], flipped[k], strict=True
-                )
-            ),
-            family,
+        TaskResult(task, float(guessed), matrix, tuple(map(_test, task.presented, *rows, repeat(family))), family)
+        for task, (matrix, guessed), family, *rows in zip(
+            tasks, found, corrections, tests, flips, *columns, strict=True
         )
-        for k, (task, (matrix, guessed), family) in enumerate(zip(tasks, found, corrections, strict=True))
+    )
+
+
+def _flips(matrix: Confusion, guessed: Fraction, rng: np.random.Generator) -> list[SignFlip | None]:
+    return [sign_flip(each, guessed, rng) if each else None for each in _correct(matrix)]
+
+
+def _test(
+    material: str,
+    test: inference.TTest,
+    flip: SignFlip | None,
+    p_holm: float | None,
+    flip_holm: float | None,
+    least_holm: float | None,
+    family: str | None,
+) -> MaterialTest:
+    return MaterialTest(
+        material,
+        test,
+        p_holm,
+        None if test.t is None else inference.cohens_d(test.t, test.df),
+        None if test.t is None else inference.log_bayes_factor(test.t, test.n),
+        flip,
+        flip_holm,
+        least_holm if family or not flip else flip.least,
+        test.stars if family is None else replace(test, p=p_holm).stars,
     )
 
 

@@ -17,7 +17,8 @@ from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials,
 from palpate.analysis.statistics.exact import Floats, Integers, Ratios, of_counts
 from palpate.analysis.statistics.icc import NAMES, icc_tests
 from palpate.analysis.statistics.inference import holm, t_tests
-from palpate.analysis.statistics.participants import repeated_tests, sign_flip_tests
+from palpate.analysis.statistics.participants import repeated_tests
+from palpate.analysis.statistics.sign_flips import sign_flip_tests
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 
 ABOUT = blocks(Path(__file__).with_name("about.md"))

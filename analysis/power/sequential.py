@@ -25,7 +25,7 @@ from palpate.analysis.power.choice_models import ChoiceModel
 from palpate.analysis.power.planned_tests import FLIPS, Design, Model
 from palpate.analysis.statistics.exact import Floats, Integers
 from palpate.analysis.statistics.inference import log_bayes_factor, wilson
-from palpate.analysis.statistics.participants import sign_flip_tests
+from palpate.analysis.statistics.sign_flips import sign_flip_tests
 from palpate.experiment.errors import PowerError
 
 Rule = Literal["obrien-fleming", "pocock", "bayes"]

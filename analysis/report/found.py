@@ -92,6 +92,11 @@ def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
     yield f"{task.task.title} ({plural(len(task.confusion.participants), 'participant')})."
     yield from _tested(task, cells, level)
     yield from _untested(task, cells, level)
+    if (least := _least(task)) >= level:
+        yield (
+            "Sign flips, which are ours, cannot show it: with so few who differ from chance, their P is at least "
+            f"{least:.3g}."
+        )
     if pair := task.confusion.most_confused():
         yield f"Most often taken for one another were {pair[0]} and {pair[1]}."
     if one.jackknife and one.information:
@@ -107,12 +112,10 @@ def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[
             by_t = task.above(test, test.p_holm if task.correction else test.result.p, level)
             by_flips = task.above(test, task.flip(test), level) if test.flip or not by_t else None
             groups.setdefault((by_t, by_flips), []).append(test)
-    least = [test.flip.least for test in task.tests if test.flip]
-    few = f", whose P is {min(least):.3g} or more with so few participants" if min(least, default=0) >= level else ""
+    flips = "" if _least(task) >= level else "; sign flips, which are ours, do not show it"
     said = {
         (True, True): ("Answers were {} for {}.", ""),
-        (True, False): (f"By t alone answers were {{}} for {{}}; sign flips, which are ours{few}, do not show it.",
-                        f"By t alone this is so for {{}}; sign flips, which are ours{few}, do not show it."),
+        (True, False): (f"By t alone answers were {{}} for {{}}{flips}.", f"By t alone this is so for {{}}{flips}."),
         (True, None): ("By t answers were {} for {}; sign flips, which are ours, are not defined for it.",
                        "By t this is so for {}; sign flips, which are ours, are not defined for it."),
         (False, True): ("By sign flips alone, which are ours, answers were {} for {}; t does not show it.",
@@ -126,6 +129,12 @@ def _tested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[
             how = f"right more often than by chance ({task.chance:.4g})"
             yield whole.format(how, listed) if first or not short else short.format(listed)
             first = False
+
+
+def _least(task: TaskResult) -> float:
+    """Return the least P of sign flips that any test of a task can have, or 0 where they are no test at all."""
+    least = min((test.flip_least for test in task.tests if test.flip_least is not None), default=0.0)
+    return least if least < 1 else 0.0
 
 
 def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterator[str]:
@@ -165,6 +174,8 @@ def _between(results: Results, level: float) -> Iterator[str]:
                 f"Ours, over the {one.test.n} who did both: {one.first} less {one.second} is {mean:.3f} "
                 f"(t({one.test.df}) = {one.test.t:.2f}, {p_is(p)}; sign flips, {p_is(one.flip.p)})."
             )
+            if one.flip.least >= level:
+                yield f"With so few participants who differ, P of sign flips is at least {one.flip.least:.3g}."
     told = []
     for task, lines in results.beside.materials.items():
         (line,) = lines

@@ -47,6 +47,7 @@ from palpate.analysis.report.played_section import left_out, played_sections
 from palpate.analysis.statistics.anova import Anova
 from palpate.analysis.statistics.icc import NAMES
 from palpate.analysis.statistics.inference import RESAMPLES
+from palpate.analysis.statistics.sign_flips import DRAWS
 from palpate.experiment.records.events import NO_ANSWER
 
 FEW = 10
@@ -233,6 +234,7 @@ def tests_section(results: Results) -> Section:
         ]
         notes = [f"{test.material}: {test.result.statement}." for test in task.tests if test.result.statement]
         notes += [f"{material} {ABSENT}." for material in task.confusion.absent]
+        notes += companion_tables.sampled((test.material, test.flip) for test in task.tests)
         gaps = sum(test.p_holm is None for test in task.tests)
         notes += [f"Holm's m counts {plural(gaps, 'planned test')} without a P, as if P were 1."] * bool(gaps)
         notes += [
@@ -376,5 +378,6 @@ def _never(task: TaskResult) -> Iterator[str]:
 def methods() -> tuple[tuple[str, str], ...]:
     """Return the name and formula of everything that these sections hold."""
     course = {"window": WINDOW, "widths": ", ".join(map(str, BIN_WIDTHS_MM_S)), "most_bins": MOST_BINS}
-    drawn = {"seed": SEED, "resamples": RESAMPLES, "choice_resamples": CHOICE_RESAMPLES, "orders": ORDERS}
+    drawn = {"seed": SEED, "resamples": RESAMPLES, "choice_resamples": CHOICE_RESAMPLES, "orders": ORDERS,
+             "draws": f"{DRAWS:,}"}  # fmt: skip
     return formulas(Path(__file__).with_name("methods.md"), **course, **drawn, most_materials=MOST)

@@ -1,103 +1,20 @@
-"""Tests and intervals in which a participant is the unit: sign flips, repeated measures and the jackknife.
+"""Tests and intervals in which a participant is the unit: repeated measures, equivalence and the jackknife.
 
-Sign flips: Fisher (1935, The Design of Experiments, section 21). Repeated measures: orthonormal contrasts, with the
-epsilon of Greenhouse and Geisser (1959, Psychometrika 24, 95-112). Equivalence: two one-sided tests (Schuirmann 1987,
-J. Pharmacokinet. Biopharm. 15, 657-680). Jackknife: Tukey (1958, Ann. Math. Stat. 29, 614).
+Repeated measures: orthonormal contrasts, with the epsilon of Greenhouse and Geisser (1959, Psychometrika 24, 95-112).
+Equivalence: two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657-680). Jackknife: Tukey (1958,
+Ann. Math. Stat. 29, 614).
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fractions import Fraction
 
 import numpy as np
 from scipy.linalg import helmert
 from scipy.special import fdtrc, stdtr, stdtrit
 
-from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
+from palpate.analysis.statistics.exact import Floats, NotDefined
 from palpate.analysis.statistics.inference import CONFIDENCE, log_bayes_factor
-
-MOST_STEPS = 200_000_000
-"""Participants times the steps of their sum beyond which sign flips are not counted."""
-
-
-@dataclass(frozen=True)
-class SignFlip:
-    """The exact two-sided P of the mean of `n` participants, and the `least` P that so many participants allow."""
-
-    n: int
-    p: float
-    least: float
-
-
-def sign_flip(values: Sequence[Number], null: Number) -> SignFlip:
-    """Return the exact test that values, shape (participants,), lie around `null`, by all 2^n signs of their distances.
-
-    Raises `NotDefined`: without a participant, or where values have so many denominators that sums cannot be counted.
-    """
-    if not values:
-        raise NotDefined("nobody was presented this material")
-    whole, _ = integers([Fraction(value) - Fraction(null) for value in values])
-    common = math.gcd(*whole) or 1
-    steps = [abs(value) // common for value in whole]
-    if len(steps) * sum(steps) > MOST_STEPS:
-        raise NotDefined("participants did such different numbers of trials that their sign flips cannot be counted")
-    below = np.ones(1)
-    for step in steps:
-        # A sum of n signed steps is a whole number of steps of 2 above its least value.
-        wider = np.zeros(below.size + step)
-        wider[: below.size] += below / 2
-        wider[step:] += below / 2
-        below = wider
-    total, reached = sum(steps), abs(sum(whole)) // common
-    tail = float(below[(total + reached) // 2 :].sum())
-    return SignFlip(len(steps), min(1.0, 2 * tail) if reached else 1.0, 2.0 ** (1 - len(steps)))
-
-
-def sign_flip_tests(counts: Integers, trials: int, chance: Fraction) -> Floats:
-    """Return P of many studies from counts out of `trials`, shape (..., participants), to within 1e-12.
-
-    The sum's characteristic function, a product of cosines, is added up with Dirichlet's kernel at as many points as
-    steps.
-    """
-    distances = chance.denominator * np.arange(trials + 1) - chance.numerator * trials
-    common = math.gcd(*distances.tolist()) or 1
-    sizes, place = np.unique(abs(distances) // common, return_inverse=True)
-    people = counts.shape[-1]
-    points = people * int(sizes[-1]) + 1
-    # Sums of one parity lie on half a circle, of which both halves are alike.
-    angles = np.pi * np.arange(1, (points + 1) // 2) / points
-    half = np.pi / 2 if points % 2 == 0 else None
-    places = place[counts].reshape(-1, people)
-    reached = abs((distances[counts] // common).sum(axis=-1)).ravel()
-    every = np.append(angles, half) if half else angles
-    weights = np.append(np.full(angles.size, 2.0), np.ones(every.size - angles.size)) / np.sin(every) / points
-    cosines = np.cos(np.outer(sizes, every))
-    base, kinds, back = people + 1, np.arange(len(places)), None
-    if few := base ** len(sizes) * (int(reached.max(initial=0)) + 1) < 2**63:
-        # Studies with as many participants at each distance, and one sum, share their P, which is found once.
-        often = np.stack([(places == k).sum(axis=-1) for k in range(len(sizes))], axis=-1)
-        names = often @ base ** np.arange(len(sizes)) + reached * base ** len(sizes)
-        _, kinds, back = np.unique(names, return_index=True, return_inverse=True)
-        powers = cosines[:, None, :] ** np.arange(base)[None, :, None]
-    found = np.empty(len(kinds))
-    rows = max(1, HELD // points)
-    for first in range(0, len(kinds), rows):
-        part = kinds[first : first + rows]
-        wave = weights * np.sin(np.outer(reached[part] - 1, every))
-        if few:
-            factors = (powers[k][often[part, k]] for k in range(len(sizes)))
-        else:
-            factors = (cosines[one] for one in places[part].T)
-        for factor in factors:
-            wave *= factor
-        found[first : first + rows] = 1 - (reached[part] - 1) / points - wave.sum(axis=1)
-    found = found if back is None else found[back]
-    return np.clip(np.where(reached > 0, found, 1.0), 0.0, 1.0).reshape(counts.shape[:-1])
-
-
-HELD = 30_000
-"""Values of characteristic functions that are held at a time, so that they stay in a processor's cache."""
 
 
 @dataclass(frozen=True)

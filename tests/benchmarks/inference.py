@@ -33,7 +33,8 @@ from palpate.analysis.statistics import lapses
 from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests
 from palpate.analysis.statistics.exact import NotDefined, of_counts
 from palpate.analysis.statistics.inference import clopper_pearson, mean_interval, resamples, t_tests, wilson
-from palpate.analysis.statistics.participants import equivalence_tests, jackknife, repeated_tests, sign_flip_tests
+from palpate.analysis.statistics.participants import equivalence_tests, jackknife, repeated_tests
+from palpate.analysis.statistics.sign_flips import sign_flip_tests
 
 SIZES = (6, 10, 15, 25)
 MATERIALS, TRIALS, ALPHA = ("a", "b", "c", "d"), 10, 0.05
@@ -190,7 +191,7 @@ def one_by_one(shown: Counts, share: float, random: np.random.Generator) -> Iter
         yield "coverage: BCa over participants, ratio", bca.low <= share <= bca.high
     except NotDefined:
         yield "coverage: BCa over participants, ratio", False
-    logit = beside(_study(), _matrices(shown)).logit
+    logit = beside(_study(), _matrices(shown), np.random.default_rng(1)).logit
     for name in ("task", "material"):
         hits = [term.p < ALPHA for term in logit.terms if term.name == name] if logit else []
         yield f"logit by participant, material and task, {name} (ours)", any(hits)

@@ -156,3 +156,17 @@ def test_stars_follow_the_p_that_the_protocol_names(correction: str | None, said
     marks[0][3] = ""
     assert [[test.stars for test in task.tests] for task in results.tasks] == marks
     assert any(said in one for one in sections.tests_section(results).paragraphs)
+
+
+@pytest.mark.parametrize(("people", "tests", "able"), [(5, 1, False), (6, 1, True), (6, 3, False), (7, 3, True)])
+def test_the_least_p_of_sign_flips_is_that_of_holms_family(
+    tmp_path: Path, people: int, tests: int, *, able: bool
+) -> None:
+    """2 / 2^6 is below 0.05, and three times as much is not; three times 2 / 2^7 is."""
+    right = trials([(material, material) for material in MATERIALS[:tests] for _ in range(4)])
+    sessions = {str(k): {"virtual": right} for k in range(people)}
+    study = read(write_dataset(tmp_path, sessions, tasks=("virtual",), presented={"virtual": MATERIALS[:tests]}))
+    part = Part("one", study.participants, ("virtual",), _protocol("materials"))
+    (task,) = compute(replace(study, parts=(part,)), {}).tasks
+    assert len(task.tests) == tests
+    assert (min(test.flip_least or 0 for test in task.tests) < 0.05) == able

@@ -152,7 +152,7 @@ def test_where_sign_flips_are_not_defined_nothing_is_said_of_them(tmp_path: Path
     study = read(write_dataset(tmp_path, sessions, tasks=("virtual",)))
     results = compute(study, {})
     task = results.tasks[0]
-    tests = tuple(replace(test, flip=None, flip_holm=None, flip_statement="cannot be counted") for test in task.tests)
+    tests = tuple(replace(test, flip=None, flip_holm=None, flip_least=None) for test in task.tests)
     results = replace(results, tasks=(replace(task, tests=tests),))
     said, *_ = _found(study, results).paragraphs
     assert said == approved

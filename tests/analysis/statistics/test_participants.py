@@ -1,15 +1,10 @@
-"""Participants as the unit: Fisher's own example, every sign one by one, R's car, and closed forms of the jackknife."""
+"""Participants as the unit: R's car, one-sided tests, and closed forms of the jackknife."""
 
 from __future__ import annotations
-
-import itertools
-from fractions import Fraction
 
 import mpmath
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from scipy import stats
 from scipy.linalg import helmert
 
@@ -20,61 +15,9 @@ from palpate.analysis.statistics.participants import (
     jackknife,
     repeated,
     repeated_tests,
-    sign_flip,
-    sign_flip_tests,
 )
 from tests.analysis.reference import printed
 from tests.approved import Refuses
-
-
-def test_sign_flips_of_darwins_maize_are_fishers() -> None:
-    darwin = printed("darwin")
-    found = sign_flip(darwin["differences"], 0)
-    assert found.p == 2 * darwin["as_large"] / 2**15
-    assert (found.n, found.least) == (15, 2 / 2**15)
-
-
-@settings(max_examples=60, deadline=None)
-@given(st.lists(st.integers(0, 10), min_size=1, max_size=9), st.sampled_from([Fraction(1, 4), Fraction(1, 3)]))
-def test_every_way_to_give_signs_is_counted(counts: list[int], chance: Fraction) -> None:
-    distances = [Fraction(count, 10) - chance for count in counts]
-    ways = itertools.product((1, -1), repeat=len(counts))
-    sums = [sum((d * s for d, s in zip(distances, signs, strict=True)), Fraction(0)) for signs in ways]
-    share = float(np.mean([abs(one) >= abs(sum(distances, Fraction(0))) for one in sums]))
-    assert sign_flip([Fraction(count, 10) for count in counts], chance).p == pytest.approx(share, abs=1e-14)
-    assert sign_flip_tests(np.array([counts]), 10, chance)[0] == pytest.approx(share, abs=1e-12)
-
-
-@pytest.mark.parametrize(("people", "trials"), [(25, 10), (40, 12), (60, 7), (5, 200)])
-def test_many_studies_are_tested_as_one(people: int, trials: int) -> None:
-    counts = np.random.default_rng(3).binomial(trials, 0.3, size=(4, 5, people))
-    found = sign_flip_tests(counts, trials, Fraction(1, 4))
-    for study, p in zip(counts.reshape(-1, people), found.ravel(), strict=True):
-        own = sign_flip([Fraction(int(count), trials) for count in study], Fraction(1, 4))
-        assert p == pytest.approx(own.p, abs=1e-12)
-
-
-def test_where_every_answer_is_right_there_is_a_p() -> None:
-    """Two of 2^n signs, all of them and none, are as far from chance."""
-    assert sign_flip([Fraction(1)] * 10, Fraction(1, 4)).p == 2 / 2**10
-
-
-def test_where_everybody_is_at_chance_p_is_1() -> None:
-    assert sign_flip([Fraction(1, 4)] * 5, Fraction(1, 4)).p == 1
-
-
-def test_unequal_trials_are_weighed_exactly() -> None:
-    """By hand: distances 1/4, 1/12 and -1/20 sum to 17/60; of 8 signs, those of all alike and of the last turned."""
-    ratios = [Fraction(1, 2), Fraction(1, 3), Fraction(1, 5)]
-    assert sign_flip(ratios, Fraction(1, 4)).p == 4 / 8
-
-
-def test_sums_that_cannot_be_counted_are_not_defined() -> None:
-    primes = (9973, 9967, 9949, 9941, 9931)
-    with pytest.raises(NotDefined, match="cannot be counted"):
-        sign_flip([Fraction(1, prime) for prime in primes], Fraction(1, 4))
-    with pytest.raises(NotDefined, match="nobody"):
-        sign_flip([], Fraction(1, 4))
 
 
 def test_repeated_measures_are_those_of_r() -> None:
