@@ -1,5 +1,10 @@
 """The voltages of a stimulus: prepared for each material where possible, as sums of two waveforms, else computed.
 
+Between two knots a bin's voltage W is a straight line of the speed, but for rounding: a knot lies d beside the bend
+that it is for, and what is asked has an error e. With w, the rise of W from 2 d + e below a knot to 2 d + e above it, a
+weighted sum is off by at most 2 (w_1 + w_2) a bin, however steep W is (derived in `experiment/decisions.md`). Where
+that, summed over bins, with the rounding of voltages and transforms passes `MISSED`, nothing is held.
+
 `experiment/decisions.md` has why nothing is approximated, and why every limit is kept.
 """
 
@@ -17,7 +22,15 @@ from numpy.typing import NDArray
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 from palpate.experiment.synthesis.shaping import AtBins, Response, Shaped, drive, response_at
 from palpate.experiment.synthesis.spectra import Bins
-from palpate.experiment.synthesis.waveforms import Basis, Stimulus, Waveform
+from palpate.experiment.synthesis.waveforms import (
+    LEAST,
+    ROUNDING,
+    Basis,
+    Stimulus,
+    Waveform,
+    denormal_error_m_s2,
+    transform_error,
+)
 
 FASTEST = 1.5
 """Waveforms are held up to this multiple of the fastest measured speed: 450 mm/s in the study of Okamoto et al."""
@@ -27,33 +40,35 @@ WASTE = 0.005
 (as far as a line lies above a convex curve): about the error of the bound `highest`.
 """
 
-MISSED = 1e-12
-"""A piece is not prepared if a weighted sum is off by this part of its largest voltage; transforms are by 1e-15."""
+MISSED = 4e-13
+"""No sample of a weighted sum is off by more than this part of the largest voltage of its piece."""
+
+ASKED_ROUNDINGS, PLACE_ROUNDINGS, VOLTAGE_ROUNDINGS = 12, 32, 70
+"""Of what is asked of a bin; of its largest amplitude and the speed, where a knot is placed; of a voltage: counted in
+`experiment/decisions.md`."""
 
 MOST_BYTES = 2**25
 """Of waveforms, held for one material: 174 of 0.5 s at 48 kHz."""
 
 
 class Knot(NamedTuple):
-    """A speed at which a bin bends, or a piece ends, a `part` of the way from a piece's lower end to its upper one.
+    """A speed at which a bin bends, or a piece ends.
 
     `scale`, at most 1, keeps the stimulus within the limits. `waveform_v`, V, (n,), is None if no weighted sum is
     valid.
     """
 
-    part: float
+    speed_mm_s: float
     scale: float
     waveform_v: NDArray[np.float64] | None
 
 
 @dataclass(frozen=True)
 class Piece:
-    """The speeds with the same measured speeds around and the same nearest; `parts` of `knots` rise from 0 to 1."""
+    """The speeds with the same measured speeds around and the same nearest; those of `knots` rise from end to end."""
 
-    from_mm_s: float
-    to_mm_s: float
     knots: tuple[Knot, ...]
-    parts: tuple[float, ...]
+    speeds_mm_s: tuple[float, ...]
 
 
 @dataclass(frozen=True)
@@ -64,12 +79,11 @@ class DrivenBasis:
 
     def at(self, stimulus: Stimulus) -> tuple[NDArray[np.float64], float] | None:
         """Return the voltages, V, shape (n,), and the scale, as `shaping.drive` with that; None if not prepared."""
-        piece = self.pieces.get((stimulus.interval, stimulus.nearer))
-        if piece is None or not piece.from_mm_s <= stimulus.speed_mm_s <= piece.to_mm_s:
+        piece, v = self.pieces.get((stimulus.interval, stimulus.nearer)), stimulus.speed_mm_s
+        if piece is None or not piece.speeds_mm_s[0] <= v <= piece.speeds_mm_s[-1]:
             return None
-        part = (stimulus.speed_mm_s - piece.from_mm_s) / (piece.to_mm_s - piece.from_mm_s)
-        place = min(bisect_right(piece.parts, part), len(piece.knots) - 1)
-        return _between(piece.knots[place - 1], piece.knots[place], part)
+        place = min(bisect_right(piece.speeds_mm_s, v), len(piece.knots) - 1)
+        return _between(piece.knots[place - 1], piece.knots[place], v)
 
     @property
     def nbytes(self) -> int:
@@ -82,11 +96,11 @@ class DrivenBasis:
         )
 
 
-def _between(low: Knot, high: Knot, part: float) -> tuple[NDArray[np.float64], float] | None:
+def _between(low: Knot, high: Knot, speed_mm_s: float) -> tuple[NDArray[np.float64], float] | None:
     """Return the weighted sum of two neighbours, V, shape (n,), and its scale; None if one of them is not held."""
     if low.waveform_v is None or high.waveform_v is None:
         return None
-    way = (part - low.part) / (high.part - low.part)
+    way = (speed_mm_s - low.speed_mm_s) / (high.speed_mm_s - low.speed_mm_s)
     of_low, of_high = (1 - way) / low.scale, way / high.scale
     over = of_low + of_high
     voltages_v: NDArray[np.float64] = low.waveform_v * (of_low / over)
@@ -114,28 +128,32 @@ class _Line:
     spectra: CrinkleSpectra
     place: tuple[int, int]
     ends_mm_s: tuple[float, float]
+    rate_hz: int
     at: AtBins
     bends_m_s2: NDArray[np.float64]
-    whole: Callable[..., tuple[NDArray[np.float64], Shaped]]
+    gain_limit_v_per_m_s2: float
     limited: Callable[..., tuple[NDArray[np.float64], Shaped]]
 
-    def piece(self, bending: NDArray[np.float64]) -> Piece:
-        knots = [self._knot(part) for part in bending.tolist()]
+    def piece(self, bending_mm_s: NDArray[np.float64]) -> Piece:
+        knots = [self._knot(speed_mm_s) for speed_mm_s in bending_mm_s.tolist()]
         knots += [knot for low, high in pairwise(knots) for knot in self._taken_down(low, high)]
         # Where two knots coincide, the one without a waveform stays, so that nothing is held there.
-        knots.sort(key=lambda knot: (knot.part, knot.waveform_v is None))
-        knots = list({knot.part: knot for knot in knots}.values())
+        knots.sort(key=lambda knot: (knot.speed_mm_s, knot.waveform_v is None))
+        knots = list({knot.speed_mm_s: knot for knot in knots}.values())
         loudest_v = max(float(np.abs(knot.waveform_v).max()) for knot in knots if knot.waveform_v is not None)
         gaps = (self._gap(low, high, loudest_v) for low, high in pairwise(knots))
         knots += [gap for gap in gaps if gap is not None]
-        knots.sort(key=lambda knot: knot.part)
-        return Piece(*self.ends_mm_s, tuple(knots), tuple(knot.part for knot in knots))
+        knots.sort(key=lambda knot: knot.speed_mm_s)
+        return Piece(tuple(knots), tuple(knot.speed_mm_s for knot in knots))
 
-    def bending(self) -> NDArray[np.float64]:
-        """Return where any bin bends, as parts of the way, 0 and 1 among them."""
-        return self._bending(self._amplitudes(0.0), self._amplitudes(1.0))
+    def bending_mm_s(self) -> NDArray[np.float64]:
+        """Return the speeds at which any bin bends, both ends among them."""
+        slow, fast = self.ends_mm_s
+        parts = self._bending(self._amplitudes(slow), self._amplitudes(fast))[1:-1]
+        return np.unique(np.concatenate([[slow, fast], np.clip(slow + parts * (fast - slow), slow, fast)]))
 
     def _bending(self, first_m_s2: NDArray[np.float64], last_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return where any bin bends between two ends, as parts of the way, 0 and 1 among them."""
         first, last = first_m_s2[self.at.known], last_m_s2[self.at.known]
         with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             parts = (self.bends_m_s2 - first) / (last - first)
@@ -146,47 +164,72 @@ class _Line:
         if low.scale == high.scale == 1:
             return []
 
-        first, last = (np.maximum(self._amplitudes(end.part), 0.0) * end.scale for end in (low, high))
+        first, last = (np.maximum(self._amplitudes(end.speed_mm_s), 0.0) * end.scale for end in (low, high))
         bending = self._bending(first, last)[1:-1]
         # From parts of the way between the spectra taken down to parts of the way between the speeds.
         ways = bending * high.scale / (bending * high.scale + (1 - bending) * low.scale)
         found = []
         for way in ways.tolist():
-            part, scale = low.part * (1 - way) + high.part * way, 1 / ((1 - way) / low.scale + way / high.scale)
-            knot = self._knot(part, scale)
+            speed_mm_s = min(low.speed_mm_s + (high.speed_mm_s - low.speed_mm_s) * way, high.speed_mm_s)
+            scale = 1 / ((1 - way) / low.scale + way / high.scale)
+            knot = self._knot(speed_mm_s, scale)
             found.append(knot if knot.scale == scale else knot._replace(waveform_v=None))
         return found
 
     def _gap(self, low: Knot, high: Knot, loudest_v: float) -> Knot | None:
-        """Return a knot without a waveform between two neighbours whose middle their weighted sum misses."""
-        part = (low.part + high.part) / 2
-        found = _between(low, high, part)
+        """Return a knot without a waveform between two neighbours whose weighted sum may miss or waste too much."""
+        speed_mm_s = (low.speed_mm_s + high.speed_mm_s) / 2
+        found = _between(low, high, speed_mm_s)
         if found is None:
             return None
-        held_v, scale = found
-        wanted_v, _ = self.whole(self._bins(part), scale=scale)
-        missed = np.abs(held_v - wanted_v).max() > MISSED * loudest_v
-        wasted = scale < 1 and self.limited(self._bins(part))[1].scale * (1 - WASTE) > scale
-        return Knot(part, scale, None) if missed or wasted else None
+        scale = found[1]
+        missed = loudest_v > 0 and self._missed_v(low, high) > MISSED * loudest_v
+        wasted = scale < 1 and self.limited(self._bins(speed_mm_s))[1].scale * (1 - WASTE) > scale
+        return Knot(speed_mm_s, scale, None) if missed or wasted else None
 
-    def _knot(self, part: float, scale: float = 1.0) -> Knot:
-        waveform_v, shaped = self.limited(self._bins(part), scale=scale)
-        return Knot(part, shaped.scale, waveform_v)
+    def _missed_v(self, low: Knot, high: Knot) -> float:
+        """Return the bound on what any sample between two neighbours is off by, V: see the module."""
+        known, lower, on = self.at.known, self.place[0], self.spectra.grid(self.rate_hz)
+        nearer = self.spectra.amplitudes[sum(self.place)][known]
+        steps = high.speed_mm_s / (high.speed_mm_s - low.speed_mm_s)
+        rises_v, volts_v = 0.0, np.zeros(nearer.size)
+        with np.errstate(over="ignore", invalid="ignore"):
+            first, last = (self._amplitudes(end.speed_mm_s)[known] * end.scale for end in (low, high))
+            largest = np.vstack([self.spectra.amplitudes[lower : lower + 2, known], first, last]).max(axis=0)
+            placed = PLACE_ROUNDINGS * ROUNDING * (largest + np.abs(last - first) * steps)
+            for end in (first, last):
+                away = np.abs(self.bends_m_s2 - end)
+                off = np.where(away <= placed, away, 0.0).max(axis=0)
+                beside = 2 * off + ASKED_ROUNDINGS * (ROUNDING * np.maximum(end, nearer) + LEAST)
+                above_v = self._volts_v(end + beside)
+                rises_v += float((above_v - self._volts_v(end - beside)).sum())
+                np.maximum(volts_v, above_v, out=volts_v)
+        rounded = VOLTAGE_ROUNDINGS * ROUNDING + 2 * transform_error(on)
+        return 2 * rises_v + rounded * float(volts_v.sum()) + denormal_error_m_s2(self.spectra.samples)
 
-    def _bins(self, part: float) -> Bins:
-        coefficients = np.maximum(self._amplitudes(part), 0.0) * self.spectra.signs[sum(self.place)]
+    def _volts_v(self, amplitudes_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return W of each known bin within the gain limit, V, (K,), as `shape_at`."""
+        asked = np.maximum(amplitudes_m_s2, 0.0)
+        return np.minimum(self.at.voltages_v(asked), asked * self.gain_limit_v_per_m_s2)
+
+    def _knot(self, speed_mm_s: float, scale: float = 1.0) -> Knot:
+        waveform_v, shaped = self.limited(self._bins(speed_mm_s), scale=scale)
+        return Knot(speed_mm_s, shaped.scale, waveform_v)
+
+    def _bins(self, speed_mm_s: float) -> Bins:
+        coefficients = np.maximum(self._amplitudes(speed_mm_s), 0.0) * self.spectra.signs[sum(self.place)]
         return Bins(coefficients, self.spectra.samples, self.spectra.rate_hz)
 
-    def _amplitudes(self, part: float) -> NDArray[np.float64]:
-        """Return amplitudes before they are floored, m/s^2, shape (K,)."""
-        lower, (slow, fast) = self.place[0], self.ends_mm_s
-        speeds, levels = self.spectra.speeds_mm_s, self.spectra.amplitudes
-        v = slow * (1 - part) + fast * part
-        way = (v - speeds[lower]) / (speeds[lower + 1] - speeds[lower])
-        if way <= 1:
-            return np.asarray(levels[lower] * (1 - way) + levels[lower + 1] * way)
-        # From the nearer speed on, as in `at_speed`.
-        return np.asarray(levels[lower + 1] + (levels[lower + 1] - levels[lower]) * (way - 1))
+    def _amplitudes(self, speed_mm_s: float) -> NDArray[np.float64]:
+        """Return amplitudes as those of `at_speed`, before they are floored, m/s^2, shape (K,)."""
+        lower = self.place[0]
+        (slow, fast), (first, second) = (
+            of[lower : lower + 2] for of in (self.spectra.speeds_mm_s, self.spectra.amplitudes)
+        )
+        if speed_mm_s <= fast:
+            gap = fast - slow
+            return np.asarray(first * ((fast - speed_mm_s) / gap) + second * ((speed_mm_s - slow) / gap))
+        return np.asarray(second + (second - first) * ((speed_mm_s - fast) / (fast - slow)))
 
 
 def _bends_m_s2(at: AtBins, gain_limit_v_per_m_s2: float) -> NDArray[np.float64]:
@@ -238,15 +281,17 @@ class Drive:
         at = response_at(self.response, spectra.samples, spectra.rate_hz, on.carried)
         bends_m_s2 = _bends_m_s2(at, self._gain_limit_v_per_m_s2)
         lines = {
-            place: _Line(spectra, place, ends_mm_s, at, bends_m_s2, self._whole, self._limited)
+            place: _Line(
+                spectra, place, ends_mm_s, self._rate_hz, at, bends_m_s2, self._gain_limit_v_per_m_s2, self._limited
+            )
             for place, ends_mm_s in _ends_mm_s(spectra).items()
         }
-        bending = {place: line.bending() for place, line in lines.items()}
+        bending_mm_s = {place: line.bending_mm_s() for place, line in lines.items()}
         basis = DrivenBasis({})
-        if sum(parts.size for parts in bending.values()) * on.count * 8 > MOST_BYTES:
+        if sum(speeds.size for speeds in bending_mm_s.values()) * on.count * 8 > MOST_BYTES:
             return basis
         for place, line in lines.items():
-            basis.pieces[place] = line.piece(bending[place])
+            basis.pieces[place] = line.piece(bending_mm_s[place])
             if basis.nbytes > MOST_BYTES:
                 return DrivenBasis({})
         return basis

@@ -102,7 +102,7 @@ def test_any_speed_is_driven_as_worked_out_for_it(
         assert found is not None
         held, scale = found
         assert scale == 1
-        np.testing.assert_allclose(held, driven.at(speed_mm_s)[0], rtol=0, atol=2 * MISSED * loudest_v(basis))
+        np.testing.assert_allclose(held, driven.at(speed_mm_s)[0], rtol=0, atol=MISSED * loudest_v(basis))
 
 
 @settings(deadline=None)
@@ -122,7 +122,7 @@ def test_with_any_response_what_is_held_is_as_worked_out(
     for speed_mm_s in [within(driven.spectra.speeds_mm_s, part) for part in parts]:
         if (found := basis.at(driven.asked(speed_mm_s))) is not None:
             worked_out = driven.at(speed_mm_s)[0]
-            np.testing.assert_allclose(found[0], worked_out, rtol=0, atol=2 * MISSED * loudest_v(basis))
+            np.testing.assert_allclose(found[0], worked_out, rtol=0, atol=MISSED * loudest_v(basis))
 
 
 @pytest.mark.parametrize("rate_hz", [1000, 1500, 48_000])
@@ -181,7 +181,7 @@ def test_what_is_held_keeps_the_limits_and_is_taken_down_hardly_more_than_need_b
             continue
         held, scale = found
         volts, did = driven.whole(speed_mm_s, scale=scale)
-        np.testing.assert_allclose(held, volts, rtol=0, atol=2 * MISSED * loudest_v(basis))
+        np.testing.assert_allclose(held, volts, rtol=0, atol=MISSED * loudest_v(basis))
         assert np.abs(held).max() <= limit_v * (1 + 1e-12)
         assert peak_m_s2(did) <= limit_m_s2 * (1 + 1e-12)
         # A bound on the peak that is too high by up to 1.3 % has `drive` take down more, or less, than the middle did.
@@ -227,7 +227,7 @@ def test_bins_that_all_bend_at_the_same_speeds_are_prepared_within_limits(seed: 
     for speed_mm_s in rng.uniform(100.0, 450.0, 9).tolist():
         if (found := basis.at(driven.asked(speed_mm_s))) is not None:
             volts = driven.whole(speed_mm_s, scale=found[1])[0]
-            np.testing.assert_allclose(found[0], volts, rtol=0, atol=2 * MISSED * loudest_v(basis))
+            np.testing.assert_allclose(found[0], volts, rtol=0, atol=MISSED * loudest_v(basis))
 
 
 def test_a_loud_material_of_many_bins_is_held_taken_down_as_far_as_the_limits_ask() -> None:
@@ -264,7 +264,7 @@ def test_a_bin_bends_where_it_reaches_a_level_and_where_it_is_floored() -> None:
     amplitudes[:, 4], amplitudes[:, 6] = (1.0, 6.0), (3.0, 2.0)
     spectra = CrinkleSpectra(np.array([100.0, 200.0]), RATE_HZ, amplitudes, np.ones((2, 10)))
     pieces = Driven(spectra).basis.pieces
-    knots = [[p.from_mm_s + k.part * (p.to_mm_s - p.from_mm_s) for k in p.knots] for p in pieces.values()]
+    knots = [list(piece.speeds_mm_s) for piece in pieces.values()]
     # At 300 Hz the levels reach 1, 2 and 4 m/s^2, and the bin falls through 2 at 200 mm/s and 1 at 300; the first bin
     # reaches 8 at 240.
     assert knots == [pytest.approx([100.0, 120.0, 150.0]), pytest.approx([150.0, 170.0, 200.0, 240.0, 300.0])]
@@ -281,8 +281,7 @@ def test_a_limit_of_the_gain_bends_too() -> None:
     spectra = CrinkleSpectra(np.array([100.0, 200.0]), RATE_HZ, amplitudes, np.ones((2, 10)))
     driven = Driven(spectra, gain_limit=0.24)
     piece = driven.basis.pieces[0, 0]
-    places_mm_s = [100.0 + 50.0 * knot.part for knot in piece.knots]
-    assert places_mm_s == pytest.approx([100.0, 125.0, 100.0 + (0.5 / 0.24 - 1) / 0.04, 137.5, 150.0])
+    assert piece.speeds_mm_s == pytest.approx([100.0, 125.0, 100.0 + (0.5 / 0.24 - 1) / 0.04, 137.5, 150.0])
     amplitude = np.abs(driven.at(130.0)[1].coefficients_v[4])
     assert amplitude == pytest.approx(0.24 * 2.2)
 
