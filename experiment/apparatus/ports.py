@@ -48,14 +48,6 @@ class Tracker(Protocol):
     def close(self) -> None: ...
 
 
-class Rester(Protocol):
-    """Someone who has a foot rest on the panel, so that the tracker can be zeroed."""
-
-    def rest(self, *, why: str) -> None:  # noqa: ARG002
-        """Return when the foot rests on the bare panel; `why` says what was wrong the time before."""
-        return
-
-
 class Pedal(Protocol):
     """With what the participant stops everything."""
 

@@ -21,7 +21,7 @@ from palpate.experiment.errors import LinkError, PalpateError, PauseAsked, Sessi
 if TYPE_CHECKING:
     from palpate.experiment.desk.linked import LinkedConsole
     from palpate.experiment.desk.messages import View
-    from palpate.experiment.desk.port import Console
+    from palpate.experiment.desk.questions import Console
     from palpate.experiment.protocol.models import Protocol
     from palpate.experiment.records.entries import Footer
 
@@ -135,7 +135,7 @@ def run(
 
         view = _first_view(protocol, who, folder, practice=practice)
         with desk.beside(session_at, protocol_file, rig) as opened:
-            linked = LinkedConsole(view, theirs=prompts.theirs(protocol), screen=opened)
+            linked = LinkedConsole(view, answers=prompts.shown_answers(protocol), screen=opened)
             _listen(session_at, linked, once, last=task is None)
     elif served:
         threading.Thread(target=_end_with, args=(os.getppid(),), name="server", daemon=True).start()

@@ -91,7 +91,7 @@ def answers(path: Path) -> bool:
 class SessionEnd(Protocol):
     """The session's side of the link, called from its thread."""
 
-    def tell(self, role: str) -> messages.Message:
+    def message(self, role: str) -> messages.Message:
         """Return what a console (`console`) or the participant's screen (`screen`) shows now."""
 
     def take(self, hello: messages.Hello, deed: messages.Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
@@ -252,7 +252,7 @@ class Link:
             return
         if not peer.unsent:
             peer.read_s = time.monotonic()
-        said = self._end.tell(peer.hello.role)
+        said = self._end.message(peer.hello.role)
         if isinstance(said, messages.Prompt):
             self._tick_s = TICK_S if said.hand_mm is None else HAND_S
         if not peer.unsent and (told := messages.line(said)) != peer.told:

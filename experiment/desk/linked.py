@@ -5,43 +5,17 @@ question on the screen when it was pressed. Without a console nothing new is arm
 """
 
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from dataclasses import replace
 from math import inf
 
 from palpate.experiment.apparatus import host
-from palpate.experiment.clock import Clock, monotonic_ns, wall_ns
-from palpate.experiment.desk import port, prompts
-from palpate.experiment.desk.messages import (
-    CLOSED,
-    ENTER,
-    ESCAPE,
-    LINES,
-    SAFE,
-    TYPED,
-    Choice,
-    Choose,
-    Correct,
-    Deed,
-    Ended,
-    Gauges,
-    Hello,
-    Kind,
-    Lamp,
-    Message,
-    Pause,
-    Prompt,
-    Question,
-    Repeat,
-    Shown,
-    Stop,
-    TakeNote,
-    Typed,
-    View,
-    Write,
-)
-from palpate.experiment.desk.prompts import NOTHING, Theirs
+from palpate.experiment.clock import monotonic_ns, wall_ns
+from palpate.experiment.desk import messages, prompts, questions
+from palpate.experiment.desk.messages import ENTER, ESCAPE, Asked, Choose, Deed, Hello, Pause, Stop, View
+from palpate.experiment.desk.questions import Arm, Attended, Notice, Question, Reply
 from palpate.experiment.errors import LinkError, PalpateError, PauseAsked
 from palpate.experiment.settings import characters
 
@@ -50,8 +24,6 @@ ALONE_S = 600.0
 
 SCREEN_S = 60.0
 """Nothing is armed for so long, s, while the participant's screen opens; PsychoPy takes some ten to load."""
-
-SCREEN_OPENS = "The participant's screen opens; that takes some seconds. The trial is armed once it is there."
 
 KEEPS_STATE = ("answer", "confirm", "familiarise", "break", "continue")
 """Questions that belong to a state of the session; while any other is asked, and after it, what comes is prepared."""
@@ -62,11 +34,24 @@ PATIENCE_NS = 300_000_000
 PROMPTS = 20
 """So many prompts are remembered, for the participant's screen to say when it showed them."""
 
-STOP = "s"
-"""The key that ends the process of a session that paused."""
+SCREEN_OPENS = questions.Asking(
+    "agree",
+    "The participant's screen opens; that takes some seconds. The trial is armed once it is there.",
+    questions.keyed({ENTER: "go on without the screen"}),
+)
 
-EARLY = (Choice(key=ENTER, words="end the break"), Choice(key=ESCAPE, words="go on with the break"))
-"""What ends a break before its time: a key that is leaned on is one press, and no answer to this."""
+END_BREAK = questions.Asking(
+    "continue",
+    "The break is not over. End it now?",
+    questions.keyed({ENTER: "end the break", ESCAPE: "go on with the break"}),
+)
+"""A key that is leaned on is one press, and no answer to this."""
+
+NOT_THEIRS = {
+    "participant": "The participant does not answer this question at the screen.",
+    "experimenter": "The participant answers this question, at their screen.",
+}
+"""What is said of a choice that is another's."""
 
 NEXT = "── Task {step} ──"
 """The line between what was told of one task and what is told of the next."""
@@ -81,30 +66,32 @@ NO_SESSION = (
 class LinkedConsole:
     """Implements `Console` and the link's `SessionEnd`."""
 
-    def __init__(self, view: View, *, theirs: Theirs = NOTHING, screen: bool = False, alone_s: float = ALONE_S) -> None:
-        """Begin with `view`, which does not change; `theirs` is at the participant's screen, if there is a `screen`."""
+    def __init__(
+        self, view: View, *, answers: tuple[str, ...] = (), screen: bool = False, alone_s: float = ALONE_S
+    ) -> None:
+        """Begin with `view`, which does not change; `answers` are allowed in any trial."""
         self._view = view
         self._alone_s = alone_s
         self._changed = threading.Condition()
         # What waits for the disk, one after the other, so that the link's thread does not.
         self._recorder: Executor = ThreadPoolExecutor(1, "recorder", initializer=host.favour)
-        self._session: port.Attended | None = None
+        self._session: Attended | None = None
         self._asked = 0
         self._chosen: str | None = None
-        self._chosen_at_ns = 0
+        self._chosen_at_ns = self._opened_ns = 0
         self._picked: tuple[Deed, int, str] | None = None
-        self._repeated: Repeat | None = None
+        self._repeated: messages.Repeat | None = None
         self._consoles = 0
-        self._theirs = theirs
+        self._answers = answers
         self._screen = self._awaits_screen = screen
         self._screens = 0
-        self._prompts = [Prompt()]
+        self._prompts = [messages.Prompt()]
         # No screen showed anything of a session before its desk began; another clock's reading may be a second off.
         self._began_ns = monotonic_ns() - 10**9
         self._armed: int | None = None
         self._waits_ns: int | None = None
         self._pausing: Pause | Stop | None = None
-        self._paused_by = port.BY_EXPERIMENTER
+        self._paused_by = questions.BY_EXPERIMENTER
         self._failed = ""
         self._ignored = ""
         self._anchored = ""
@@ -113,26 +100,37 @@ class LinkedConsole:
 
     # What the link asks, from its thread.
 
-    def tell(self, role: str) -> Message:
+    def message(self, role: str) -> messages.Message:
         with self._changed:
             view, session = self._view, self._session
         if session is not None:
             measured = session.gauges()
             gauges = self._with_screen(measured) if measured is not None else None
             view = view.model_copy(update={"gauges": gauges, **_standing(session)})
-        return view if role == "console" else self._prompt(view)
+        if role != "console":
+            return self._prompt(view)
+        asked = view.question
+        theirs = asked and asked.model_copy(update={"choices": self._may(asked, "experimenter")})
+        return view.model_copy(update={"question": theirs})
 
-    def _with_screen(self, gauges: Gauges) -> Gauges:
+    def _may(self, asked: Asked, who: messages.By) -> tuple[messages.Choice, ...]:
+        """Return what somebody may choose; without a screen the experimenter keys what the participant says."""
+        others = "experimenter" if who == "participant" else "participant" if self._screens else ""
+        return tuple(one for one in asked.choices if one.by != others)
+
+    def _with_screen(self, gauges: messages.Gauges) -> messages.Gauges:
         if not (self._screen or self._screens):
             return gauges
         there = self._screens > 0
         words = "connected" if there else "not connected; `palpate screen` opens it"
-        return gauges.model_copy(update={"lamps": (*gauges.lamps, Lamp(name="screen", good=there, words=words))})
+        return gauges.model_copy(
+            update={"lamps": (*gauges.lamps, messages.Lamp(name="screen", good=there, words=words))}
+        )
 
-    def _prompt(self, view: View) -> Prompt:
+    def _prompt(self, view: View) -> messages.Prompt:
         """Return what the participant's screen shows, with a number that changes when its look does."""
         last = self._prompts[-1]
-        new = prompts.prompt(view, self._theirs)
+        new = prompts.prompt(view, self._answers)
         if new.show != "wait" or last.show == "wait":
             self._waits_ns = None
         else:
@@ -151,11 +149,10 @@ class LinkedConsole:
             self._screens = screens
             self._screen = self._screen or screens > 0
             if 1 <= self._consoles < consoles:
-                self.show(
-                    f"Another console was opened; {consoles} are open. The first key pressed at any of them counts."
-                )
+                words = f"Another console was opened; {consoles} are open. The first key pressed at any of them counts."
+                self.tell(Notice(words))
             elif 1 <= consoles < self._consoles:
-                self.show("Another console was closed.")
+                self.tell(Notice("Another console was closed."))
             self._consoles = consoles
             self._changed.notify_all()
 
@@ -170,7 +167,7 @@ class LinkedConsole:
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str] | Future[tuple[bool, str]]:
         try:
-            done = self._take_at_once(deed) if hello.role == "console" else self._take_choice(deed)
+            done = self._take_at_once(deed, "experimenter" if hello.role == "console" else "participant")
         except ValueError as error:
             done = False, UNWRITABLE.format(error)
         recorded = self._recorder.submit(self._record, hello, deed, done)
@@ -187,16 +184,17 @@ class LinkedConsole:
         except PalpateError as error:
             return False, str(error)
         # What was typed and what was shown have entries of their own.
-        if session is not None and not (taken and isinstance(deed, Typed | Shown)):
+        if session is not None and not (taken and isinstance(deed, messages.Typed | messages.Shown)):
             # The words of a remark stand in its own entry.
-            facts = deed.model_dump(exclude={"do", "text", "reason"}, exclude_none=True)
+            own = {"do", "text", "reason"} | ({"t_ns"} if isinstance(deed, Choose) else set())
+            facts = deed.model_dump(exclude=own, exclude_none=True)
             command = " ".join([deed.do, *map(str, facts.values())])
             try:
                 session.commanded(by=hello.by, command=command, taken=taken, words=words)
             except PalpateError as error:
                 # The session meets it too, and ends.
                 taken, words = False, str(error)
-        return (taken, words) if self._handed_over(deed, counts=taken) else (False, CLOSED)
+        return (taken, words) if self._handed_over(deed, counts=taken) else (False, messages.CLOSED)
 
     def _handed_over(self, deed: Deed, *, counts: bool) -> bool:
         """Let the session have the key that a deed picked, now that it is on record; False if it asks no longer."""
@@ -214,61 +212,51 @@ class LinkedConsole:
         self.wake()
         return True
 
-    def _take_at_once(self, deed: Deed) -> tuple[bool, str] | None:
-        """Return what became of what an experimenter asks for, or None for what is done as it is put on record."""
+    def _take_at_once(self, deed: Deed, who: messages.By) -> tuple[bool, str] | None:
+        """Return what became of what somebody asks for, or None for what is done as it is put on record."""
         match deed:
             case Choose():
-                return self._choose(deed, at_console=True)
-            case Write():
+                return self._choose(deed, who)
+            case Pause() if who == "participant":
+                return self._pause(deed, questions.BY_PARTICIPANT)
+            case messages.Shown():
+                return None if who == "participant" else (False, "Only the participant's screen says what it shows.")
+            case _ if who == "participant":
+                return False, "The participant's screen may not ask for that."
+            case messages.Write():
                 return self._write(deed)
-            case Typed():
+            case messages.Typed():
                 with self._changed:
                     self._ignored += deed.keys
                 return True, f"Ignored because nothing was asked: {characters.keyed(deed.keys)}."
             case Pause() | Stop():
-                return self._pause(deed, port.BY_EXPERIMENTER)
-            case Shown():
-                return False, "Only the participant's screen says what it shows."
+                return self._pause(deed, questions.BY_EXPERIMENTER)
             case _:
                 return None
 
-    def _take_remark(self, deed: Deed, session: port.Attended | None) -> tuple[bool, str]:
-        if isinstance(deed, Shown):
+    def _take_remark(self, deed: Deed, session: Attended | None) -> tuple[bool, str]:
+        if isinstance(deed, messages.Shown):
             return self._note_shown(deed, session)
         if session is None:
             return False, NO_SESSION
-        if isinstance(deed, TakeNote):
+        if isinstance(deed, messages.TakeNote):
             # Raises for what cannot go on record.
             characters.one_line(deed.text)
             about = "" if deed.trial is None else f" on trial {deed.trial}"
             return self._logged(session.remark(deed), f"Note{about}: {deed.text}")
-        if isinstance(deed, Correct | Repeat):
+        if isinstance(deed, messages.Correct | messages.Repeat):
             characters.one_line(deed.reason)
-            done = self._repeat(deed, session) if isinstance(deed, Repeat) else session.remark(deed)
+            done = self._repeat(deed, session) if isinstance(deed, messages.Repeat) else session.remark(deed)
             return self._logged(done, f"Reason: {deed.reason}")
         raise RuntimeError(f"{deed.do} was to be done at once")
 
     def _logged(self, done: tuple[bool, str], what: str) -> tuple[bool, str]:
         """Show among the lines what was put on record; return what became of it."""
         if done[0]:
-            self.show(f"{done[1]} {what}")
+            self.tell(Notice(f"{done[1]} {what}"))
         return done
 
-    def _take_choice(self, deed: Deed) -> tuple[bool, str] | None:
-        """Take a stop, or a key for a question that is the participant's to answer; None for what is shown to them."""
-        if isinstance(deed, Shown):
-            return None
-        if isinstance(deed, Pause):
-            return self._pause(deed, port.BY_PARTICIPANT)
-        if not isinstance(deed, Choose):
-            return False, "The participant's screen may not ask for that."
-        with self._changed:
-            asked = self._view.question
-            if asked is not None and asked.kind not in self._theirs.answerable:
-                return False, "The participant does not answer this question at the screen."
-            return self._choose(deed, at_console=False)
-
-    def _note_shown(self, deed: Shown, session: port.Attended | None) -> tuple[bool, str]:
+    def _note_shown(self, deed: messages.Shown, session: Attended | None) -> tuple[bool, str]:
         """Put on record what the participant's screen shows, and since when."""
         ago_ns = monotonic_ns() - deed.t_ns
         told = next((one for one in self._prompts if one.number == deed.number), None)
@@ -278,18 +266,23 @@ class LinkedConsole:
             session.shown(told, ago_ns)
         return True, ""
 
-    def _choose(self, deed: Choose, *, at_console: bool) -> tuple[bool, str]:
+    def _choose(self, deed: Choose, who: messages.By) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
-            if asked is None or self._pressed or (asked.number != deed.question and deed.key not in SAFE):
+            if asked is None or self._pressed or (asked.number != deed.question and deed.key not in messages.SAFE):
                 # What the participant presses is not what the experimenter typed.
-                self._ignored += TYPED.get(deed.key, deed.key) if at_console else ""
-                return False, CLOSED
+                self._ignored += messages.TYPED.get(deed.key, deed.key) if who == "experimenter" else ""
+                return False, messages.CLOSED
             if deed.key not in {choice.key for choice in asked.choices}:
                 early = deed.key == ENTER and self._view.pause_until_ns is not None
                 until = " until the countdown is over" if early else ""
                 return False, f"{characters.quoted(deed.key)} is no key here{until}."
-            self._pick(deed, asked, deed.key)
+            if deed.key not in {choice.key for choice in self._may(asked, who)}:
+                return False, NOT_THEIRS[who]
+            at_ns = min(max(deed.t_ns, self._opened_ns), monotonic_ns())
+            if at_ns != deed.t_ns and deed.key not in messages.SAFE:
+                return False, "That key cannot have been pressed then."
+            self._pick(deed, asked, deed.key, at_ns)
             return True, ""
 
     @property
@@ -297,16 +290,16 @@ class LinkedConsole:
         """Whether the question has a key, which may not be on record yet."""
         return self._chosen is not None or self._picked is not None
 
-    def _pick(self, deed: Deed, asked: Question, key: str) -> None:
-        self._picked, self._chosen_at_ns = (deed, asked.number, key), monotonic_ns()
+    def _pick(self, deed: Deed, asked: Asked, key: str, at_ns: int) -> None:
+        self._picked, self._chosen_at_ns = (deed, asked.number, key), at_ns
 
-    def _write(self, deed: Write) -> tuple[bool, str]:
+    def _write(self, deed: messages.Write) -> tuple[bool, str]:
         text = characters.one_line(deed.text.strip()) if deed.text.strip() else ""
         with self._changed:
             asked = self._view.question
             if asked is None or self._pressed or asked.number != deed.question or asked.kind != "write":
                 return False, "That question is no longer asked; nothing was written down."
-            self._pick(deed, asked, text)
+            self._pick(deed, asked, text, monotonic_ns())
             return True, ""
 
     def _pause(self, deed: Pause | Stop, by: str) -> tuple[bool, str]:
@@ -319,39 +312,35 @@ class LinkedConsole:
             # A later pause neither takes a stop back, nor a break's length.
             if isinstance(deed, Stop) or not (isinstance(before, Stop) or (lasts and deed.minutes is None)):
                 self._pausing, self._paused_by = deed, by
-            if before is None and by == port.BY_PARTICIPANT:
+            if before is None and by == questions.BY_PARTICIPANT:
                 # The reply goes to the participant's screen alone, and the session may wait for a disk.
-                self.show(port.STOPPED)
+                self.tell(Notice(questions.STOPPED))
             self._changed.notify_all()
         if session is not None:
             session.pause(by)
         return True, "The session pauses as soon as nothing can be felt any more."
 
-    def stopped(self) -> None:
-        self._pause(Pause(), port.BY_PARTICIPANT)
-        self.wake()
-
-    def _repeat(self, wanted: Repeat, session: port.Attended) -> tuple[bool, str]:
+    def _repeat(self, wanted: messages.Repeat, session: Attended) -> tuple[bool, str]:
         with self._changed:
             asked = self._view.question
             if asked is not None and asked.kind in ("answer", "confirm") and wanted.trial == self._view.trial:
                 if self._pressed:
                     return False, "A key was pressed for this question before; the trial is not done again. Ask again."
                 self._repeated = wanted
-                self._pick(wanted, asked, ESCAPE)
+                self._pick(wanted, asked, ESCAPE, monotonic_ns())
                 return True, f"Trial {wanted.trial} is done again at the end of its block."
         return session.remark(wanted)
 
     # What the session asks, from its own.
 
-    def attend(self, session: port.Attended | None) -> None:
+    def attend(self, session: Attended | None) -> None:
         # What was asked before is on record first.
         if (why := self._recorder.submit(self._attend, session).result()) and session is not None:
             # While the devices were opened.
             session.pause(why)
         self.wake()
 
-    def _attend(self, session: port.Attended | None) -> str:
+    def _attend(self, session: Attended | None) -> str:
         """Take note of a session; return why it pauses at once, or nothing."""
         with self._changed:
             if session is None and self._session is not None:
@@ -361,159 +350,129 @@ class LinkedConsole:
             self._now(instruction="", again="", masked=self._view.masked and session is None)
             return self._failed or (self._paused_by if self._pausing is not None else "")
 
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        if step != self._view.step:
-            self.show(NEXT.format(step=step))
-        self._now(step=step, steps=tuple(steps))
+    def tell(self, event: questions.Event) -> None:
+        match event:
+            case Notice(text=text, again=again):
+                said = characters.plain(" ".join(text.split("\n")).strip())
+                with self._changed:
+                    self._anchored = said if again else self._anchored
+                    self._now(lines=(*self._view.lines, said)[-messages.LINES :])
+            case questions.At(step=step, steps=steps):
+                if step != self._view.step:
+                    self.tell(Notice(NEXT.format(step=step)))
+                self._now(step=step, steps=tuple(steps))
+            case questions.Instructed(instruction=instruction):
+                self.tell(Notice(f"The participant is told: {instruction}"))
+                self._now(instruction=instruction)
+            case questions.Silent():
+                self._armed = None
+                self._now(state="waiting", lay_out="")
+            case questions.Proposed(words=words):
+                self._now(heard=words)
+            case questions.Answered():
+                self.tell(Notice(event.text))
+                self._now(state="preparing", lay_out="", heard="", instruction="")
+            case questions.Stopped():
+                self._pause(Pause(), questions.BY_PARTICIPANT)
+                self.wake()
 
-    def agree(self, *, text: str, yes: str, no: str) -> bool:
-        return self._put("agree", text, _choices({port.YES: yes, port.NO: no})) == port.YES
+    def ask(self, question: Question | Arm) -> Reply:
+        match question:
+            case Arm():
+                return Reply(waited=self._arm(question))
+            case questions.GoOn():
+                return self._go_on(question)
+            case questions.TrialAnswer():
+                return self._answer(question)
+            case questions.Familiarise():
+                return self._familiarise(question)
+            case questions.Break(left_s=left_s):
+                self._now(state="paused", pause_until_ns=wall_ns() + int(left_s * 1e9))
+                try:
+                    return self._put(question, most_s=left_s)
+                finally:
+                    self._now(state="preparing", pause_until_ns=None)
+            case questions.Report():
+                self._now(trial=None, step=questions.DEBRIEFING)
+            case questions.Level():
+                self._now(masked=True)
+            case questions.Place(trial=trial, objects=objects):
+                self._now(trial=trial, attempt=1, lay_out=objects)
+            case questions.Debrief():
+                at, steps = self._view.step, self._view.steps
+                after = steps[steps.index(at) + 1] if at in steps[:-1] else questions.DEBRIEFING
+                self._now(trial=None, step=after if after == questions.DEBRIEFING else at)
+                question = questions.Debrief(at, after)
+        return self._put(question)
 
-    def write(self, *, text: str) -> str:
-        self._now(trial=None, step=port.DEBRIEFING)
-        return self._put("write", text, ())
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        self._now(state="paused", pause_until_ns=wall_ns() + until_ns - clock.now_ns())
+    def _familiarise(self, question: questions.Familiarise) -> Reply:
+        begun_ns, reply = wall_ns(), Reply()
+        self._now(state="familiarising", trial=None, instruction=question.instruction)
         try:
-            self._put("break", why, (), most_s=(until_ns - clock.now_ns()) / 1e9)
-        finally:
-            self._now(state="preparing", pause_until_ns=None)
-
-    def show(self, text: str) -> None:
-        said = characters.plain(" ".join(text.split("\n")).strip())
-        with self._changed:
-            self._anchored = said if said.startswith((port.LAB_BOOK, port.NOT_ANCHORED)) else self._anchored
-            self._now(lines=(*self._view.lines, said)[-LINES:])
-
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
-        counts = " A key counts how often a material was handled." if handled else ""
-        begun_ns, told = wall_ns(), f"{port.lasting(min_s, max_s)}{counts}"
-        self._now(state="familiarising", trial=None, instruction=instruction)
-        ends = Choice(key=ENTER, words="the participant is familiar with the materials")
-        try:
-            if min_s > 0:
-                self._now(pause_until_ns=begun_ns + int(min_s * 1e9))
-                early = f"{told} Enter works once the countdown is over. {instruction}"
-                if key := self._put("familiarise", early, _choices(handled), most_s=min_s):
-                    return key
-            self._now(pause_until_ns=begun_ns + int(max_s * 1e9))
-            key = self._put("familiarise", f"{told} {instruction}", (ends, *_choices(handled)))
-            return "" if key == ENTER else key
+            if question.min_s > 0:
+                self._now(pause_until_ns=begun_ns + int(question.min_s * 1e9))
+                reply = self._put(replace(question, early=True), most_s=question.min_s)
+            if not reply.key:
+                self._now(pause_until_ns=begun_ns + int(question.max_s * 1e9))
+                reply = self._put(question)
+            return reply
         finally:
             self._now(state="preparing", instruction="", pause_until_ns=None)
 
-    def instruct(self, *, instruction: str) -> None:
-        self.show(f"The participant is told: {instruction}")
-        self._now(instruction=instruction)
-
-    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
-        text = f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}"
-        choices = (*_choices(keys), Choice(key=ENTER, words="keep the level"))
-        self._now(masked=True)
-        key = self._put("level", text, choices)
-        return "" if key == ENTER else key
-
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        asked = f"Take {take} of {takes}: ask for '{words}'. Press the key, then the participant says it."
-        without = Choice(key=port.WITHOUT, words="go on without the microphone")
-        return self._put("say", f"{why} {asked}".strip(), (Choice(key=ENTER, words="listen now"), without)) == ENTER
-
-    def rest(self, *, why: str) -> None:
-        text = port.RESTS.partition(" Then press")[0]
-        self._put("rest", f"{why} {text}".strip(), (Choice(key=ENTER, words="the foot rests on the bare panel"),))
-
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        material = port.laid_out(presented)
-        self._now(trial=trial, attempt=1, lay_out=material)
-        self._put("place", f"Trial {trial}. Lay out {material}.", (Choice(key=ENTER, words="it is laid out"),))
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:  # noqa: ARG002
+    def _arm(self, wanted: Arm) -> bool:
+        """Show that an attempt is armed, once somebody is there; return whether anybody was waited for."""
+        if wanted.broken_off:
+            self.tell(Notice(wanted.text))
         # A pair of virtual surfaces can be felt at once.
         state = "answering" if self._view.at_will else "armed"
-        again = "The lines below say why" if self._armed == trial else ""
+        again = "The lines below say why" if self._armed == wanted.trial else ""
         waited = self._watched()
-        self._armed = trial
-        self._now(state=state, trial=trial, attempt=attempt, heard="", again=again)
+        self._armed = wanted.trial
+        if wanted.broken_off:
+            again = f"{wanted.broken_off[:1].upper()}{wanted.broken_off[1:]}"
+        self._now(state=state, trial=wanted.trial, attempt=wanted.attempt, heard="", again=again)
         return waited
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        self.show(f"Trial {trial}, attempt {attempt}: {reason}; nothing was played. It is armed again.")
-        waited = self.arm(trial=trial, attempt=attempt, trials=0)
-        self._now(again=f"{reason[:1].upper()}{reason[1:]}")
-        return waited
-
-    def waiting(self) -> None:
+    def _answer(self, question: questions.TrialAnswer) -> Reply:
         self._armed = None
-        self._now(state="waiting", lay_out="")
-
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | port.Remark:
-        self._armed = None
-        without = {key: words for key, words in others.items() if words == port.NO_ANSWER}
-        self._now(state="answering", trial=trial, answers=_choices(answers | without, answer=True))
+        answers = questions.keyed({**question.answers, question.none: questions.NO_ANSWER}, answer=True)
+        self._now(state="answering", trial=question.trial, answers=answers)
         if (wanted := self._take_repeated()) is not None:
-            return wanted
-        choices = (*_choices(answers, answer=True), *_choices(others))
-        chosen = self._put("answer", "What did the participant say?", choices)
-        return self._take_repeated() or chosen
-
-    def chosen_ago_ns(self) -> int:
-        return monotonic_ns() - self._chosen_at_ns
-
-    def heard(self, *, words: str) -> None:
-        self._now(heard=words)
-
-    def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
-        choices = (Choice(key=ENTER, words="confirm"), Choice(key=ESCAPE, words="choose again"))
-        return self._put("confirm", meaning, choices) == ENTER
-
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.show(f"Trial {trial}: the answer is on disk: {answer or 'no answer'}.")
-        self._now(state="preparing", lay_out="", heard="", instruction="")
-
-    def debrief(self) -> None:
-        at, steps = self._view.step, self._view.steps
-        after = steps[steps.index(at) + 1] if at in steps[:-1] else port.DEBRIEFING
-        said, does = "All trials are answered. Note what is left to note.", "end"
-        if after != port.DEBRIEFING:
-            said, does = f"Task {at} is done. {said} Task {after} comes next.", f"end task {at}"
-        self._now(trial=None, step=after if after == port.DEBRIEFING else at)
-        self._put("debrief", said, (Choice(key=ENTER, words=does),))
+            return Reply(remark=wanted)
+        reply = self._put(question)
+        return replace(reply, remark=self._take_repeated())
 
     def ignored(self) -> str:
         with self._changed:
             told, self._ignored = self._ignored, ""
             return told
 
-    def goes_on(self, *, why: str) -> bool:
-        # Without a session nothing had begun.
-        onward = "go on with the session" if self._session is not None else "go on"
-        choices = (Choice(key=ENTER, words=onward), Choice(key=STOP, words="end for today"))
+    def _go_on(self, question: questions.GoOn) -> Reply:
         until_ns = None
         while True:
             with self._changed:
                 pausing, self._pausing = self._pausing, None
             if isinstance(pausing, Stop):
-                return False
+                return Reply(questions.STOP)
             if isinstance(pausing, Pause) and pausing.minutes is not None:
                 until_ns = wall_ns() + int(pausing.minutes * 60e9)
             self._now(state="paused", lay_out="", trial=None, pause_until_ns=until_ns)
             try:
-                chosen = self._put("continue", why, choices)
-                if chosen == ENTER and until_ns is not None and wall_ns() < until_ns:
-                    chosen = self._put("continue", "The break is not over. End it now?", EARLY)
-                if chosen != ESCAPE:
-                    return chosen == ENTER
+                reply = self._put(question)
+                if reply.key == ENTER and until_ns is not None and wall_ns() < until_ns:
+                    reply = self._put(END_BREAK)
+                if reply.key != ESCAPE:
+                    return reply
             except PauseAsked:
                 # A pause is paused already; a break begins its countdown.
                 if self._pausing is None:
-                    return False
+                    return Reply(questions.STOP)
             finally:
                 self._now(state="preparing", pause_until_ns=None)
 
     def ended(self, words: str, exit_code: int) -> None:
         """Tell that the process ends, and once more what belongs in the lab book."""
-        over = Ended(words="\n".join(filter(None, (words, self._anchored))), exit_code=exit_code)
+        over = messages.Ended(words="\n".join(filter(None, (words, self._anchored))), exit_code=exit_code)
         self._now(state="ended", question=None, trial=None, lay_out="", heard="", ended=over)
 
     def _now(self, **changed: object) -> None:
@@ -525,12 +484,11 @@ class LinkedConsole:
         """Wait for a console, and at first the screen; return whether either was away. Raises as `_put`."""
         waited = self._awaits_screen and not self._screens
         if waited:
-            without = Choice(key=ENTER, words="go on without the screen")
-            with self._open("agree", SCREEN_OPENS, (without,)), self._changed:
+            with self._open(SCREEN_OPENS), self._changed:
                 self._changed.wait_for(lambda: self._screens or self._chosen or self._pausing or self._failed, SCREEN_S)
                 self._check(attended=True)
             if not self._screens:
-                self.show("The session goes on without the participant's screen, which is shown once it opens.")
+                self.tell(Notice("The session goes on without the participant's screen, which is shown once it opens."))
         self._awaits_screen = False
         with self._changed:
             self._check(attended=True)
@@ -539,15 +497,15 @@ class LinkedConsole:
                 self._check(attended=self._changed.wait(self._alone_s) or bool(self._consoles))
             return waited
 
-    def _take_repeated(self) -> Repeat | None:
+    def _take_repeated(self) -> messages.Repeat | None:
         with self._changed:
             wanted, self._repeated = self._repeated, None
             return wanted
 
-    def _put(self, kind: Kind, text: str, choices: tuple[Choice, ...], *, most_s: float = inf) -> str:
-        """Ask, and return the choice, or "" after `most_s`. Raises `PauseAsked` and `LinkError`."""
+    def _put(self, question: Question, *, most_s: float = inf) -> Reply:
+        """Ask, and return the reply, without a key after `most_s`. Raises `PauseAsked` and `LinkError`."""
         ends_s = monotonic_ns() / 1e9 + most_s
-        with self._open(kind, text, choices), self._changed:
+        with self._open(question), self._changed:
             # It may have been asked for before the question was.
             self._check(attended=True)
             while self._chosen is None and (left_s := ends_s - monotonic_ns() / 1e9) > 0:
@@ -555,16 +513,19 @@ class LinkedConsole:
                 # What was chosen counts; a pause that was asked for right after it comes at the next question.
                 if not self._pressed:
                     self._check(attended=attended)
-            return self._chosen or ""
+            chosen = self._chosen or ""
+        if question.kind == "write":
+            return Reply(text=chosen)
+        return Reply(chosen, ago_ns=monotonic_ns() - self._chosen_at_ns)
 
     @contextmanager
-    def _open(self, kind: Kind, text: str, choices: tuple[Choice, ...]) -> Iterator[None]:
+    def _open(self, question: Question) -> Iterator[None]:
         with self._changed:
             self._asked += 1
-            self._chosen = None
-            state = self._view.state if kind in KEEPS_STATE else "preparing"
-            question = Question(number=self._asked, kind=kind, text=text, choices=choices)
-            self._now(state=state, question=question)
+            self._chosen, self._opened_ns = None, monotonic_ns()
+            state = self._view.state if question.kind in KEEPS_STATE else "preparing"
+            asked = Asked(number=self._asked, kind=question.kind, text=question.text, choices=question.choices)
+            self._now(state=state, question=asked)
         try:
             yield
         finally:
@@ -579,11 +540,7 @@ class LinkedConsole:
             raise PauseAsked(f"nobody was at a console for {self._alone_s / 60:.0f} min")
 
 
-def _choices(keys: dict[str, str], *, answer: bool = False) -> tuple[Choice, ...]:
-    return tuple(Choice(key=key, words=words, answer=answer) for key, words in keys.items())
-
-
-def _standing(session: port.Attended) -> dict[str, object]:
+def _standing(session: Attended) -> dict[str, object]:
     """Return what a view says of how far a session is, and its label."""
     standing = session.standing()
     return {"standing": standing, "label": "" if standing.purpose == "STUDY" else standing.purpose}

@@ -4,6 +4,7 @@ A session sends its whole `View` at every change, so that a later console is up 
 `Reply`. The participant's screen gets a `Prompt`, without what is presented.
 """
 
+import time
 from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
@@ -45,12 +46,17 @@ class Message(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
+By = Literal["experimenter", "participant", "either"]
+"""Who may make a choice."""
+
+
 class Choice(Message):
-    """A key that may be pressed, and what it stands for; of an answer also what the participant says for it."""
+    """A key that may be pressed, `by` whom, and what it stands for; of an `answer` what the participant says."""
 
     key: str
     words: str
     answer: bool = False
+    by: By = "experimenter"
 
 
 Kind = Literal[
@@ -70,7 +76,7 @@ Kind = Literal[
 """What may be asked."""
 
 
-class Question(Message):
+class Asked(Message):
     """What is asked now, with a unique `number`; answers to another are refused.
 
     Kind `answer` is asked until a key is chosen, then `confirm`; `write` is answered by `Write`, a line or nothing.
@@ -184,7 +190,7 @@ class View(Message):
     again: str = ""
     masked: bool = False
     standing: Standing = Standing()
-    question: Question | None = None
+    question: Asked | None = None
     pause_until_ns: int | None = None
     gauges: Gauges | None = None
     lines: tuple[str, ...] = ()
@@ -235,11 +241,12 @@ class Hello(Message):
 
 
 class Choose(Message):
-    """A key for the question with this number."""
+    """A key for the question with this number, pressed at `t_ns` of the system's monotonic clock."""
 
     do: Literal["choose"] = "choose"
     question: int
     key: str
+    t_ns: int = Field(default_factory=time.monotonic_ns)
 
 
 class Write(Message):

@@ -5,11 +5,10 @@ instruction, the last step's pace and whether it counted, whether the hand is to
 masker was played, the end of a break, a fault at the end, and the label of a practice.
 """
 
-from dataclasses import dataclass
 from typing import get_args
 
-from palpate.experiment.desk.messages import ENTER, Label, Prompt, Question, Show, View
-from palpate.experiment.desk.port import DEBRIEFING
+from palpate.experiment.desk.messages import ENTER, Asked, Label, Prompt, Show, View
+from palpate.experiment.desk.questions import DEBRIEFING
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 
@@ -42,38 +41,23 @@ IN_STATE: dict[str, Show] = {
 """What is shown in this state while nothing is asked; in any other the participant waits."""
 
 
-@dataclass(frozen=True)
-class Theirs:
-    """What a protocol leaves to the participant at their screen, in every trial.
-
-    They may answer questions of the kinds `answerable`, never a trial, and see `answers` if the protocol shows them.
-    """
-
-    answerable: frozenset[str] = frozenset()
-    answers: tuple[str, ...] = ()
+def shown_answers(protocol: Protocol) -> tuple[str, ...]:
+    """Return the answers that a protocol shows the participant at their screen, in every trial; none unless it does."""
+    if not protocol.answers.on_screen:
+        return ()
+    return protocol.kind_table(protocol.tasks[0]).shown_answers(protocol.materials)
 
 
-NOTHING = Theirs()
-"""The participant only reads."""
-
-
-def theirs(protocol: Protocol) -> Theirs:
-    """Return what a protocol leaves to the participant."""
-    answers = protocol.kind_table(protocol.tasks[0]).shown_answers(protocol.materials)
-    level = frozenset({"level"} if protocol.masker.level_set_by == "participant" else ())
-    return Theirs(level, answers if protocol.answers.on_screen else ())
-
-
-def prompt(view: View, theirs: Theirs) -> Prompt:
-    """Return what the participant's screen shows, with the number 0."""
+def prompt(view: View, answers: tuple[str, ...]) -> Prompt:
+    """Return what the participant's screen shows, with the number 0; `answers` are allowed in any trial."""
     asked, gauges, show = view.question, view.gauges, _show(view)
-    number, keys = _offered(asked, theirs)
+    number, keys = _offered(asked)
     return Prompt(
         show=show,
         text=view.instruction if show in ("wait", "instructions", "ready", "compare") else "",
         again=bool(view.again) and show == "ready",
         unplayed=show == "masker" and asked is not None and PROBE_KEY not in {one.key for one in asked.choices},
-        answers=theirs.answers if show in ("answer", "compare") else (),
+        answers=answers if show in ("answer", "compare") else (),
         question=number,
         keys=keys,
         pace=gauges.pace if gauges is not None and show in ("ready", "answer") else None,
@@ -99,11 +83,10 @@ def _show(view: View) -> Show:
     return "finished" if show == "wait" and view.step == DEBRIEFING else show
 
 
-def _offered(asked: Question | None, theirs: Theirs) -> tuple[int | None, tuple[str, ...]]:
+def _offered(asked: Asked | None) -> tuple[int | None, tuple[str, ...]]:
     """Return the number and the keys of a question that the participant may answer; none of any other."""
-    if asked is None or asked.kind not in theirs.answerable:
-        return None, ()
-    offered = {choice.key for choice in asked.choices}
+    offered = {choice.key for choice in asked.choices if choice.by != "experimenter"} if asked is not None else set()
     if HEARD_KEY in offered:
         offered.discard(LOUDER_KEY)
-    return asked.number, tuple(key for key in KEYS if key in offered)
+    keys = tuple(key for key in KEYS if key in offered)
+    return asked.number if asked is not None and keys else None, keys

@@ -5,17 +5,18 @@ from __future__ import annotations
 import os
 import re
 import sys
+import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, TextIO
 
 from palpate.experiment.clock import minutes
-from palpate.experiment.desk.messages import Correct, Repeat, TakeNote
-from palpate.experiment.desk.port import NO, RESTS, WITHOUT, YES, Console, Remark, laid_out, lasting
+from palpate.experiment.desk import questions
+from palpate.experiment.desk.messages import ENTER, ESCAPE, Correct, Repeat, TakeNote
+from palpate.experiment.desk.questions import Arm, Attended, Question, Remark, Reply
 from palpate.experiment.errors import ScreenGone
 from palpate.experiment.settings import characters
 
 if TYPE_CHECKING:
-    from palpate.experiment.clock import Clock
     from palpate.experiment.recordings.store import Condition
     from palpate.experiment.recordings.workflow import Step
 
@@ -105,106 +106,75 @@ class _Lines:
             raise ScreenGone(GONE.format(error)) from error
 
 
-class TerminalConsole(_Lines, Console):
+class TerminalConsole(_Lines):
     """`Console` on a text stream: an answer's key is typed twice, early keys do not count, Ctrl-D pauses as Ctrl-C."""
 
     def __init__(
         self, *, write: TextIO, ask: Callable[[str], str], heading: str, early: Callable[[], str] = str
     ) -> None:
-        """Show each trial's lines after `heading`."""
+        """Ask and tell of trials after `heading`."""
         super().__init__(write=write, ask=ask, early=early)
         self._heading = heading
 
-    def agree(self, *, text: str, yes: str, no: str) -> bool:
-        while (typed := self._ask(f"{text}\n[{YES}] {yes}  [{NO}] {no}: ").strip().lower()) not in (YES, NO):
-            self._refuse(typed, f"is no key; type {YES} or {NO}")
-        return typed == YES
+    def attend(self, session: Attended | None) -> None:
+        """Do nothing: nothing is shown of a session but what it tells."""
 
-    def write(self, *, text: str) -> str:
+    def tell(self, event: questions.Event) -> None:
+        match event:
+            case questions.Notice(text=text) | questions.Proposed(words=text):
+                self.show(text)
+            case questions.Answered(text=text):
+                self.show(f"{self._heading}  {text}")
+            case questions.Instructed(instruction=instruction):
+                self.show(f"{self._heading}  Tell the participant: {instruction}")
+            case questions.Stopped():
+                self.show(questions.STOPPED)
+
+    def ask(self, question: Question | Arm) -> Reply:
+        match question:
+            case Arm(text=text):
+                self.show(f"{self._heading}  {text}")
+                return Reply()
+            case questions.GoOn():
+                # Whoever has lines of text gives the command again.
+                return Reply(questions.STOP)
+            case questions.Break(text=text, left_s=left_s):
+                self.show(f"{text} Left of it: {minutes(max(left_s, 0))}.")
+                time.sleep(max(left_s, 0))
+                return Reply()
+            case questions.Report(text=text):
+                return Reply(text=self._line(text))
+            case questions.Confirm(key=key, text=text):
+                # Not Enter: a key that somebody leans on repeats.
+                typed = self._ask(f"{text} - type {key} again to confirm, anything else to ask again: ")
+                return Reply(ENTER if typed.strip().lower() == key else ESCAPE)
+            case _:
+                return self._reply(question)
+
+    def _reply(self, question: Question) -> Reply:
+        """Return the reply to a question, asked until it is one."""
+        remarks = isinstance(question, questions.TrialAnswer | questions.Debrief)
+        trial_now = question.trial if isinstance(question, questions.TrialAnswer) else None
+        heading = self._heading if trial_now is None else f"{self._heading}, trial {trial_now}"
+        typed = {"" if one.key == ENTER else one.key: one for one in question.choices}
+        offered = "  ".join(f"[{key or 'Enter'}] {one.words}" for key, one in typed.items())
+        or_remark = f"  or: {REMARKS}" if remarks else ""
+        while True:
+            said = self._ask(f"{heading}  {question.text}\n{offered}{or_remark}: ").strip()
+            if remarks and (remark := self._remark(said, trial_now)):
+                return Reply(remark=remark)
+            if (one := typed.get(said.lower())) is not None:
+                return Reply(one.key)
+            keys = " ".join(key or "Enter" for key in typed)
+            self._refuse(said, f"is no key; type one of {keys}{f', or {REMARKS}' if remarks else ''}")
+
+    def _line(self, text: str) -> str:
         while True:
             typed = self._ask(f"{text} Type one line, or nothing; press Enter: ").strip()
             try:
                 return characters.one_line(typed) if typed else ""
             except ValueError as error:
                 self.show(f"The line {error}, which cannot go on record; type it again without that character")
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        self.show(f"{why} Left of it: {minutes(max(until_ns - clock.now_ns(), 0) / 1e9)}.")
-        clock.sleep_ns(until_ns - clock.now_ns())
-
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
-        self.show(f"{self._heading}  {lasting(min_s, max_s)} {instruction}")
-        counts = "  ".join(f"[{key}] {words}" for key, words in handled.items())
-        told = f"Handled: {counts}; type a key to count one more.\n" if counts else ""
-        ends = "Press Enter when the participant is familiar with the materials: "
-        while (key := self._ask(f"{told}{ends}").strip().lower()) and key not in handled:
-            self._refuse(key, f"is no key; press Enter{', or type the key of a material' if handled else ''}")
-        return key
-
-    def instruct(self, *, instruction: str) -> None:
-        self.show(f"{self._heading}  Tell the participant: {instruction}")
-
-    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
-        self.show(f"{self._heading}  Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
-        offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
-        while (key := self._ask(f"{offered}  [Enter] keep the level\nKey: ").strip()) and key not in keys:
-            self.show(f"'{key}' does not change the level; press one of {' '.join(keys)}, or Enter")
-        return key
-
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        if why:
-            self.show(why)
-        asked = f"{self._heading}  Take {take} of {takes}: ask for '{words}'. Press Enter, then the participant says it"
-        while typed := self._ask(f"{asked}; or type {WITHOUT} to go on without the microphone: ").strip().lower():
-            if typed == WITHOUT:
-                return False
-            self._refuse(typed, f"is no key; press Enter, or type {WITHOUT}")
-        return True
-
-    def rest(self, *, why: str) -> None:
-        if why:
-            self.show(why)
-        self._ask(f"{self._heading}  {RESTS}")
-
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        self._ask(f"{self._heading}  Trial {trial}. Lay out {laid_out(presented)}, then press Enter: ")
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        again = f", attempt {attempt}" if attempt > 1 else ""
-        self.show(f"{self._heading}  Trial {trial} of {trials}{again}. Armed: the participant may step.")
-        return False
-
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        self.show(
-            f"{self._heading}  Trial {trial}, attempt {attempt}: {reason}; nothing was played. Armed again: the "
-            "participant may lift the foot and step."
-        )
-        return False
-
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
-        keys = answers | others
-        offered = "  ".join(f"[{key}] {meaning}" for key, meaning in keys.items())
-        while True:
-            typed = self._ask(f"Trial {trial}, the participant said:  {offered}  or: {REMARKS}\nKey: ").strip()
-            if remark := self._remark(typed, trial):
-                return remark
-            if (key := typed.lower()) in keys:
-                return key
-            self._refuse(typed, f"is no key; type one of {' '.join(keys)}, or {REMARKS}")
-
-    def confirm(self, *, key: str, meaning: str) -> bool:
-        # Not Enter: a key that somebody leans on repeats.
-        typed = self._ask(f"{meaning} - type {key} again to confirm, anything else to ask again: ")
-        return typed.strip().lower() == key
-
-    def debrief(self) -> Remark | None:
-        while typed := self._ask(
-            f"{self._heading}  All trials are answered. Type {REMARKS}; press Enter to end the session: "
-        ).strip():
-            if remark := self._remark(typed, None):
-                return remark
-            self._refuse(typed, f"is no remark; type {REMARKS}, or press Enter")
-        return None
 
     def _refuse(self, typed: str, why: str) -> None:
         unexplained = re.fullmatch(r"correct\s+\d+\s+\S|repeat\s+\d+", typed)
@@ -230,9 +200,6 @@ class TerminalConsole(_Lines, Console):
             return Correct(trial=int(trial), key=key.lower(), reason=reason.strip())
         return None
 
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.show(f"{self._heading}  Trial {trial}: the answer is on disk: {answer or 'no answer'}.")
-
 
 KEEP, REPEAT = "k", "r"
 
@@ -244,10 +211,10 @@ def _made_ready(condition: Condition) -> str:
 class TerminalTakes(_Lines):
     """Implements `TakesConsole` on a text stream; nothing is kept without a key, typed when it is asked for."""
 
-    def rest(self, *, why: str) -> None:
-        if why:
-            self.show(why)
-        self._ask(RESTS)
+    def rest(self, why: str) -> None:
+        self._ask(
+            f"{questions.Rest(why).text} Then press Enter, or press Ctrl-C to pause; the same command continues: "
+        )
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
         self._ask(f"Take {done + 1} of {total}. {_made_ready(condition)}, then press Enter: ")

@@ -15,7 +15,7 @@ from typing import Protocol as Port
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.ports import Accelerometer, Rester, Tracker, Window
+from palpate.experiment.apparatus.ports import Accelerometer, Tracker, Window
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
@@ -103,8 +103,11 @@ class TakesConsole(Port):
         """Show the step beside its target; return whether it is kept. A step without a window never is."""
 
 
-class RigConsole(TakesConsole, Rester, Port):
+class RigConsole(TakesConsole, Port):
     """What the experimenter sees and keys at a real rig: a foot may have to rest there."""
+
+    def rest(self, why: str) -> None:
+        """Return when the foot rests on the bare panel; `why` says what was wrong the time before."""
 
 
 def record_on_rig(
@@ -144,7 +147,7 @@ def record_on_rig(
         with closing(tracker):
             calibration.check_reading(tracker, rig.tracker)
             if isinstance(tracker, ZeroedTracker):
-                tracker.settle(console)
+                tracker.settle(console.rest)
             return record(
                 planned,
                 out,

@@ -135,6 +135,7 @@ def _open(asked: Asked) -> None:
     from palpate.experiment.desk.terminal import TerminalConsole
     from palpate.experiment.protocol import files
     from palpate.experiment.session import scene
+    from palpate.experiment.session.kind import Sitting
     from palpate.experiment.session.laboratory import open_laboratory
     from palpate.experiment.session.run import RealEnds
 
@@ -154,20 +155,12 @@ def _open(asked: Asked) -> None:
         def check(self, tracker: Tracker, rig: rigs.Rig) -> None:
             pass
 
-    protocol, rig = files.load(Path(asked.protocol)), Path(asked.rig)
-    needs_recordings = scene.plan(protocol=protocol, task_id=asked.task).synthesis
+    protocol, rig_file, recordings = files.load(Path(asked.protocol)), Path(asked.rig), Path(asked.recordings)
+    used = recordings if scene.plan(protocol=protocol, task_id=asked.task).synthesis else None
+    rig, dataset, clock = rigs.load(rig_file), recordings / "none", MonotonicClock()
+    sitting = Sitting(protocol, rig, rig_file, "01", asked.task, dataset, used, clock)
     console = TerminalConsole(write=sys.stderr, ask=lambda _: "y", heading="")
-    with open_laboratory(
-        protocol=protocol,
-        rig=rigs.load(rig),
-        rig_folder=rig.parent,
-        participant="01",
-        task_id=asked.task,
-        dataset=Path(asked.recordings) / "none",
-        recordings=Path(asked.recordings) if needs_recordings else None,
-        clock=MonotonicClock(),
-        ends=Ends(console),
-    ):
+    with open_laboratory(sitting, Ends(console)):
         cpu_s = time.process_time()
         status = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text("ascii").splitlines())
         mb, threads = int(status["VmRSS"].split()[0]) * 1.024e-3, int(status["Threads"])

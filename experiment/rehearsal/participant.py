@@ -1,12 +1,13 @@
 """A simulated person behind the console's port, at the keys of a simulated or practicing experimenter."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from palpate.experiment.clock import Clock
-from palpate.experiment.desk.port import Attended, Console, Remark, laid_out
+from palpate.experiment.desk import questions
+from palpate.experiment.desk.questions import Arm, Attended, Console, Event, Level, Notice, Question, Reply
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
 
@@ -54,71 +55,58 @@ class SimulatedPerson(Console):
         """Return the key of the participant's answer, and the words for it, once these are spoken."""
         raise NotImplementedError
 
-    def agree(self, *, text: str, yes: str, no: str) -> bool:  # noqa: ARG002
-        return True
-
-    def write(self, *, text: str) -> str:  # noqa: ARG002
-        return ""
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:  # noqa: ARG002
-        clock.sleep_ns(until_ns - clock.now_ns())
-
     def show(self, text: str) -> None:
+        """Show a line of a rehearsal."""
         if self.screen is not None:
-            self.screen.show(f"REHEARSAL  {text}")
+            self.screen.tell(Notice(f"REHEARSAL  {text}"))
 
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:  # noqa: ARG002
-        self.show(f"Familiarisation: {instruction}")
-        self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
-        return ""
+    def tell(self, event: Event) -> None:
+        match event:
+            case Notice(text=text) | questions.Proposed(words=text):
+                self.show(text)
+            case questions.Answered():
+                self.tick()
+                if self.screen is not None:
+                    self.screen.tell(event)
+            case questions.Stopped():
+                self.show(questions.STOPPED)
 
-    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
-        self.show(f"Masker at {level_db_a:.0f} dB(A), at most {limit_db_a:.0f}. {criterion}")
-        self.clock.sleep_ns(LISTENS_NS)
-        return self.wishes(level_db_a, keys)
+    def ask(self, question: Question | Arm) -> Reply:
+        match question:
+            case Arm():
+                if self.screen is not None:
+                    self.screen.ask(question)
+                return Reply()
+            case questions.Familiarise(instruction=instruction, min_s=min_s, max_s=max_s):
+                self.show(f"Familiarisation: {instruction}")
+                self.clock.sleep_ns(int(self._rng(0, 2).uniform(min_s, max(max_s, min_s)) * 1e9))
+            case questions.Break(left_s=left_s):
+                self.clock.sleep_ns(int(left_s * 1e9))
+            case Level():
+                self.show(question.text)
+                self.clock.sleep_ns(LISTENS_NS)
+                return Reply(self.wishes(question))
+            case questions.Place(trial=trial, objects=objects):
+                self.show(f"Trial {trial}: {objects} laid out")
+            case questions.TrialAnswer(trial=trial):
+                return Reply(self.says(trial)[0])
+            case questions.Say():
+                return Reply(questions.WITHOUT)
+            case questions.GoOn():
+                return Reply(questions.STOP)
+        return Reply(question.choices[0].key if question.choices else "")
 
-    def wishes(self, level_db_a: float, keys: dict[str, str]) -> str:
-        """Return the key that is wished for at a level of the masker; nothing where the level is right."""
-        if PROBE_KEY in keys and not self._probed:
+    def wishes(self, question: Level) -> str:
+        """Return the key that is wished for at a level of the masker."""
+        if question.probe and not self._probed:
             self._probed = True
             return PROBE_KEY
-        if level_db_a >= MASKED_DB_A:
-            return ""
-        return HEARD_KEY if HEARD_KEY in keys else LOUDER_KEY
-
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:  # noqa: ARG002
-        return False
-
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        self.show(f"Trial {trial}: {laid_out(presented)} laid out")
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        if self.screen is not None:
-            self.screen.arm(trial=trial, attempt=attempt, trials=trials)
-        return False
-
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        if self.screen is not None:
-            self.screen.rearm(trial=trial, attempt=attempt, reason=reason)
-        return False
-
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:  # noqa: ARG002
-        key, _ = self.says(trial)
-        return key
-
-    def confirm(self, *, key: str, meaning: str) -> bool:  # noqa: ARG002
-        return True
-
-    def debrief(self) -> None:
-        return None
+        if question.level_db_a >= MASKED_DB_A:
+            return question.choices[-1].key
+        return HEARD_KEY if question.level_db_a >= question.limit_db_a else LOUDER_KEY
 
     def ignored(self) -> str:
         return ""
-
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.tick()
-        if self.screen is not None:
-            self.screen.confirmed(trial=trial, answer=answer)
 
 
 @dataclass(kw_only=True)
@@ -130,58 +118,43 @@ class Practised:
 
     def __post_init__(self) -> None:
         self._said = self._wished = self._proposed = ""
-        # In these the participant takes no part.
-        desk = self.desk
-        self.attend, self.at, self.show, self.instruct = desk.attend, desk.at, desk.show, desk.instruct
-        self.agree, self.write, self.wait, self.goes_on = desk.agree, desk.write, desk.wait, desk.goes_on
-        self.familiarise, self.waiting, self.debrief = desk.familiarise, desk.waiting, desk.debrief
-        self.chosen_ago_ns, self.ignored = desk.chosen_ago_ns, desk.ignored
-        self.confirm, self.confirmed, self.stopped = desk.confirm, desk.confirmed, desk.stopped
+        self.attend, self.ignored = self.desk.attend, self.desk.ignored
 
-    def heard(self, *, words: str) -> None:
-        self._proposed = words
-        self._tell()
+    def tell(self, event: Event) -> None:
+        if isinstance(event, questions.Proposed):
+            self._proposed = event.words
+            self._propose()
+        else:
+            self.desk.tell(event)
 
-    def _tell(self) -> None:
+    def _propose(self) -> None:
         """Show beside the question what the participant says, and what the microphone proposes."""
         said = f"The participant says: {self._said}." if self._said else ""
-        self.desk.heard(words=f"{said} {self._proposed}".strip())
+        self.desk.tell(questions.Proposed(f"{said} {self._proposed}".strip()))
 
-    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
-        said = {LOUDER_KEY: "louder", PROBE_KEY: "let me feel it", HEARD_KEY: "I still hear it"}
-        words = said.get(self.participant.wishes(level_db_a, keys), "I no longer hear it")
-        self.desk.show(f"The participant says: {words}.")
-        return self.desk.level(level_db_a=level_db_a, limit_db_a=limit_db_a, criterion=criterion, keys=keys)
-
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        said = self.desk.say(words=words, take=take, takes=takes, why=why)
-        return said and self.participant.say(words=words, take=take, takes=takes, why=why)
-
-    def rest(self, *, why: str) -> None:
-        self.desk.rest(why=why)
-        self.participant.rest(why=why)
-
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        self._said = self._proposed = ""
-        self.desk.place(trial=trial, presented=presented)
-        self.participant.place(trial=trial, presented=presented)
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        self._said = self._proposed = ""
-        self.desk.arm(trial=trial, attempt=attempt, trials=trials)
+    def ask(self, question: Question | Arm) -> Reply:
+        match question:
+            case Level():
+                said = {LOUDER_KEY: "louder", PROBE_KEY: "let me feel it", HEARD_KEY: "I still hear it"}
+                words = said.get(self.participant.wishes(question), "I no longer hear it")
+                self.desk.tell(Notice(f"The participant says: {words}."))
+                # Whoever practises has the participant's keys as well.
+                return self.desk.ask(replace(question, by="either"))
+            case questions.TrialAnswer():
+                return self._ask(question)
+            case Arm() | questions.Place():
+                self._said = self._proposed = ""
+        reply = self.desk.ask(question)
         # The participant steps only now: nothing was felt while the desk was waited for.
-        return self.participant.arm(trial=trial, attempt=attempt, trials=trials)
+        theirs = isinstance(question, Arm | questions.Place | questions.Rest | questions.Say)
+        return self.participant.ask(question) if theirs and reply.key != questions.WITHOUT else reply
 
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        self.desk.rearm(trial=trial, attempt=attempt, reason=reason)
-        return self.participant.rearm(trial=trial, attempt=attempt, reason=reason)
-
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
+    def _ask(self, question: questions.TrialAnswer) -> Reply:
         if not self._said:
-            self._wished, self._said = self.participant.says(trial)
-        self._tell()
-        said = self.desk.ask(trial=trial, answers=answers, others=others)
-        if said == self._wished and said in others:
+            self._wished, self._said = self.participant.says(question.trial)
+        self._propose()
+        reply = self.desk.ask(question)
+        if reply.key == self._wished and reply.key in question.others:
             # What the participant wished for has been done; they go on from there.
             self._said = ""
-        return said
+        return reply

@@ -23,14 +23,14 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
-from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
-from palpate.experiment.desk.port import Console
+from palpate.experiment.clock import ManualClock, MonotonicClock
+from palpate.experiment.desk.questions import Console
 from palpate.experiment.errors import Interrupted
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings.manifest import MANIFEST
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Footer
+from palpate.experiment.records.entries import Footer, Purpose
 from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind
@@ -41,7 +41,7 @@ from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import runner, scene
-from palpate.experiment.session.kind import Stimuli
+from palpate.experiment.session.kind import Sitting, Stimuli
 from palpate.experiment.session.laboratory import header, open_laboratory
 from palpate.experiment.synthesis import waveforms
 from palpate.experiment.synthesis.waveforms import Basis
@@ -87,29 +87,10 @@ def run_task(job: Job, task_id: str, tick: Tick, screen: Console | None, desk: C
     position = job.tasks.index(task_id) + 1
     clock = MonotonicClock() if job.real_time else ManualClock(_simulated_now_ns(job, task_id, position))
     recordings = job.dataset / storage.RECORDINGS if scene.plan(protocol=protocol, task_id=task_id).synthesis else None
-    with open_laboratory(
-        protocol=protocol,
-        rig=rig,
-        rig_folder=rig_file.parent,
-        participant=job.participant,
-        task_id=task_id,
-        dataset=job.dataset,
-        recordings=recordings,
-        clock=clock,
-        ends=SimulatedEnds(job, protocol, rig, task_id, clock, tick, screen, desk),
-    ) as devices:
-        asked = header(
-            protocol=protocol,
-            rig=rig,
-            participant=job.participant,
-            task_id=task_id,
-            position=position,
-            seed=job.seed,
-            recordings=recordings,
-            purpose="REHEARSAL" if desk is None else "PRACTICE",
-            roster_sha256=None,
-            clock=clock,
-        )
+    sitting = Sitting(protocol, rig, rig_file, job.participant, task_id, job.dataset, recordings, clock)
+    purpose: Purpose = "REHEARSAL" if desk is None else "PRACTICE"
+    with open_laboratory(sitting, SimulatedEnds(job, sitting, tick, screen, desk)) as devices:
+        asked = header(sitting, position=position, seed=job.seed, purpose=purpose, roster_sha256=None)
         if desk is None:
             asked = asked.model_copy(update={"session_id": asked.rehearsed_id(job.control)})
         else:
@@ -147,16 +128,15 @@ class SimulatedEnds:
     """Nobody has to plug anything in: a foot that is silent waits for its turn on a busy machine."""
 
     job: Job
-    protocol: Protocol
-    rig: rigs.Rig
-    task_id: str
-    clock: Clock
+    sitting: Sitting
     tick: Tick
     screen: Console | None
     desk: Console | None
 
     def __post_init__(self) -> None:
         self.real_time = self.job.real_time
+        self.protocol, self.rig = self.sitting.protocol, self.sitting.rig
+        self.task_id, self.clock = self.sitting.task_id, self.sitting.clock
         self._card: WiredCard | None = None
         self._panel: Panel | CardPanel | None = None
         self._speaker: Speaker | None = None

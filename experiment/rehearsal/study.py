@@ -17,7 +17,7 @@ from palpate.experiment.apparatus.panel.conditioning import open_drive
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.checks import Plan
-from palpate.experiment.desk.port import Attended, Console
+from palpate.experiment.desk.questions import At, Attended, Console, Notice
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
@@ -188,7 +188,7 @@ def practise(
             )
         facts = {"label": build.LABELS["PRACTICE"], "participant": participant, "task": tasks[0], "out": out}
         for said in filter(None, (WELCOME.format(**facts), generic(protocol), TO_DO.format(**facts))):
-            console.show(said)
+            console.tell(Notice(said))
         practice = _Practice(job, console)
         footer = walk(console=console, tasks=tasks, run=practice.session, noting=practice.noting)
     others = [task for task in job.tasks if left[task] and task not in tasks]
@@ -199,9 +199,9 @@ def practise(
     else:
         onward = f"To practise the other task, add --task {others[0]}." if others else "Every task is practised."
     # What ended the session may stand on an unfinished line.
-    console.show(f"\n{onward}")
+    console.tell(Notice(f"\n{onward}"))
     if footer.answered:
-        console.show(f"To see tables of what you practised: palpate analyse {quote(str(out))}")
+        console.tell(Notice(f"To see tables of what you practised: palpate analyse {quote(str(out))}"))
     return footer
 
 
@@ -211,7 +211,7 @@ class _Practice:
     console: Console
 
     def session(self, task_id: str) -> Footer:
-        self.console.at(step=task_id, steps=visit_steps(self.job.tasks))
+        self.console.tell(At(task_id, visit_steps(self.job.tasks)))
         footer = run_task(self.job, task_id, lambda: None, None, self.console)
         build.build(self.job.dataset)
         return footer

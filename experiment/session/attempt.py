@@ -5,20 +5,20 @@ The states of a session and the one table of their transitions stand here too.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.ports import Masker, Microphone, Pedal
 from palpate.experiment.clock import Clock
-from palpate.experiment.desk import interrupts
-from palpate.experiment.desk.messages import Repeat
-from palpate.experiment.desk.port import INTERRUPTED, NO_ANSWER, Console, Remark
+from palpate.experiment.desk import interrupts, questions
+from palpate.experiment.desk.messages import ENTER, Repeat
+from palpate.experiment.desk.questions import Answered, Confirm, Console, Debrief, Notice, Remark, TrialAnswer
 from palpate.experiment.errors import JournalError, SessionError, TrackerStopped
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records.entries import Answer, Armed, Header, PlannedTrial, Redo
+from palpate.experiment.records.entries import Answer, Armed, PlannedTrial, Redo
 from palpate.experiment.session.kind import KindDevices, Lent, Limits, Log
-from palpate.experiment.session.masker import KEYS, Masking
+from palpate.experiment.session.masker import Masking
 from palpate.experiment.session.remarks import Remarks
 
 if TYPE_CHECKING:
@@ -111,33 +111,23 @@ class Devices:
     pedal: Pedal | None = None
 
 
+@dataclass(kw_only=True, eq=False)
 class Attempts:
-    """The attempts of one session, one after the other."""
+    """The attempts of one session, one after the other; without a masker or a microphone `masking` or `ear` is None."""
 
-    def __init__(
-        self,
-        *,
-        protocol: Protocol,
-        header: Header,
-        devices: Devices,
-        log: Log,
-        masking: Masking | None,
-        limits: Limits,
-        ear: Ear | None = None,
-    ) -> None:
-        """Set up before the first attempt; `masking` and `ear` are None for a session without masker or microphone."""
-        self._ear = ear
-        self._spoken = protocol.answers
-        self._console, self._clock = devices.console, devices.clock
-        self._log = log
-        self._masking = masking
-        self._limits = limits
-        lent = Lent(
-            protocol=protocol, header=header, console=devices.console, clock=devices.clock, log=log, limits=limits
-        )
-        self.kind = devices.kind.begin(lent)
+    protocol: Protocol
+    devices: Devices
+    log: Log
+    masking: Masking | None
+    limits: Limits
+    ear: Ear | None
+
+    def __post_init__(self) -> None:
+        header, console, clock = self.log.done.header, self.devices.console, self.devices.clock
+        lent = Lent(self.protocol, header, console, clock, self.log, self.limits)
+        self.kind = self.devices.kind.begin(lent)
         """The trials of this session."""
-        self.remarks = Remarks(spoken=protocol.answers, kind=self.kind, console=devices.console, log=log, limits=limits)
+        self.remarks = Remarks(lent, self.kind)
         """What the experimenter says beside answers."""
         self._answered_ns: int | None = None
         self.outage = ""
@@ -160,10 +150,10 @@ class Attempts:
             self.outage = str(stopped)
             return Event.LOST
         self.remarks.note_ignored()
-        if self._limits.over():
+        if self.limits.over():
             # While something was laid out, or the tracker zeroed.
             return Event.BROKEN_OFF
-        self._log.write(Armed(trial=planned.trial, attempt=attempt, presented=planned.presented))
+        self.log.write(Armed(trial=planned.trial, attempt=attempt, presented=planned.presented))
         # Whatever goes wrong, the attempt is put on disk first: it may have been felt.
         with interrupts.held() as interrupt:
             try:
@@ -172,31 +162,31 @@ class Attempts:
                 # What was felt is not on disk; the next runner finds the attempt armed, and puts it off.
                 raise
             except BaseException as ended:
-                why = INTERRUPTED if isinstance(ended, KeyboardInterrupt) else str(ended)
+                why = questions.INTERRUPTED if isinstance(ended, KeyboardInterrupt) else str(ended)
                 reason = f"nothing was felt: {why}"
-                self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
+                self.log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
                 raise
-            self._log.write(seen.entry)
+            self.log.write(seen.entry)
             if seen.failed is not None:
                 raise seen.failed
         if seen.answerable_ns is None:
             self.outage = seen.reason if seen.lost else ""
-            if reason := self._limits.skipped():
+            if reason := self.limits.skipped():
                 return self._put_off(planned, attempt, reason)
             return Event.LOST if seen.lost else Event.BROKEN_OFF
         # None says that nothing measured the stimulus and no fault is known, so it ends a row as well.
         self.undelivered = self.undelivered + 1 if seen.delivered is False else 0
         if seen.repeat:
-            reason = "; ".join(filter(None, (seen.repeat, self._limits.skipped())))
-            self._console.show(f"Trial {planned.trial} is repeated at the end of its block: {reason}.")
+            reason = "; ".join(filter(None, (seen.repeat, self.limits.skipped())))
+            self.devices.console.tell(Notice(f"Trial {planned.trial} is repeated at the end of its block: {reason}."))
             return self._put_off(planned, attempt, reason)
-        if self._ear is not None:
-            self._ear.listen(planned.trial, attempt, seen.answerable_ns)
+        if self.ear is not None:
+            self.ear.listen(planned.trial, attempt, seen.answerable_ns)
         try:
             return self._ask(planned, attempt, seen.answerable_ns)
         finally:
-            if self._ear is not None:
-                self._ear.stop()
+            if self.ear is not None:
+                self.ear.stop()
             self.kind.rest()
 
     def reconnect(self, timeout_s: float) -> None:
@@ -207,20 +197,20 @@ class Attempts:
     def debrief(self) -> None:
         """Have the experimenter note and correct, once every trial is answered; a trial may come to be done again."""
         self.remarks.trial = None
-        while not self._log.done.remaining and (remark := self._console.debrief()) is not None:
+        while not self.log.done.remaining and (remark := self.devices.console.ask(Debrief()).remark) is not None:
             self._take(remark)
 
     def _ask(self, planned: PlannedTrial, attempt: int, answerable_ns: int) -> Event:
-        console, spoken, answers = self._console, self._spoken, self.kind.answers(planned)
-        if reason := self._limits.skipped():
+        console, spoken, answers = self.devices.console, self.protocol.answers, self.kind.answers(planned)
+        if reason := self.limits.skipped():
             return self._put_off(planned, attempt, reason)
         others = {
-            spoken.no_answer_key: NO_ANSWER,
             spoken.redo_key: "do this trial again",
             spoken.pause_key: "pause",
-            **(KEYS if self._masking is not None else {}),
+            **(questions.MASKER if self.masking is not None else {}),
         }
-        key, chosen_ns = self._chosen(planned.trial, {key: one.words for key, one in answers.items()}, others)
+        words = {key: one.words for key, one in answers.items()}
+        key, chosen_ns = self._chosen(TrialAnswer(planned.trial, words, spoken.no_answer_key, others))
         if reason := self.kind.rest():
             return self._put_off(planned, attempt, reason)
         if isinstance(key, Repeat):
@@ -229,11 +219,11 @@ class Attempts:
             return self._put_off(planned, attempt, "asked for by the experimenter")
         if key == spoken.pause_key:
             self._put_off(planned, attempt, "paused before the answer")
-            console.show(FELT.format(trial=planned.trial))
+            console.tell(Notice(FELT.format(trial=planned.trial)))
             return Event.PAUSE
-        self._answered_ns = self._clock.now_ns()
+        self._answered_ns = self.devices.clock.now_ns()
         answered = None if key == spoken.no_answer_key else answers[key].answer
-        self._log.write(
+        self.log.write(
             Answer(
                 trial=planned.trial,
                 attempt=attempt,
@@ -244,41 +234,40 @@ class Attempts:
                 confirmed_s=(self._answered_ns - answerable_ns) / 1e9,
             )
         )
-        if self._ear is not None:
-            self._ear.answered(chosen_ns)
-        console.confirmed(trial=planned.trial, answer=answered)
+        if self.ear is not None:
+            self.ear.answered(chosen_ns)
+        console.tell(Answered(planned.trial, answered))
         return Event.ANSWERED
 
     def _put_off(self, planned: PlannedTrial, attempt: int, reason: str) -> Event:
-        self._log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
+        self.log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=True))
         return Event.REDONE
 
     def _take(self, remark: Remark) -> None:
         _, words = self.remarks.take(remark)
-        self._console.show(words)
+        self.devices.console.tell(Notice(words))
 
-    def _chosen(self, trial: int, answers: dict[str, str], others: dict[str, str]) -> tuple[str | Repeat, int]:
+    def _chosen(self, question: TrialAnswer) -> tuple[str | Repeat, int]:
         """Return the key that was chosen and confirmed, and the session time of the choice, ns.
 
         Without one, return that the trial is repeated.
         """
+        meanings = {one.key: one.words for one in question.choices}
         while True:
             further = dict(self.kind.keys)
-            said = self._console.ask(trial=trial, answers=answers, others=others | further)
-            chosen_ns = self._clock.now_ns()
-            if not self._clock.simulated:
-                chosen_ns -= self._console.chosen_ago_ns()
+            reply = self.devices.console.ask(replace(question, others={**question.others, **further}))
+            chosen_ns = self.devices.clock.now_ns() - (0 if self.devices.clock.simulated else reply.ago_ns)
             self.remarks.note_ignored()
-            if isinstance(said, Repeat) and said.trial == trial:
-                return said, chosen_ns
-            if not isinstance(said, str):
-                self._take(said)
-            elif said in further:
-                self.kind.press(said)
-            elif said in answers and (lacking := self.kind.lacking()):
-                self._console.show(f"{lacking} No answer is taken before.")
-            elif self._masking is None or not self._masking.change(said):
-                confirmed = self._console.confirm(key=said, meaning=(answers | others)[said])
+            if isinstance(reply.remark, Repeat) and reply.remark.trial == question.trial:
+                return reply.remark, chosen_ns
+            if reply.remark is not None:
+                self._take(reply.remark)
+            elif reply.key in further:
+                self.kind.press(reply.key)
+            elif reply.key in question.answers and (lacking := self.kind.lacking()):
+                self.devices.console.tell(Notice(f"{lacking} No answer is taken before."))
+            elif self.masking is None or not self.masking.change(reply.key):
+                confirmed = self.devices.console.ask(Confirm(reply.key, meanings[reply.key])).key == ENTER
                 self.remarks.note_ignored()
                 if confirmed:
-                    return said, chosen_ns
+                    return reply.key, chosen_ns

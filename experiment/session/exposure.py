@@ -13,12 +13,13 @@ import socket
 import threading
 from collections import defaultdict
 from contextlib import ExitStack, suppress
+from dataclasses import dataclass
 from itertools import chain, pairwise
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import interrupts
-from palpate.experiment.desk.port import BY_PARTICIPANT, INTERRUPTED, STOPPED
+from palpate.experiment.desk.questions import BY_PARTICIPANT, INTERRUPTED, STOPPED, Notice, Stopped
 from palpate.experiment.errors import PalpateError, ScreenGone
 from palpate.experiment.records.entries import Commanded, Exposure, Footer, Header, MaskerSet, Resumed
 from palpate.experiment.session.kind import nothing_more
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
     from palpate.experiment.apparatus.audio.stream import AudioStream
     from palpate.experiment.clock import Clock
-    from palpate.experiment.desk.port import Console
+    from palpate.experiment.desk.questions import Console
     from palpate.experiment.records.journal import Contents, Line
     from palpate.experiment.session.kind import Kind, Log
     from palpate.experiment.session.masker import Masking
@@ -56,39 +57,28 @@ WINDOW_NS = 24 * 3600 * 10**9
 """Doses are added over so long, ns: neither midnight nor a time zone changes them."""
 
 
+@dataclass(kw_only=True, eq=False)
 class Exposed:
-    """Implements `Limits` for one runner of a session."""
+    """Implements `Limits` for one runner of a session; nothing is watched before it begins.
 
-    def __init__(
-        self,
-        *,
-        ends_ns: int,
-        ended: str,
-        masking: Masking | None,
-        console: Console,
-        clock: Clock,
-        log: Log,
-        stream: AudioStream | None = None,
-        pressed: Callable[[], bool] | None = None,
-    ) -> None:
-        """Begin with nothing watched; from the session time `ends_ns` on nothing may be felt, and `ended` says why.
+    From the session time `ends_ns` on, ns, nothing may be felt, and `ended` says why. `pressed` is as `Pedal` has it.
+    """
 
-        `pressed` is the participant's pedal, as `Pedal` has it.
-        """
-        self.ends_ns = ends_ns
-        """The session time from which on nothing may be felt, ns."""
-        self._ended = ended
-        self._masking = masking
-        self._stream = stream
-        self._pressed = pressed
-        self._console = console
-        self._clock = clock
-        self._log = log
+    ends_ns: int
+    ended: str
+    masking: Masking | None
+    console: Console
+    clock: Clock
+    log: Log
+    stream: AudioStream | None = None
+    pressed: Callable[[], bool] | None = None
+
+    def __post_init__(self) -> None:
         self._kind: Kind | None = None
         self._over = self._asked = self._skipped = ""
         self._failed: Exception | None = None
         self._told = self._slow = self._stopped = False
-        self._due_ns = self._looked_ns = clock.now_ns()
+        self._due_ns = self._looked_ns = self.clock.now_ns()
         self.free_bytes: int | None = None
         """The free space on the disk when an exposure was written last, bytes; None if the disk did not say."""
         self._writer: threading.Thread | None = None
@@ -99,7 +89,7 @@ class Exposed:
     def begin(self, kind: Kind) -> None:
         """Watch trials from now on; the journal has its header, or the entry that it was resumed."""
         self._kind = kind
-        if self._clock.simulated:
+        if self.clock.simulated:
             return
         self.record()
         woken, wakes = socket.socketpair()
@@ -109,8 +99,8 @@ class Exposed:
         self._opened.callback(wakes.close)
         # A signal is seen while the main thread is in a call that does not return.
         self._opened.callback(interrupts.report_to, interrupts.report_to(wakes.fileno()))
-        if self._pressed is not None:
-            self._opened.callback(self._start("pedal", self._follow, self._pressed).join)
+        if self.pressed is not None:
+            self._opened.callback(self._start("pedal", self._follow, self.pressed).join)
         self._writer = self._start("exposure", self._write)
 
     def settle(self) -> None:
@@ -166,18 +156,18 @@ class Exposed:
         if self._failed is not None:
             raise self._failed
         self._silence()
-        if not self._over and self._clock.now_ns() + ahead_ns > self.ends_ns:
-            self._over = self._ended
+        if not self._over and self.clock.now_ns() + ahead_ns > self.ends_ns:
+            self._over = self.ended
         return self._over or self._asked or self._skipped
 
     @property
     def left_s(self) -> float:
         """How long it is until the session's end, s."""
-        return max((self.ends_ns - self._clock.now_ns()) / 1e9, 0.0)
+        return max((self.ends_ns - self.clock.now_ns()) / 1e9, 0.0)
 
     def look(self) -> None:
         """Keep the devices alive, silence what is over, and tell why. Raises `AudioError` if the sound stands still."""
-        if self._log.waiting_s > GONE_S:
+        if self.log.waiting_s > GONE_S:
             self._over = self._over or GONE
         self._silence()
         if self._kind is not None:
@@ -185,11 +175,11 @@ class Exposed:
         if not self._told and self.over() and (why := self._over):
             self._told = True
             self._tell_over(why)
-        before_ns, self._looked_ns = self._looked_ns, self._clock.now_ns()
+        before_ns, self._looked_ns = self._looked_ns, self.clock.now_ns()
         # A session that stood still itself knows nothing of its device yet.
-        if self._stream is not None and self._looked_ns - before_ns < LATE_NS:
-            self._stream.check()
-        if self._slow != (self._log.waiting_s > SLOW_S):
+        if self.stream is not None and self._looked_ns - before_ns < LATE_NS:
+            self.stream.check()
+        if self._slow != (self.log.waiting_s > SLOW_S):
             self._slow = not self._slow
             self._tell(SLOW if self._slow else "The disk answers again.")
 
@@ -197,35 +187,35 @@ class Exposed:
         """Put what nobody waits for on disk: what the masker did, and the exposure if that is due."""
         if self._stopped:
             self._stopped = False
-            self._log.write(Commanded(by="pedal", command="pause", taken=True, reply=STOPPED))
-        if self._masking is not None:
-            self._masking.record()
-        now_ns = self._clock.now_ns()
+            self.log.write(Commanded(by="pedal", command="pause", taken=True, reply=STOPPED))
+        if self.masking is not None:
+            self.masking.record()
+        now_ns = self.clock.now_ns()
         if now_ns >= self._due_ns:
             self._due_ns = now_ns + EVERY_NS
-            self._log.write(self._exposure())
+            self.log.write(self._exposure())
             with suppress(OSError):
-                self.free_bytes = self._log.free_bytes()
+                self.free_bytes = self.log.free_bytes()
 
     def _silence(self) -> None:
-        if self._masking is not None:
-            self._over = self._over or self._masking.spent()
+        if self.masking is not None:
+            self._over = self._over or self.masking.spent()
         why = self._over or self._asked or ("a part failed" if self._failed is not None else "")
-        if self._clock.now_ns() > self.ends_ns:
-            why = why or self._ended
+        if self.clock.now_ns() > self.ends_ns:
+            why = why or self.ended
         if not why:
             return
-        if self._stream is not None:
-            self._stream.silence()
-        if self._masking is not None:
-            self._masking.silence()
+        if self.stream is not None:
+            self.stream.silence()
+        if self.masking is not None:
+            self.masking.silence()
         if self._kind is not None:
             self._kind.quiet(why)
 
     def _exposure(self) -> Exposure:
-        uptime, done = self._clock.uptime(), self._log.done
+        uptime, done = self.clock.uptime(), self.log.done
         return Exposure(
-            dose=self._masking.exposure.dose if self._masking is not None else None,
+            dose=self.masking.exposure.dose if self.masking is not None else None,
             stimuli=done.stimuli,
             vibration_s=done.vibration_s,
             boot=uptime.boot if uptime is not None else None,
@@ -237,7 +227,7 @@ class Exposed:
 
     def _tell(self, text: str) -> None:
         """Show a line; a terminal that stands still holds up a thread of its own."""
-        self._opened.callback(self._start("lines", self._console.show, text).join, 1.0)
+        self._opened.callback(self._start("lines", self.console.tell, Notice(text)).join, 1.0)
 
     def _watch(self, woken: socket.socket) -> None:
         while not self._closing:
@@ -256,7 +246,7 @@ class Exposed:
             if pressed():
                 self.pause(BY_PARTICIPANT)
                 self._stopped = True
-                self._opened.callback(self._start("lines", self._console.stopped).join, 1.0)
+                self._opened.callback(self._start("lines", self.console.tell, Stopped()).join, 1.0)
                 return
 
     def _write(self) -> None:

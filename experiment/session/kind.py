@@ -13,6 +13,7 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from datetime import date
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Protocol, cast
 
 from palpate.experiment.apparatus.ports import Tracker
@@ -20,7 +21,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Measured
-from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.questions import Arm, Console, Notice
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol.models import Protocol as StudyProtocol
 from palpate.experiment.protocol.models import Task
@@ -34,6 +35,20 @@ if TYPE_CHECKING:
 
 ROOMS: Mapping[str, str] = {"comparison": "tapping"}
 """The room of a kind of trial that has another name than the kind; its `trials.py` has `KIND`."""
+
+
+@dataclass(frozen=True)
+class Sitting:
+    """One participant at one task on a rig; files of the rig are beside its file. `recordings` is None without any."""
+
+    protocol: StudyProtocol
+    rig: Rig
+    rig_file: Path
+    participant: str
+    task_id: str
+    dataset: Path
+    recordings: Path | None
+    clock: Clock
 
 
 @dataclass(frozen=True)
@@ -190,7 +205,7 @@ class Kind(Protocol):
         return
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Lent:
     """What a session lends its kind: entries and frames go to `log`, and nothing is felt beyond `limits`."""
 
@@ -200,6 +215,14 @@ class Lent:
     clock: Clock
     log: Log
     limits: Limits
+
+    def show(self, text: str) -> None:
+        """Show the experimenter a line."""
+        self.console.tell(Notice(text))
+
+    def arm(self, planned: PlannedTrial, attempt: int, broken_off: str = "") -> bool:
+        """Announce an attempt, armed from now on, as `Arm` has it; return whether somebody was waited for."""
+        return self.console.ask(Arm(planned.trial, attempt, len(self.header.order), broken_off)).waited
 
 
 class KindDevices(Protocol):

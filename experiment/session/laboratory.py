@@ -7,78 +7,57 @@ import secrets
 from collections.abc import Iterator
 from concurrent.futures import Executor
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Microphone
-from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.clock import Clock, utc
+from palpate.experiment.clock import utc
+from palpate.experiment.desk.questions import Notice
 from palpate.experiment.protocol import approval
-from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, software
 from palpate.experiment.records.entries import Header, Purpose
 from palpate.experiment.session import exposure, masker, scene
 from palpate.experiment.session.attempt import Devices
-from palpate.experiment.session.kind import FarEnds, session_kind
+from palpate.experiment.session.kind import FarEnds, Sitting, session_kind
 from palpate.experiment.study import schedule
 
 
 @contextmanager
-def open_laboratory(
-    *,
-    protocol: Protocol,
-    rig: Rig,
-    rig_folder: Path,
-    participant: str,
-    task_id: str,
-    dataset: Path,
-    recordings: Path | None,
-    clock: Clock,
-    ends: FarEnds,
-) -> Iterator[Devices]:
+def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
     """Open what a task needs, and yield the opened parts, which are closed at the end.
 
-    Files of the rig are in `rig_folder`; earlier sessions in `dataset` count towards the masker's dose of 24 hours.
-    `recordings` is None if the task needs none. Raises `PalpateError` if a part cannot be opened.
+    Earlier sessions in the dataset count towards the masker's dose of 24 hours. Raises `PalpateError` if a part cannot
+    be opened.
     """
+    protocol, rig, clock = sitting.protocol, sitting.rig, sitting.clock
     with ExitStack() as opened:
         priority = opened.enter_context(host.raised()) if ends.real_time else ""
-        planned = scene.plan(protocol=protocol, task_id=task_id)
+        planned = scene.plan(protocol=protocol, task_id=sitting.task_id)
         sound: masker.Sound | None = None
         if rig.audio is not None and planned.sounds(rig):
-            paths = (storage.journal_path(dataset, participant, task.id) for task in protocol.tasks)
+            paths = (storage.journal_path(sitting.dataset, sitting.participant, task.id) for task in protocol.tasks)
             dose = exposure.dose_before([journal.read_if_begun(path) for path in paths], clock)
             device = ends.sound_device(opened)
             sound = masker.open_sound(
                 rig, protocol, planned=planned, clock=clock, dose_before=dose, opened=opened, device=device
             )
             ends.wire_sound()
-        kind = session_kind(protocol.task(task_id)).opens(
-            protocol=protocol,
-            rig=rig,
-            rig_folder=rig_folder,
-            task_id=task_id,
-            recordings=recordings,
-            clock=clock,
-            stream=sound.stream if sound is not None else None,
-            ends=ends,
-            opened=opened,
-        )
+        stream = sound.stream if sound is not None else None
+        kind = session_kind(protocol.task(sitting.task_id)).opens(sitting, stream, ends, opened)
         pedal = opening.open_pedal(rig, port=ends.pedal(opened)) if ends.real_time else None
         if pedal is not None:
             opened.callback(pedal.close)
         console = ends.console()
         if priority and not rig.rig.simulated:
-            console.show(f"Priority: {priority}.")
+            console.tell(Notice(f"Priority: {priority}."))
         microphone: Microphone | None = None
         computing: Executor | None = None
         if protocol.answers.microphone:
             if sound is not None:
                 microphone = opening.open_microphone(rig, stream=sound.stream)
             if microphone is None:
-                console.show("The rig names no microphone (audio.channels.microphone): no answer is proposed.")
+                console.tell(Notice("The rig names no microphone (audio.channels.microphone): no answer is proposed."))
             else:
                 from palpate.experiment.desk.voice import ear
 
@@ -88,7 +67,7 @@ def open_laboratory(
             console=console,
             clock=clock,
             masker=sound.masker if sound is not None else None,
-            stream=sound.stream if sound is not None else None,
+            stream=stream,
             reconnect_s=ends.reconnect_s,
             priority=priority,
             pedal=pedal,
@@ -97,28 +76,18 @@ def open_laboratory(
         )
 
 
-def header(
-    *,
-    protocol: Protocol,
-    rig: Rig,
-    participant: str,
-    task_id: str,
-    position: int,
-    seed: int,
-    recordings: Path | None,
-    purpose: Purpose,
-    roster_sha256: str | None,
-    clock: Clock,
-) -> Header:
+def header(sitting: Sitting, *, position: int, seed: int, purpose: Purpose, roster_sha256: str | None) -> Header:
     """Return the header of a new session, with its trials in order and a unique `session_id`.
 
-    `position` is the task's among the participant's, from 1; `recordings` is None if the task needs none.
+    `position` is the task's among the participant's, from 1.
     """
+    protocol, rig = sitting.protocol, sitting.rig
+    participant, task_id = sitting.participant, sitting.task_id
     recordings_sha256 = None
-    if recordings is not None:
+    if sitting.recordings is not None:
         from palpate.experiment.recordings import manifest
 
-        recordings_sha256 = manifest.sha256(recordings)
+        recordings_sha256 = manifest.sha256(sitting.recordings)
     ours = software.this()
     return Header(
         session_id=secrets.token_hex(16),
@@ -135,7 +104,7 @@ def header(
         task=task_id,
         task_position=position,
         purpose=purpose,
-        started_utc=utc(clock.now_ns()),
+        started_utc=utc(sitting.clock.now_ns()),
         block_trials=schedule.block_trials(protocol, task_id),
         order=schedule.schedule(protocol=protocol, participant=participant, task_id=task_id, seed=seed),
     )

@@ -16,10 +16,11 @@ from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.ports import Masker, MaskerExposure
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock, day
-from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.questions import MASKER, YES, Agree, Console, Level, Notice
 from palpate.experiment.errors import DoseUsedUp
+from palpate.experiment.protocol.models import Masker as Wanted
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
+from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY
 from palpate.experiment.records.entries import MaskerSet, Note
 from palpate.experiment.session import scene
 
@@ -32,45 +33,42 @@ RISE_NS = 500_000_000
 FIRST_DB_A = 50.0
 """Level at which the first choice begins, dB(A): soft, so that it is turned up and not down."""
 
-KEYS = {LOUDER_KEY: "masker louder", SOFTER_KEY: "masker softer"}
 
-
+@dataclass(eq=False)
 class Masking:
-    """Drives a masker and puts its levels on disk; a second thread may silence it for good.
+    """Drives a masker and puts its levels on disk by `write`; a second thread may silence it for good.
 
     Its lock is never held while an entry is written, and who silences writes nothing: `record` does, later.
     """
 
-    def __init__(
-        self, masker: Masker, console: Console, write: Callable[[MaskerSet | Note], None], clock: Clock
-    ) -> None:
-        """Begin in silence; `write` puts an entry into the journal and returns when it is on disk."""
-        self._masker = masker
-        self.limit_db_a = masker.limit_db_a
+    masker: Masker
+    console: Console
+    write: Callable[[MaskerSet | Note], None]
+    clock: Clock
+
+    def __post_init__(self) -> None:
+        self.limit_db_a = self.masker.limit_db_a
         """The loudest level allowed, dB(A)."""
-        self._console = console
-        self._write = write
-        self._clock = clock
-        self._rises_ns = clock.now_ns()
+        self._rises_ns = self.clock.now_ns()
         self._lock = threading.Lock()
         self._writing = threading.Lock()
         self._unwritten = deque[MaskerSet]()
         self._noted_db_a: float | None = None
         self._silenced = self._used_up = False
 
-    def choose(self, criterion: str, begin_db_a: float | None, probe: Callable[[], None] | None = None) -> None:
-        """Start the noise at `begin_db_a`, or at the first level if None, and have it set until `criterion` holds.
+    def choose(self, wanted: Wanted, begin_db_a: float | None, probe: Callable[[], None] | None) -> None:
+        """Start the noise at `begin_db_a`, or at the first level if None, and have it set as is `wanted`.
 
         `probe` plays what is to be hidden, None where nothing can. Where that is heard at the limit, it goes on record.
         """
+        criterion = wanted.criterion
         if probe is None:
             criterion += " Nothing is played for that: have the participant touch it as in a trial, and listen."
-        self._rise(self._masker.start, begin_db_a or FIRST_DB_A)
+        self._rise(self.masker.start, begin_db_a or FIRST_DB_A)
         while not self._silenced:
             level_db_a, limit_db_a = self.exposure.level_db_a or FIRST_DB_A, self.limit_db_a
-            keys = KEYS | ({} if probe is None else {PROBE_KEY: "play the probe"})
-            keys |= {HEARD_KEY: "still heard at the limit"} if level_db_a >= limit_db_a else {}
-            key = self._console.level(level_db_a=level_db_a, limit_db_a=limit_db_a, criterion=criterion, keys=keys)
+            question = Level(level_db_a, limit_db_a, criterion, probe is not None, wanted.level_set_by)
+            key = self.console.ask(question).key
             if key == PROBE_KEY and probe is not None:
                 probe()
             elif key == HEARD_KEY:
@@ -82,12 +80,12 @@ class Masking:
     def _heard_at_limit(self, limit_db_a: float) -> bool:
         """Return whether the session goes on although the masker hides too little; that goes on record."""
         told = f"The participant still hears what the masker is to hide, at {limit_db_a:.0f} dB(A), the limit."
-        yes, no = "go on all the same; it goes on record", "no, set the level again"
         asked = f"{told} It may not be louder. Go on all the same? To end instead, press no, then pause."
-        if not self._console.agree(text=asked, yes=yes, no=no):
+        question = Agree(asked, "go on all the same; it goes on record", "no, set the level again")
+        if self.console.ask(question).key != YES:
             return False
-        self._write(Note(trial=None, text=told))
-        self._console.show(f"On record: {told}")
+        self.write(Note(trial=None, text=told))
+        self.console.tell(Notice(f"On record: {told}"))
         return True
 
     def change(self, key: str) -> bool:
@@ -95,18 +93,18 @@ class Masking:
 
         A step up that comes too soon after the one before changes nothing. A masker that was silenced stays silent.
         """
-        if key not in KEYS:
+        if key not in MASKER:
             return False
-        louder, now_ns = key == LOUDER_KEY, self._clock.now_ns()
+        louder, now_ns = key == LOUDER_KEY, self.clock.now_ns()
         with self._lock:
-            level_db_a, soon = self._masker.level_db_a, louder and now_ns < self._rises_ns
+            level_db_a, soon = self.masker.level_db_a, louder and now_ns < self._rises_ns
             if level_db_a is not None and not soon:
                 self._rises_ns = now_ns + RISE_NS if louder else self._rises_ns
                 if not louder:
-                    level_db_a = self._masker.set_level(level_db_a - STEP_DB)
+                    level_db_a = self.masker.set_level(level_db_a - STEP_DB)
                     self._note(level_db_a)
         if louder and not soon and level_db_a is not None:
-            level_db_a = self._rise(self._masker.set_level, level_db_a + STEP_DB)
+            level_db_a = self._rise(self.masker.set_level, level_db_a + STEP_DB)
         self.record()
         if level_db_a is None:
             said = "The masker is silent."
@@ -115,14 +113,14 @@ class Masking:
         else:
             at_limit = " (the limit)" if level_db_a >= self.limit_db_a else ""
             said = f"Masker at {level_db_a:.0f} dB(A){at_limit}."
-        self._console.show(said)
+        self.console.tell(Notice(said))
         return True
 
     @property
     def exposure(self) -> MaskerExposure:
         """What the masker has done to the ears until now."""
         with self._lock:
-            return self._masker.exposure()
+            return self.masker.exposure()
 
     def spent(self) -> str:
         """Return that the dose is used up, or will be before anybody looks again; nothing while it is not."""
@@ -140,7 +138,7 @@ class Masking:
     def end(self) -> None:
         """Fade out until the level is chosen anew; it returns at once, whatever the disk does."""
         with self._lock:
-            self._masker.stop()
+            self.masker.stop()
             if self._noted_db_a is not None:
                 self._note(None)
 
@@ -148,7 +146,7 @@ class Masking:
         """Put every change of the level on disk, in order; this waits for the disk. Raises `JournalError`."""
         with self._writing:
             while self._unwritten:
-                self._write(self._unwritten[0])
+                self.write(self._unwritten[0])
                 self._unwritten.popleft()
 
     def _rise(self, play: Callable[[float], float], level_db_a: float) -> float | None:
@@ -175,7 +173,7 @@ class Masking:
 
     def _note(self, level_db_a: float | None) -> None:
         """Have a level recorded, beside the exposure until now."""
-        told, self._noted_db_a = self._masker.exposure(), level_db_a
+        told, self._noted_db_a = self.masker.exposure(), level_db_a
         self._unwritten.append(MaskerSet(level_db_a=level_db_a, dose=told.dose, daily_level_db_a=told.daily_level_db_a))
 
 

@@ -11,19 +11,16 @@ from typing import TYPE_CHECKING, Literal
 
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import RECENT, Correct, Gauges, Lamp, Prompt, Repeat, Standing, TakeNote, Told
-from palpate.experiment.desk.port import Console, Remark
-from palpate.experiment.protocol.models import Answers
+from palpate.experiment.desk.questions import Remark, Report
 from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.exposure import SLOW_S, Exposed
-from palpate.experiment.session.kind import Kind, Limits, Log
+from palpate.experiment.session.kind import Kind, Lent
 from palpate.experiment.settings import characters
 from palpate.experiment.storage import journal_path
 
 if TYPE_CHECKING:
-    from palpate.experiment.apparatus.audio.stream import AudioStream
     from palpate.experiment.desk.voice.ear import Ear
-    from palpate.experiment.session.masker import Masking
 
 LITTLE_BYTES = 500_000_000
 """Less free space than this on the dataset's disk is told, bytes."""
@@ -40,13 +37,9 @@ CLOSED = "The session has ended; nothing was changed."
 class Remarks:
     """Puts the experimenter's remarks and corrections on record, from any thread; `trial` is None outside of trials."""
 
-    def __init__(self, *, spoken: Answers, kind: Kind, console: Console, log: Log, limits: Limits) -> None:
+    def __init__(self, lent: Lent, kind: Kind) -> None:
+        self.lent, self.kind = lent, kind
         self.trial: int | None = None
-        self._spoken = spoken
-        self._kind = kind
-        self._console = console
-        self._log = log
-        self._limits = limits
         self._lock = threading.Lock()
         self._open = True
 
@@ -61,51 +54,53 @@ class Remarks:
             if not self._open:
                 return False, CLOSED
             if isinstance(remark, TakeNote):
-                if refused := _no_trial(remark, self._log.done.header):
+                if refused := _no_trial(remark, self.lent.log.done.header):
                     return False, refused
-                self._log.write(entries.Note(trial=remark.trial, text=remark.text))
+                self.lent.log.write(entries.Note(trial=remark.trial, text=remark.text))
                 return True, "The note is on disk."
-            done = self._log.done
+            done = self.lent.log.done
             if isinstance(remark, Repeat) and done.armed is not None and done.armed[0] == remark.trial:
-                self._limits.skip(remark.reason)
+                self.lent.limits.skip(remark.reason)
                 return True, f"Trial {remark.trial} is put off to the end of its block."
             if remark.trial not in done.answered:
                 return False, f"Trial {remark.trial} has no answer that counts; nothing was changed."
             if isinstance(remark, Correct):
                 return self._correct(remark)
             attempt = done.attempts[remark.trial]
-            self._log.write(entries.Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
+            self.lent.log.write(entries.Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
             return True, f"Trial {remark.trial} is done again; the answer that it had no longer counts."
 
     def ask_report(self) -> None:
         """Ask, at the end of a visit, for what was not asked or told yet."""
         self.trial = None
         for step, text in REPORTS.items():
-            if step not in self._log.done.visited and (written := self._console.write(text=text)):
-                self._log.write(entries.Visited(step=step, text=written))
+            if step not in self.lent.log.done.visited and (written := self.lent.console.ask(Report(text)).text):
+                self.lent.log.write(entries.Visited(step=step, text=written))
 
     def note_ignored(self) -> None:
         """Put on record what was typed before it was asked for."""
-        if typed := self._console.ignored():
-            self._log.write(entries.Ignored(trial=self.trial, typed=typed))
+        if typed := self.lent.console.ignored():
+            self.lent.log.write(entries.Ignored(trial=self.trial, typed=typed))
 
     def commanded(self, *, by: str, command: str, taken: bool, words: str) -> None:
         """Put on record what was asked for at a console, by whom, and what was replied."""
         with self._lock:
             if self._open:
-                self._log.write(entries.Commanded(by=by, command=command, taken=taken, reply=words))
+                self.lent.log.write(entries.Commanded(by=by, command=command, taken=taken, reply=words))
 
     def shown(self, prompt: Prompt, since_ns: int) -> None:
         """Put on record what the participant's screen shows, since the session time `since_ns`."""
         with self._lock:
             if self._open:
-                self._log.write(entries.Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns))
+                self.lent.log.write(
+                    entries.Shown(show=prompt.show, text=prompt.text, pace=prompt.pace, since_ns=since_ns)
+                )
 
     def _correct(self, asked: Correct) -> tuple[bool, str]:
-        done = self._log.done
+        done = self.lent.log.done
         planned = next(one for one in done.header.order if one.trial == asked.trial)
-        meanings = {key: meaning.answer for key, meaning in self._kind.answers(planned).items()}
-        answers: dict[str, str | None] = {**meanings, self._spoken.no_answer_key: None}
+        meanings = {key: meaning.answer for key, meaning in self.kind.answers(planned).items()}
+        answers: dict[str, str | None] = {**meanings, self.lent.protocol.answers.no_answer_key: None}
         if asked.key not in answers:
             allowed = " ".join(answers)
             shown = characters.quoted(asked.key)
@@ -116,7 +111,7 @@ class Remarks:
                 False,
                 f"The answer of trial {asked.trial} is {answered or 'no answer'} already. Nothing was corrected.",
             )
-        self._log.write(
+        self.lent.log.write(
             entries.Correction(
                 trial=asked.trial,
                 attempt=done.attempts[asked.trial],
@@ -133,22 +128,17 @@ class Attendance:
     """Implements `Attended`: a session under way, for a desk that asks at any time."""
 
     remarks: Remarks
-    kind: Kind
     exposed: Exposed
-    masking: Masking | None
-    stream: AudioStream | None
     ear: Ear | None
-    log: Log
-    clock: Clock
 
     def gauges(self) -> Gauges:
-        measured, done = self.kind.measured(), self.log.done
-        masker = self.masking.exposure if self.masking is not None else None
+        measured, done = self.remarks.kind.measured(), self.exposed.log.done
+        masker = self.exposed.masking.exposure if self.exposed.masking is not None else None
         heard = () if self.ear is None else (self.ear.lamp(),)
         return Gauges(
             left_s=self.exposed.left_s,
             masker_db_a=masker.level_db_a if masker else None,
-            masker_limit_db_a=self.masking.limit_db_a if self.masking is not None else None,
+            masker_limit_db_a=self.exposed.masking.limit_db_a if self.exposed.masking is not None else None,
             dose=masker.dose if masker else None,
             stimuli=done.stimuli,
             vibration_s=done.vibration_s,
@@ -156,7 +146,7 @@ class Attendance:
         )
 
     def standing(self) -> Standing:
-        return standing(self.log.done)
+        return standing(self.exposed.log.done)
 
     def remark(self, remark: Remark) -> tuple[bool, str]:
         return self.remarks.take(remark)
@@ -168,17 +158,17 @@ class Attendance:
         self.remarks.commanded(by=by, command=command, taken=taken, words=words)
 
     def shown(self, prompt: Prompt, ago_ns: int) -> None:
-        self.remarks.shown(prompt, self.clock.now_ns() - ago_ns)
+        self.remarks.shown(prompt, self.exposed.clock.now_ns() - ago_ns)
 
     def _audio(self) -> tuple[Lamp, ...]:
-        if self.stream is None:
+        if self.exposed.stream is None:
             return ()
-        marked, gaps = self.stream.xruns, self.stream.gaps
+        marked, gaps = self.exposed.stream.xruns, self.exposed.stream.gaps
         return (Lamp(name="audio", good=not gaps, words=f"gaps: {gaps}, late blocks: {marked}"),)
 
     def _disk(self) -> Lamp:
         # Nothing is asked of the disk here: whoever shows this must not wait for it.
-        if (waiting_s := self.log.waiting_s) > SLOW_S:
+        if (waiting_s := self.exposed.log.waiting_s) > SLOW_S:
             return Lamp(name="disk", good=False, words=f"no answer for {waiting_s:.0f} s")
         free = self.exposed.free_bytes
         if free is None:

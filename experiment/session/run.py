@@ -13,7 +13,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from palpate.experiment.dataset import build, checks, register
-from palpate.experiment.desk.port import LAB_BOOK, NOT_ANCHORED, Attended, Console
+from palpate.experiment.desk.questions import YES, Agree, At, Attended, Break, Console, Notice
 from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError, RosterError, SessionLocked
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
@@ -21,7 +21,7 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose, Visited
 from palpate.experiment.records.progress import progress
 from palpate.experiment.session import exposure, remarks, runner, scene, visit
-from palpate.experiment.session.kind import FarEnds, session_kind
+from palpate.experiment.session.kind import FarEnds, Sitting, session_kind
 from palpate.experiment.session.laboratory import header, open_laboratory
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.study import enrolment, people, roster
@@ -64,10 +64,12 @@ def run(
     protocol = files.load(protocol_file)
     today = day(clock.now_ns())
     seal = approval.verify(protocol_file, protocol, today)
-    console.show(
-        f"Study {protocol.study.id}, protocol {seal.protocol_sha256[:12]}, approved from {seal.approved_on} to "
-        f"{seal.expires_on}: vibration at most {protocol.exposure.vibration_peak_m_s2:g} m/s^2. The number of the "
-        f"approval is {quoted(seal.approval_number)}."
+    console.tell(
+        Notice(
+            f"Study {protocol.study.id}, protocol {seal.protocol_sha256[:12]}, approved from {seal.approved_on} to "
+            f"{seal.expires_on}: vibration at most {protocol.exposure.vibration_peak_m_s2:g} m/s^2. The number of the "
+            f"approval is {quoted(seal.approval_number)}."
+        )
     )
     asked_purpose: Purpose | None = "STUDY" if root is None else None
     root = root or enrolment.default_root(protocol)
@@ -83,7 +85,7 @@ def run(
     seed = enrolment.settle(root, protocol_file, protocol, None, asked_purpose)
     purpose = enrolment.purpose_of(root)
     if purpose == "PILOT":
-        console.show(build.LABELS["PILOT"])
+        console.tell(Notice(build.LABELS["PILOT"]))
     takes = roster.Roster.load(storage.roster_path(root)).takes
     allocation = find_allocation(allocated(protocol, seed, takes), participant)
     checks.load_sound(root)
@@ -145,7 +147,7 @@ class _Visit:
         steps = visit.visit_steps(tasks)
         # The order of the tasks is concealed until it is known who takes part.
         if self._identity is not None:
-            console.at(step=task_id, steps=steps)
+            console.tell(At(task_id, steps))
         _wait_for_break(root, protocol, self.allocation, task_id, clock, console)
         self._admitted()
         planned = scene.plan(protocol=protocol, task_id=task_id)
@@ -161,21 +163,10 @@ class _Visit:
         # Whoever runs the participant elsewhere is told of before anything is opened or asked.
         theirs = storage.participant_folder(root, participant)
         journal.check_free(theirs, participant)
+        sitting = Sitting(protocol, rig, self.rig_file, participant, task_id, root, used, clock)
         with ExitStack() as opened:
             try:
-                devices = opened.enter_context(
-                    open_laboratory(
-                        protocol=protocol,
-                        rig=rig,
-                        rig_folder=self.rig_file.parent,
-                        participant=participant,
-                        task_id=task_id,
-                        dataset=root,
-                        recordings=used,
-                        clock=clock,
-                        ends=RealEnds(console),
-                    )
-                )
+                devices = opened.enter_context(open_laboratory(sitting, RealEnds(console)))
             except PalpateError as error:
                 _check_others(root, participant, error)
                 raise
@@ -183,21 +174,11 @@ class _Visit:
                 self._admitted()
                 journal.check_free(theirs, participant)
                 self._identify()
-            console.at(step=task_id, steps=steps)
+            console.tell(At(task_id, steps))
             # Nobody who withdrew in the meantime is begun with.
             enrolled = self._admitted()
-            asked = header(
-                protocol=protocol,
-                rig=rig,
-                participant=participant,
-                task_id=task_id,
-                position=tasks.index(task_id) + 1,
-                seed=self.seed,
-                recordings=used,
-                purpose=self.purpose,
-                roster_sha256=enrolled.lines.end.last,
-                clock=clock,
-            )
+            place, roster_sha256 = tasks.index(task_id) + 1, enrolled.lines.end.last
+            asked = header(sitting, position=place, seed=self.seed, purpose=self.purpose, roster_sha256=roster_sha256)
             try:
                 footer = runner.run(
                     protocol=protocol,
@@ -225,7 +206,7 @@ class _Visit:
             enrolling.forget(enrolling.place(root, participant))
         build.build(root)
         if not _anchor(root, self.anchored_in, console) and footer.reason == "complete":
-            console.show("This session was complete already; nothing was added to it.")
+            console.tell(Notice("This session was complete already; nothing was added to it."))
         return footer
 
     def noting(self, task_id: str) -> Attended | None:
@@ -245,7 +226,7 @@ class _Visit:
         kept = people.known(self.protocol, self.root).get(who)
         name = f", {kept.name}" if kept is not None and kept.name else ""
         text = f"Is the person in front of you participant {who}{name}? {consent}{so_far}"
-        if not self.console.agree(text=text, yes="yes, go on", no="no, leave"):
+        if self.console.ask(Agree(text, "yes, go on", "no, leave")).key != YES:
             raise Interrupted(
                 f"the person in front of you is not participant {who}; nothing was begun",
                 remedy="look up their label, and give it with --participant",
@@ -268,7 +249,7 @@ def _ask_consent(root: Path, protocol_file: Path, protocol: Protocol, participan
     if not _lacks_consent(root, protocol, participant):
         return
     text = f"No consent of participant {participant} is on record. Did they read the consent text and sign today?"
-    if console.agree(text=text, yes="yes, record today's consent", no="no, leave"):
+    if console.ask(Agree(text, "yes, record today's consent", "no, leave")).key == YES:
         enrolment.consent(protocol_file, participant, day(wall_ns()), root=root)
 
 
@@ -279,7 +260,7 @@ def _ask_voices(root: Path, protocol_file: Path, protocol: Protocol, participant
     if not protocol.consent.voice_recordings or not admitted or participant in known.voices:
         return
     text = f"Does participant {participant} agree that the sound of their answers is kept? They take part either way."
-    agreed = console.agree(text=text, yes="yes, it may be kept", no="no, nothing is kept")
+    agreed = console.ask(Agree(text, "yes, it may be kept", "no, nothing is kept")).key == YES
     enrolment.voices(protocol_file, participant, agreed, root=root)
 
 
@@ -315,13 +296,14 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
         anchor, is_new = checks.keep_anchor(root)
         if not is_new:
             return False
-        console.show(f"{LAB_BOOK}{anchor.line}")
+        console.tell(Notice(f"For the lab book: {anchor.line}", again=True))
         if anchored_in:
             to, key = anchored_in
             again += ["--to", str(to), *(["--sign", str(key)] if key else [])]
-            console.show(register.enter(anchor, root, to, key))
+            console.tell(Notice(register.enter(anchor, root, to, key)))
     except PalpateError as error:
-        console.show(f"{NOT_ANCHORED}{error}. The session is on disk. Once that is mended, run: {shlex.join(again)}")
+        mend = f"Once that is mended, run: {shlex.join(again)}"
+        console.tell(Notice(f"NOT ANCHORED: {error}. The session is on disk. {mend}", again=True))
     return True
 
 
@@ -366,7 +348,7 @@ def _judge_rig(
             protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings, task_ids=virtual, today=today
         )
         if told:
-            console.show(f"Rig '{rig.rig.name}': {told}.")
+            console.tell(Notice(f"Rig '{rig.rig.name}': {told}."))
     if virtual:
         rigs.check_stops(rig, protocol.exposure.vibration_peak_m_s2, today)
 
@@ -414,6 +396,6 @@ def _wait_for_break(
             why = f"The break after task {other} lasts {minutes(protocol.task_order.break_min_s)} at least."
             console.attend(remarks.paused(root, allocation.participant, (), other, clock))
             try:
-                console.wait(why=why, until_ns=clock.now_ns() + left_ns, clock=clock)
+                console.ask(Break(why, left_ns / 1e9))
             finally:
                 console.attend(None)

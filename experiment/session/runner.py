@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Literal
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.clock import Clock, day, monotonic_ns
-from palpate.experiment.desk import interrupts
-from palpate.experiment.desk.port import BY_EXPERIMENTER, INTERRUPTED
+from palpate.experiment.desk import interrupts, questions
+from palpate.experiment.desk.questions import INTERRUPTED, YES, Agree, Familiarise, Instructed, Notice, Silent
 from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, entries, journal
@@ -249,23 +249,13 @@ class _Session:
         self._ear = _ear(devices, log, self.voices)
         self._attempts = Attempts(
             protocol=protocol,
-            header=log.done.header,
             devices=devices,
             log=log,
             masking=self._masking,
             limits=self._exposed,
             ear=self._ear,
         )
-        self._attendance = Attendance(
-            remarks=self._attempts.remarks,
-            kind=self._attempts.kind,
-            exposed=self._exposed,
-            masking=self._masking,
-            stream=devices.stream,
-            ear=self._ear,
-            log=log,
-            clock=devices.clock,
-        )
+        self._attendance = Attendance(remarks=self._attempts.remarks, exposed=self._exposed, ear=self._ear)
         self._state = State.READY
 
     def run(self, contents: journal.Contents) -> entries.Footer:
@@ -284,18 +274,19 @@ class _Session:
             if self._masking is None and self.noise and self.log.done.remaining:
                 # That the noise plays is confirmed, and put on record.
                 text = f"{self.noise} Does it play?"
-                if not self.devices.console.agree(text=text, yes="yes, it plays, and that holds", no="no, pause"):
+                question = Agree(text, "yes, it plays, and that holds", "no, pause")
+                if self.devices.console.ask(question).key != YES:
                     raise PauseAsked("no noise masks the trials")
                 self.log.write(entries.Note(trial=None, text=f"The experimenter confirmed: {self.noise}"))
             self._attempts.remarks.note_ignored()
             self._enrol()
             if self.log.done.remaining:
-                self.devices.console.instruct(instruction=self._task.instruction)
+                self.devices.console.tell(Instructed(self._task.instruction))
             pause = self._trials()
         except (ScreenGone, PauseAsked) as why:
             pause, felt = str(why), self.log.done.unanswered
             if isinstance(why, PauseAsked) and felt is not None:
-                self.devices.console.show(FELT.format(trial=felt[0]))
+                self.devices.console.tell(Notice(FELT.format(trial=felt[0])))
         except PalpateError as error:
             self._follow(Event.FAIL)
             # It has ended as it is; whoever presses the key meanwhile wants no more, and a full disk takes no footer.
@@ -317,7 +308,7 @@ class _Session:
         """Have the masker begin where trials remain, and its level chosen."""
         if self._masking is not None and self.log.done.remaining and not self._exposed.over():
             probe = self._attempts.kind.probe
-            self._masking.choose(self.protocol.masker.criterion, self.log.done.masker_db_a, probe)
+            self._masking.choose(self.protocol.masker, self.log.done.masker_db_a, probe)
 
     def _enrol(self) -> None:
         """Have the participant say the answers, to compare with, where a microphone listens and trials remain."""
@@ -338,7 +329,7 @@ class _Session:
         ).enrol()
         told = f"the microphone {'proposes answers' if ear.enrolment else 'proposes nothing'}: {how}"
         self.log.write(entries.Phase(state="enrolled", detail=told))
-        devices.console.show(f"{told[:1].upper()}{told[1:]}.")
+        devices.console.tell(Notice(f"{told[:1].upper()}{told[1:]}."))
 
     def _trials(self) -> str:
         """Run attempt after attempt until every trial is answered; return why the session pauses, or nothing."""
@@ -351,7 +342,7 @@ class _Session:
             if event not in (Event.BROKEN_OFF, Event.LOST):
                 self._follow(Event.STEPPED)
             if event is Event.PAUSE:
-                return BY_EXPERIMENTER
+                return questions.BY_EXPERIMENTER
             self._follow(event)
             if event is Event.LOST and (pause := self._wait_for_tracker()):
                 return pause
@@ -385,13 +376,13 @@ class _Session:
         console, lost = self.devices.console, self._attempts.outage
         wait_s = min(self.devices.reconnect_s, math.ceil(self._exposed.left_s))
         self.log.write(entries.Phase(state=self._state, detail=lost))
-        console.show(f"{lost}. The session waits for {wait_s:g} s, and goes on by itself; nothing is lost.")
-        console.waiting()
+        console.tell(Notice(f"{lost}. The session waits for {wait_s:g} s, and goes on by itself; nothing is lost."))
+        console.tell(Silent())
         if pause := self._missing(wait_s):
             return pause
         self._follow(Event.FOUND)
         self.log.write(entries.Phase(state=self._state, detail="the tracker is back"))
-        console.show("The tracker is back; the trial begins again.")
+        console.tell(Notice("The tracker is back; the trial begins again."))
         return ""
 
     def _missing(self, wait_s: float) -> str:
@@ -440,7 +431,9 @@ class _Session:
             self.log.write(entries.Resumed(torn=torn, remaining=remaining))
             self._exposed.begin(self._attempts.kind)
             if torn:
-                self.devices.console.show(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
+                self.devices.console.tell(
+                    Notice(f"The last line of the journal was torn and has been dropped: {torn[:60]!r}")
+                )
             for cut, when in (
                 (done.unanswered, "before the answer"),
                 (done.armed, "while the trial was armed; its stimulus may have been felt"),
@@ -448,7 +441,7 @@ class _Session:
                 if cut is not None:
                     reason = f"the session was interrupted {when}"
                     self.log.write(entries.Redo(trial=cut[0], attempt=cut[1], reason=reason, put_off=True))
-            self.devices.console.show(_onward(self.log.done, day(contents.lines[-1].t_ns)))
+            self.devices.console.tell(Notice(_onward(self.log.done, day(contents.lines[-1].t_ns))))
         else:
             self.log.write(done.header)
             self._exposed.begin(self._attempts.kind)
@@ -475,20 +468,17 @@ class _Session:
         shown = self.protocol.presented(self._task)
         names = {one.key: one.id for one in self.protocol.materials if one.key and one.id in shown}
         while True:
-            key = self.devices.console.familiarise(
-                instruction=wanted.instruction,
-                min_s=wanted.min_s - lasted_s,
-                max_s=wanted.max_s - lasted_s,
-                handled={key: f"{name} ({handled[key]})" for key, name in names.items()},
-            )
+            counts = {key: f"{name} ({handled[key]})" for key, name in names.items()}
+            question = Familiarise(wanted.instruction, wanted.min_s - lasted_s, wanted.max_s - lasted_s, counts)
+            key = self.devices.console.ask(question).key
             lasted_s = (clock.now_ns() - begun_ns) / 1e9
-            if key:
+            if key in names:
                 handled[key] += 1
             elif lasted_s >= wanted.min_s:
                 break
             else:
                 asked = f"{wanted.min_s:.0f} s of familiarisation, and {lasted_s:.0f} s have passed"
-                self.devices.console.show(f"It is too early to go on: the protocol asks for {asked}.")
-        counts = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
-        detail = f"{lasted_s:.1f} s{f'; handled: {counts}' if counts else ''}"
+                self.devices.console.tell(Notice(f"It is too early to go on: the protocol asks for {asked}."))
+        told = ", ".join(f"{names[key]} {times}" for key, times in handled.items())
+        detail = f"{lasted_s:.1f} s{f'; handled: {told}' if told else ''}"
         self.log.write(entries.Phase(state=FAMILIARISED, detail=detail))

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 from functools import partial
 
-from palpate.experiment.desk.port import DEBRIEFING, INTERRUPTED, Attended, Console
+from palpate.experiment.desk.questions import DEBRIEFING, INTERRUPTED, STOP, Attended, Console, GoOn
 from palpate.experiment.errors import ActuatorError, AudioError, PauseAsked, TrackerError
 from palpate.experiment.records.entries import Footer
 
@@ -49,9 +49,10 @@ def _task(console: Console, task: str, run: Callable[[str], Footer], noting: Cal
 
 
 def _goes_on(console: Console, why: str, noting: Callable[[], Attended | None]) -> bool:
-    console.attend(noting())
+    session = noting()
+    console.attend(session)
     try:
-        return console.goes_on(why=why)
+        return console.ask(GoOn(why, begun=session is not None)).key != STOP
     finally:
         console.attend(None)
 
@@ -62,7 +63,7 @@ def asked(console: Console, ask: Callable[[], None]) -> None:
         try:
             return ask()
         except PauseAsked:
-            if not console.goes_on(why=BETWEEN):
+            if console.ask(GoOn(BETWEEN, begun=False)).key == STOP:
                 raise
 
 

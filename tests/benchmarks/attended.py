@@ -31,7 +31,7 @@ from palpate.experiment.clock import Clock, monotonic_ns
 from palpate.experiment.desk.link import Link
 from palpate.experiment.desk.linked import LinkedConsole
 from palpate.experiment.desk.messages import Gauges, Lamp, Prompt, Standing, View
-from palpate.experiment.desk.port import Console, Remark
+from palpate.experiment.desk.questions import Console, Remark
 from palpate.experiment.desk.voice import ear as ears
 from palpate.experiment.desk.voice.ear import Ear
 from palpate.experiment.desk.voice.matching import enrolled

@@ -27,7 +27,7 @@ from contextlib import closing
 from pathlib import Path
 
 from palpate.experiment.desk.link import Link
-from palpate.experiment.desk.messages import Choice, Choose, Deed, Gauges, Hello, Message, Question, View
+from palpate.experiment.desk.messages import Asked, Choice, Choose, Deed, Gauges, Hello, Message, View
 
 KEYS = "abcdefghijkl"
 """Each comes again after more than a second, so that none counts as held."""
@@ -51,14 +51,14 @@ class Asking:
         self._told = 0
         self.wake: Callable[[], None] = lambda: None
 
-    def tell(self, role: str) -> Message:
+    def message(self, role: str) -> Message:
         self._told += 1
         choices = tuple(Choice(key=key, words=f"material {key}", answer=True) for key in KEYS)
         trace = tuple(float((self._told + step) % 60) for step in range(90))
         return View(
             study="benchmark",
             trial=self.number + 1,
-            question=Question(number=self.number, kind="answer", text=f"question{self.number:04d}", choices=choices),
+            question=Asked(number=self.number, kind="answer", text=f"question{self.number:04d}", choices=choices),
             gauges=Gauges(left_s=3000 - self._told / 10, trace=trace, trace_unit="mm", last=f"{self._told} mm/s"),
         )
 

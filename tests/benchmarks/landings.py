@@ -38,6 +38,7 @@ from palpate.experiment.apparatus.panel.conditioning import open_drive
 from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.desk.questions import Arm
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
@@ -151,7 +152,7 @@ def session(
             speed_mm_s = float(rng.uniform(50, 400))
             step = trajectory(rng, speed_mm_s, rest_mm=REST_MM, hesitation="none")
             if there is not None:
-                there.console.arm(trial=done + 1, attempt=1, trials=steps)
+                there.console.ask(Arm(done + 1, 1, steps))
             foot.step(step, foot.free_us)
             found = watch(parts, protocol.materials[done % 4].id)
             if not isinstance(found, WatchedStep):

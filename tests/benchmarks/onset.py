@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.tracker.landing import LandingPredictor
+from palpate.experiment.desk.questions import Arm, Question, Reply, TrialAnswer
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
 from palpate.experiment.rehearsal.footstep import foot
@@ -85,20 +86,19 @@ def dead_ms(folder: Path, name: str) -> list[float]:
     """From each keyed answer to the next trial's arming, in a rehearsal with every write on disk."""
     waited: list[float] = []
     answered_ns = 0
-    ask, arm = SimulatedParticipant.ask, SimulatedParticipant.arm
+    ask = SimulatedParticipant.ask
 
-    def asked(self: SimulatedParticipant, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:
+    def asked(self: SimulatedParticipant, question: Question | Arm) -> Reply:
         nonlocal answered_ns
-        key = ask(self, trial=trial, answers=answers, others=others)
-        answered_ns = time.perf_counter_ns()
-        return key
-
-    def armed(self: SimulatedParticipant, *, trial: int, attempt: int, trials: int) -> bool:
-        if answered_ns and attempt == 1 and trial > 1:
+        armed = isinstance(question, Arm) and question.attempt == 1 and question.trial > 1
+        if answered_ns and armed:
             waited.append((time.perf_counter_ns() - answered_ns) / 1e6)
-        return arm(self, trial=trial, attempt=attempt, trials=trials)
+        reply = ask(self, question)
+        if isinstance(question, TrialAnswer):
+            answered_ns = time.perf_counter_ns()
+        return reply
 
-    SimulatedParticipant.ask, SimulatedParticipant.arm = asked, armed  # type: ignore[method-assign]
+    SimulatedParticipant.ask = asked  # type: ignore[method-assign]
     try:
         study.rehearse(
             protocol_file=shipped("okamoto2012.toml"),
@@ -108,7 +108,7 @@ def dead_ms(folder: Path, name: str) -> list[float]:
             seed=3,
         )
     finally:
-        SimulatedParticipant.ask, SimulatedParticipant.arm = ask, arm  # type: ignore[method-assign]
+        SimulatedParticipant.ask = ask  # type: ignore[method-assign]
     return waited
 
 

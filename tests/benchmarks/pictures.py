@@ -35,7 +35,7 @@ from textual.pilot import Pilot
 from palpate.experiment.desk import link
 from palpate.experiment.desk.console.app import Console, Left
 from palpate.experiment.desk.link import Link
-from palpate.experiment.desk.messages import Choice, Ended, Gauges, Hello, Lamp, Question, Standing, Told, View
+from palpate.experiment.desk.messages import Asked, Choice, Ended, Gauges, Hello, Lamp, Standing, Told, View
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
@@ -71,7 +71,7 @@ def made_up() -> dict[str, View]:
     gone = GAUGES.model_copy(update={"lamps": (Lamp(name="tracker", good=False, words="no frame for 3 s"),)})
 
     def asks(kind: str, text: str, *choices: Choice) -> View:
-        asked = Question.model_validate({"number": 1, "kind": kind, "text": text, "choices": choices})
+        asked = Asked.model_validate({"number": 1, "kind": kind, "text": text, "choices": choices})
         return BASE.model_copy(update={"question": asked})
 
     return {

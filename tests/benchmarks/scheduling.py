@@ -34,7 +34,7 @@ from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, GateState, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.clock import MonotonicClock
-from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.questions import Arm, Console
 from palpate.experiment.desk.terminal import TerminalConsole
 from palpate.experiment.desk.voice.ear import Ear
 from palpate.experiment.protocol import files
@@ -232,7 +232,7 @@ def gate_to_scheduled_ms(
         for n in range(steps):
             step = foot.trajectory(rng, float(rng.uniform(50, 400)), hesitation="none")
             us = np.arange(int(step.gate_top_us) - 50_000, int(step.lift_us), 1000)
-            screen.arm(trial=n + 1, attempt=1, trials=steps)
+            screen.ask(Arm(n + 1, 1, steps))
             tracker.load(us, step.at(us.astype(np.float64)) + rng.normal(0, 0.1, us.size))
             watch(parts, protocol.materials[n % 4].id)
             if ear is not None:

@@ -12,7 +12,7 @@ import random
 import tempfile
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -28,8 +28,24 @@ from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import Scrutiny
-from palpate.experiment.clock import Clock, Uptime
-from palpate.experiment.desk.port import Attended
+from palpate.experiment.clock import Uptime
+from palpate.experiment.desk.messages import ENTER
+from palpate.experiment.desk.questions import (
+    Arm,
+    Attended,
+    Break,
+    Event,
+    Familiarise,
+    GoOn,
+    Level,
+    Place,
+    Proposed,
+    Question,
+    Reply,
+    Rest,
+    Say,
+    TrialAnswer,
+)
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
@@ -272,83 +288,35 @@ class Dawdler:
         self._machine, self._dice = machine, dice
         self._presses = ["+"] * dice.choice([12, 15, 18])
 
-    def stopped(self) -> None:
-        pass
-
-    def show(self, text: str) -> None:
-        pass
-
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: Mapping[str, str]) -> str:
-        self._machine.go(max_s)
-        return ""
-
-    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: Mapping[str, str]) -> str:
-        self._machine.go(2.0)
-        return self._presses.pop() if self._presses else ""
-
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        raise AssertionError(words)
-
-    def heard(self, *, words: str) -> None:
-        raise AssertionError(words)
-
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        self._machine.go(self._dice.choice([1.0, 30.0, 900.0]))
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        return False
-
-    def instruct(self, *, instruction: str) -> None:
-        pass
-
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        return False
-
-    def waiting(self) -> None:
-        pass
-
-    def chosen_ago_ns(self) -> int:
-        return 0
-
-    def confirm(self, *, key: str, meaning: str) -> bool:
-        return True
-
-    def debrief(self) -> None:
-        return None
-
-    def ignored(self) -> str:
-        return ""
-
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        pass
-
-    def agree(self, *, text: str, yes: str, no: str) -> bool:
-        return True
-
-    def write(self, *, text: str) -> str:
-        return ""
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        clock.sleep_ns(until_ns - clock.now_ns())
-
-    def goes_on(self, *, why: str) -> bool:
-        return False
-
     def attend(self, session: Attended | None) -> None:
         pass
 
-    def ask(self, *, trial: int, answers: Mapping[str, str], others: Mapping[str, str]) -> str:
-        self._machine.go(self._dice.choice([1.0, 20.0, 600.0, 1800.0]))
-        key = self._dice.choices(["c", "+", "-", "r", "q"], [80, 6, 6, 4, 4])[0]
-        if key == "q" and self._dice.random() < 0.5:
-            raise KeyboardInterrupt
-        return key
+    def tell(self, event: Event) -> None:
+        assert not isinstance(event, Proposed)
 
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        pass
+    def ask(self, question: Question | Arm) -> Reply:
+        match question:
+            case Arm():
+                return Reply()
+            case Familiarise(max_s=max_s):
+                self._machine.go(max_s)
+            case Level():
+                self._machine.go(2.0)
+                return Reply(self._presses.pop() if self._presses else ENTER)
+            case Place():
+                self._machine.go(self._dice.choice([1.0, 30.0, 900.0]))
+            case TrialAnswer():
+                self._machine.go(self._dice.choice([1.0, 20.0, 600.0, 1800.0]))
+                key = self._dice.choices(["c", "+", "-", "r", "q"], [80, 6, 6, 4, 4])[0]
+                if key == "q" and self._dice.random() < 0.5:
+                    raise KeyboardInterrupt
+                return Reply(key)
+            case Rest() | Say() | Break() | GoOn():
+                raise AssertionError(question.text)
+        return Reply(question.choices[0].key if question.choices else "")
 
-    def rest(self, *, why: str) -> None:
-        raise AssertionError("the rig asks for no zeroing")
+    def ignored(self) -> str:
+        return ""
 
 
 @contextmanager

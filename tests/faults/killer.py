@@ -14,6 +14,7 @@ import sys
 import time
 from pathlib import Path
 
+from palpate.experiment.desk.questions import Answered, Event
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
 from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
@@ -37,14 +38,15 @@ def rehearse(out: Path, seed: int) -> None:
 
 def tell_confirmations(pipe: int) -> None:
     """Write every confirmation to a pipe, in one write, when the experimenter sees it."""
-    confirmed = SimulatedParticipant.confirmed
+    tell = SimulatedParticipant.tell
 
-    def told(self: SimulatedParticipant, *, trial: int, answer: str | None) -> None:
-        line = json.dumps([*self.who, trial, answer]) + "\n"
-        os.write(pipe, line.encode())
-        confirmed(self, trial=trial, answer=answer)
+    def told(self: SimulatedParticipant, event: Event) -> None:
+        if isinstance(event, Answered):
+            line = json.dumps([*self.who, event.trial, event.answer]) + "\n"
+            os.write(pipe, line.encode())
+        tell(self, event)
 
-    SimulatedParticipant.confirmed = told  # type: ignore[method-assign, assignment]
+    SimulatedParticipant.tell = told  # type: ignore[method-assign, assignment]
 
 
 def one_life(out: Path, seed: int, after_s: float | None) -> tuple[list[object], bool]:

@@ -56,16 +56,16 @@ WARM = (
 """What a session imports while it starts."""
 
 SCREEN = re.compile(
-    r"(?P<familiar>Press Enter when the participant is familiar with the materials: )"
+    r"(?P<familiar>\[Enter\] the participant is familiar with the materials[^\n]*: )"
     r"|(?P<agree>\[y\] [^\n]*: )"
-    r"|(?P<level>\[Enter\] keep the level\nKey: )"
-    r"|(?P<lay>Lay out [^\n]*, then press Enter: )"
+    r"|(?P<level>\[Enter\] keep the level: )"
+    r"|(?P<lay>\[Enter\] it is laid out: )"
     r"|(?P<armed>Armed: the participant may step\.|may lift the foot and step\.)"
-    r"|Trial (?P<asked>\d+), the participant said:[^\n]*\nKey: "
+    r"|trial (?P<asked>\d+)  What did the participant say\?\n[^\n]*REASON: "
     r"|type (?P<confirm>\S) again to confirm, anything else to ask again: "
     r"|Trial (?P<trial>\d+): the answer is on disk: (?P<answer>[^\n]*)\.\n"
     r"|(?P<write>Type one line, or nothing; press Enter: )"
-    r"|(?P<remarks>press Enter to end the session: )"
+    r"|(?P<remarks>\[Enter\] end[^\n]*REASON: )"
     r"|(?P<ended>\[ended -?\d+\])"
 )
 """What the experimenter acts on. `asked` and `trial` are numbers of trials, `confirm` is the key to type again."""

@@ -102,14 +102,14 @@ PATCHES = (
     Patch(
         "session time ignored in the runner",
         "experiment/session/exposure.py",
-        "        if not self._over and self._clock.now_ns() + ahead_ns > self.ends_ns:\n",
+        "        if not self._over and self.clock.now_ns() + ahead_ns > self.ends_ns:\n",
         "        if not self._over and ahead_ns < 0:\n",
         ("campaign:exposure",),
     ),
     Patch(
         "session time ignored in the masker",
         "experiment/session/exposure.py",
-        "        if self._clock.now_ns() > self.ends_ns:\n",
+        "        if self.clock.now_ns() > self.ends_ns:\n",
         "        if self._over:\n",
         (f"{_SESSION}test_exposure.py::test_the_masker_is_silent_when_the_session_is_over",),
         subset=True,
@@ -246,7 +246,7 @@ PATCHES = (
     Patch(
         "armed after the sound",
         "experiment/session/attempt.py",
-        "        self._log.write(Armed(trial=planned.trial, attempt=attempt, presented=planned.presented))\n",
+        "        self.log.write(Armed(trial=planned.trial, attempt=attempt, presented=planned.presented))\n",
         "",
         (f"{_SESSION}test_runner.py",),
     ),
@@ -331,14 +331,14 @@ PATCHES = (
     Patch(
         "a disk that does not answer ends nothing",
         "experiment/session/exposure.py",
-        "        if self._log.waiting_s > GONE_S:\n",
-        "        if self._log.waiting_s < 0:\n",
+        "        if self.log.waiting_s > GONE_S:\n",
+        "        if self.log.waiting_s < 0:\n",
         (f"{_SESSION}test_stalls.py",),
     ),
     Patch(
         "sound that stands still unnoticed",
         "experiment/session/exposure.py",
-        "            self._stream.check()\n",
+        "            self.stream.check()\n",
         "            pass\n",
         (f"{_SESSION}test_exposure.py",),
     ),

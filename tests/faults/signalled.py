@@ -17,7 +17,7 @@ from itertools import count
 from typing import Any
 
 from palpate.experiment.cli import options
-from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.questions import Console
 from palpate.experiment.rehearsal import session
 from palpate.experiment.rehearsal.session import Job, rehearse_participant
 

@@ -11,6 +11,7 @@ from typing import Any
 from palpate.experiment.rehearsal.session import Job, SimulatedEnds
 from palpate.experiment.session import laboratory, run
 from palpate.experiment.session.attempt import Devices
+from palpate.experiment.session.kind import FarEnds, Sitting
 from tests.experiment.session.test_masking import ScriptedMasker
 from tests.experiment.session.test_spoken import ScriptedMicrophone
 
@@ -18,13 +19,11 @@ SEED = 1
 
 
 @contextmanager
-def _opened(**asked: Any) -> Iterator[Devices]:
-    who, task, clock = asked["participant"], asked["task_id"], asked["clock"]
-    job = Job(asked["dataset"], who, (task,), SEED, "none", real_time=True)
-    world = SimulatedEnds(
-        job, asked["protocol"], asked["rig"], task, clock, lambda: None, None, asked["ends"].console()
-    )
-    with laboratory.open_laboratory(**asked | {"ends": world}) as devices, ThreadPoolExecutor(1) as computing:
+def _opened(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
+    clock: Any = sitting.clock
+    job = Job(sitting.dataset, sitting.participant, (sitting.task_id,), SEED, "none", real_time=True)
+    world = SimulatedEnds(job, sitting, lambda: None, None, ends.console())
+    with laboratory.open_laboratory(sitting, world) as devices, ThreadPoolExecutor(1) as computing:
         yield replace(devices, masker=ScriptedMasker(clock), microphone=ScriptedMicrophone(clock), computing=computing)
 
 

@@ -24,6 +24,7 @@ from palpate.experiment.apparatus.audio.microphone import AudioMicrophone
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
 from palpate.experiment.apparatus.ports import Recorded
 from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.questions import Arm, Question, Reply, Say
 from palpate.experiment.desk.voice import ear as ears
 from palpate.experiment.desk.voice.ear import Ear
 from palpate.experiment.desk.voice.enrolling import Enroller
@@ -83,10 +84,10 @@ class Asks(ScriptedConsole):
         super().__init__(clock, "")
         self._room = room
 
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        super().say(words=words, take=take, takes=takes, why=why)
-        self._room.says(speech.say(VOICE, words, *speech.ENROLLED[take - 1]))
-        return True
+    def ask(self, question: Question | Arm) -> Reply:
+        if isinstance(question, Say):
+            self._room.says(speech.say(VOICE, question.words, *speech.ENROLLED[question.take - 1]))
+        return super().ask(question)
 
 
 class Room:

@@ -35,8 +35,8 @@ main()
 """The command, for which no participant only thinks."""
 
 QUESTION = re.compile(
-    r"familiar with the materials: |Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>Key: )"
-    r"|type (?P<again>\S) again[^\n]*again: |to end the session: |(?:or nothing;|then) press Enter: "
+    r"Armed: the participant may step\.\n|says: (?P<said>[^\n]*)\.\n|(?P<key>participant say\?\n[^\n]*REASON: )"
+    r"|type (?P<again>\S) again[^\n]*again: |\[Enter\] (?:[^\n]*[^N]: |[^\n]*REASON: )|or nothing; press Enter: "
 )
 KEYS = {"felt": "f", "cork": "k", "kraft paper": "p", "foil": "o", "film": "i"}
 TRIALS = 4

@@ -18,6 +18,7 @@ from scipy import stats
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset.verify import verify
+from palpate.experiment.desk.questions import Arm, Question, Reply
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
@@ -196,19 +197,20 @@ def test_a_repeated_trial_does_not_leave_its_stimulus_to_the_next(
     tmp_path: Path, one: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # Every first attempt loses more frames than the protocol's rule allows.
-    step, arm = Foot.step, SimulatedParticipant.arm
+    step, ask = Foot.step, SimulatedParticipant.ask
     first = True
 
-    def noted(self: SimulatedParticipant, *, trial: int, attempt: int, trials: int) -> None:
+    def noted(self: SimulatedParticipant, question: Question | Arm) -> Reply:
         nonlocal first
-        first = attempt == 1
-        arm(self, trial=trial, attempt=attempt, trials=trials)
+        first = isinstance(question, Arm) and not question.broken_off and question.attempt == 1
+        reply = ask(self, question)
         first = False
+        return reply
 
     def lossy(self: Foot, trajectory: Trajectory, start_us: int) -> None:
         step(self, trajectory, start_us, Faults(drop=frozenset(range(20, 60))) if first else None)
 
-    monkeypatch.setattr(SimulatedParticipant, "arm", noted)
+    monkeypatch.setattr(SimulatedParticipant, "ask", noted)
     monkeypatch.setattr(Foot, "step", lossy)
     root = rehearse(tmp_path / "rehearsal", participants=4)
     rows = counted(root, "virtual")

@@ -37,6 +37,11 @@ from tests.rig.laboratory import NOISE_MM, SPEED_MM_S, Laboratory, write_rig
 pytestmark = pytest.mark.clocked
 
 
+def keys(prompt: str) -> bool:
+    """Return whether an answer's key is asked for, or asked for again."""
+    return "did the participant say" in prompt or "confirm" in prompt
+
+
 def counted(dataset: Path, task: str) -> list[dict[str, str]]:
     """Return the rows of the trials that count: of a step that broke off on a busy machine there is one more."""
     with (dataset / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").open(encoding="utf-8") as events:
@@ -112,7 +117,7 @@ def test_a_session_from_the_experimenters_chair(
 
     def ask(prompt: str) -> str:
         prompts.append("Lay out" if "Lay out" in prompt else prompt)
-        return next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt)
+        return next(typed) if keys(prompt) else "y" * ("[y]" in prompt)
 
     def shown(self: TerminalConsole, text: str) -> None:
         told.extend([text] * (not prompts))
@@ -166,7 +171,9 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
     typed = iter("ccaanntt")
     monkeypatch.setattr(
         "builtins.input",
-        lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt),
+        lambda prompt: (
+            next(typed) if "did the participant say" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt)
+        ),
     )
     code, out, err = palpate(
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
@@ -198,10 +205,10 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
 
     def ask(prompt: str) -> str:
         nonlocal asked
-        if "Key" not in prompt and "confirm" not in prompt:
+        if "did the participant say" not in prompt and "confirm" not in prompt:
             return "y" * ("[y]" in prompt)
-        asked += "Key" in prompt
-        if asked == 2 and "Key" in prompt:
+        asked += "did the participant say" in prompt
+        if asked == 2 and "did the participant say" in prompt:
             laboratory.foot.close()
             laboratory.line.unplug()
         return next(typed)
@@ -232,24 +239,23 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
     laboratory.faults[4] = Faults(unplug_at=250)
     plugged_in_when_waited_for(laboratory, monkeypatch, -0.8)
     typed = iter("ccaanntt")
-    asked = 0
+    zeroings: list[str] = []
 
     def ask(prompt: str) -> str:
-        nonlocal asked
         if "Zeroing" in prompt:
-            asked += 1
+            zeroings.append(prompt)
             # The first time the foot steps instead.
-            laboratory.resting = asked > 1
+            laboratory.resting = len(zeroings) > 1
             if laboratory.resting:
                 laboratory.foot.finish()
                 laboratory.foot.put_down()
-        return next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt)
+        return next(typed) if keys(prompt) else "y" * ("[y]" in prompt)
 
     monkeypatch.setattr("builtins.input", ask)
     where = ["--rig", "rig.toml", "--dataset", "dataset"]
     code, out, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
     assert (code, err) == (0, "")
-    assert re.search(r"zeroing: .*; allowed: .* 0\.5 mm", out)
+    assert re.search(r"zeroing: .*; allowed: .* 0\.5 mm", zeroings[1])
     assert "complete: 4 answers" in out
     path = Path("dataset") / "sourcedata" / "sub-01" / f"sub-01_task-{task}_journal.jsonl"
     entries = journal.read(path).entries
@@ -285,7 +291,7 @@ def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_s
         return append(self, entry)
 
     def ask(prompt: str) -> str:
-        return next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt)
+        return next(typed) if keys(prompt) else "y" * ("[y]" in prompt)
 
     before = signal.signal(signal.SIGINT, signal.default_int_handler)
     monkeypatch.setattr(journal.Journal, "append", appending)
@@ -315,7 +321,9 @@ def test_each_sessions_end_is_anchored_and_a_register_that_is_away_costs_nothing
     typed = iter("ccqqaanntt")
     monkeypatch.setattr(
         "builtins.input",
-        lambda prompt: next(typed) if "Key" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt),
+        lambda prompt: (
+            next(typed) if "did the participant say" in prompt or "confirm" in prompt else "y" * ("[y]" in prompt)
+        ),
     )
     session = ["run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"]
     code, out, _ = palpate(*session)

@@ -37,6 +37,7 @@ from palpate.experiment.desk.messages import (
 )
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import entries, journal, transcript
+from tests.experiment.desk.attended import untimed
 from tests.experiment.protocol.small import SMALL
 from tests.working_folder import LOG, WorkingFolder
 
@@ -144,7 +145,7 @@ class End:
         self.screens = 0
         self.link: Link | None = None
 
-    def tell(self, role: str) -> Message:
+    def message(self, role: str) -> Message:
         return self.prompt if role == "screen" else View()
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
@@ -274,8 +275,8 @@ def test_the_participants_keys_choose_or_stop_and_others_do_nothing(
         display.press(key)
         time.sleep(0.1)
     wait_until(lambda: len(end.deeds) >= before + 4, "the keys did not come")
-    louder, softer, done = (Choose(question=7, key=key) for key in ("+", "-", ENTER))
-    assert end.deeds[before:] == [louder, Pause(), softer, done]
+    louder, softer, done = (Choose(question=7, key=key, t_ns=0) for key in ("+", "-", ENTER))
+    assert list(map(untimed, end.deeds[before:])) == [louder, Pause(), softer, done]
     assert window.poll() is None
 
 
@@ -292,7 +293,7 @@ def test_a_key_that_is_held_is_one_press(display: Display, end: End, window: sub
         display.press("Up")
         time.sleep(0.1)
     wait_until(lambda: len(end.deeds) >= before + 5, "the keys did not come")
-    assert end.deeds[before:] == [Choose(question=7, key=key) for key in "+-+++"]
+    assert list(map(untimed, end.deeds[before:])) == [Choose(question=7, key=key, t_ns=0) for key in "+-+++"]
 
 
 def test_where_nothing_is_asked_no_key_does_anything(display: Display, end: End, window: subprocess.Popen[str]) -> None:

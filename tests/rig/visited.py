@@ -17,7 +17,7 @@ from pathlib import Path
 from palpate.experiment.desk import link
 from palpate.experiment.desk.link import Line
 from palpate.experiment.desk.messages import Choose, Hello, Reply, View, Write
-from palpate.experiment.desk.port import WITHOUT
+from palpate.experiment.desk.questions import WITHOUT
 from tests.rig.laboratory import HURRIED
 
 ME = Hello(role="console", by="test")

@@ -20,7 +20,7 @@ import tomlkit
 from numpy.typing import NDArray
 from tomlkit.items import AoT, Item, Key, SingleKey, Table
 
-from palpate.experiment.apparatus.ports import Rester, Tracker
+from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
@@ -323,14 +323,14 @@ class ZeroedTracker:
         self.zero: Zero | None = None
         """Where the foot rested when zeroed; None at first and since the tracker came back."""
 
-    def settle(self, rester: Rester) -> Zero:
+    def settle(self, rest: Callable[[str], object]) -> Zero:
         """Return the zero of a resting foot, read again until it is good; `TrackerError` if the tracker failed.
 
-        `rester` has the foot rest, gets the last reading's fault, and gives up by raising.
+        `rest` has the foot rest on the bare panel, gets the last reading's fault, and gives up by raising.
         """
         why = ""
         while True:
-            rester.rest(why=why)
+            rest(why)
             read_mm = heights(self._tracker, self._samples)
             try:
                 self.zero = zero(read_mm, contact_mm=self._contact_mm, farthest_mm=self._farthest_mm)

@@ -37,7 +37,7 @@ FIELDS = {"tab": Screen.focus_next, "shift+tab": Screen.focus_previous}
 SCROLLS = ("pageup", "pagedown", "up", "down")
 """Keys that scroll, as often as they are pressed."""
 
-GONE = messages.Question(
+GONE = messages.Asked(
     number=-1,
     kind="continue",
     text="The session's process is gone. Nothing that was confirmed is lost: every answer is on disk before the next "
@@ -195,11 +195,11 @@ class Console(App[Left]):
                 self._close()
 
     @property
-    def _question(self) -> messages.Question | None:
+    def _question(self) -> messages.Asked | None:
         view = self.view_now
         if view.ended is not None:
             choices = (messages.Choice(key=messages.ENTER, words="close the console"),)
-            return messages.Question(number=-2, kind="continue", text=view.ended.words, choices=choices)
+            return messages.Asked(number=-2, kind="continue", text=view.ended.words, choices=choices)
         if self._lost:
             return GONE
         asked = view.question

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from palpate.experiment.desk.messages import Choice, Correct, Deed, Pause, Question, Repeat, Stop, TakeNote, View, Write
+from palpate.experiment.desk.messages import Asked, Choice, Correct, Deed, Pause, Repeat, Stop, TakeNote, View, Write
 from palpate.experiment.settings import characters
 
 MOST_MIN = 240.0
@@ -80,7 +80,7 @@ def opened(name: str, view: View) -> Form:
     return replace(form, trial=trial)
 
 
-def answering(question: Question) -> Form:
+def answering(question: Asked) -> Form:
     """Return the form for a question that is answered with a line of text."""
     hint = "It may stay empty: then there is none."
     return Form("write", question.text, "writes it down", (Blank("Answer"),), hint, question=question.number)

@@ -14,7 +14,7 @@ from palpate.experiment.clock import wall_ns
 from palpate.experiment.desk.console import picture
 from palpate.experiment.desk.console.forms import MOST_CHARACTERS, Form
 from palpate.experiment.desk.console.picture import STEPS, Phase
-from palpate.experiment.desk.messages import Question, View
+from palpate.experiment.desk.messages import Asked, View
 
 WIDE, TALL = 110, 30
 """From so many columns and rows on there is room for more words."""
@@ -223,7 +223,7 @@ class Board(Vertical):
             lines = max(1, part.size.height - 1) if key.startswith("page") else 1
             part.scroll_relative(y=-lines if key.endswith("up") else lines, animate=False)
 
-    def show(self, view: View, question: Question | None, now: Phase, *, form: bool) -> None:
+    def show(self, view: View, question: Asked | None, now: Phase, *, form: bool) -> None:
         """Show a view, what is asked, and what happens now; while a form is open it stands where the question does."""
         pane, standing, gauges = self._panes, view.standing, view.gauges
         wide, roomy = self.app.size.width >= WIDE, self.app.size.height >= TALL

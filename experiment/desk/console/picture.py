@@ -8,7 +8,7 @@ from rich.style import Style
 from rich.table import Table
 from rich.text import Text
 
-from palpate.experiment.desk.messages import ENTER, Choice, Gauges, Lamp, Question, Told, View
+from palpate.experiment.desk.messages import ENTER, Asked, Choice, Gauges, Lamp, Told, View
 
 PRESSES = "presses"
 """The name under which a style carries the key that a click on the text presses."""
@@ -202,7 +202,7 @@ def _cap(key: str) -> Text:
     return Text(f" {keycap(key)} ", style=Style.parse(f"bold #000000 on {PLAIN}") + Style(meta={PRESSES: key}))
 
 
-def asked(question: Question | None, now: Phase, lay_out: str, heard: str) -> Text:
+def asked(question: Asked | None, now: Phase, lay_out: str, heard: str) -> Text:
     """Return what is asked, or that nothing is, and what the microphone proposes."""
     told = Text()
     if lay_out and (question is None or question.kind != "place"):
@@ -297,7 +297,7 @@ def countdown(left_s: float) -> str:
     return f"{whole // 60}:{whole % 60:02d}"
 
 
-def counts_down(question: Question | None, lasts: bool) -> Text:
+def counts_down(question: Asked | None, lasts: bool) -> Text:
     """Return what the numbers of a countdown are: of a break, or of a familiarisation before and after its least."""
     if question is None or question.kind != "familiarise":
         return Text("left of\nthe break" if lasts else "The break\nis over.")

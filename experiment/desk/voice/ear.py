@@ -29,7 +29,7 @@ from palpate.experiment.apparatus.audio.microphone import objection
 from palpate.experiment.apparatus.ports import Microphone, Recorded
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Lamp
-from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.questions import Console, Proposed
 from palpate.experiment.desk.voice import hearing
 from palpate.experiment.desk.voice.features import RATE_HZ
 from palpate.experiment.desk.voice.hearing import BEFORE_S, LISTENED_S, SILENCE, Background, Heard
@@ -224,7 +224,7 @@ class Ear:
             settled = len(recorded.microphone) / microphone.rate_hz - (heard.until_s or np.inf) > SETTLED_S
             if settled and (words := in_words(heard)) != told:
                 told = words
-                self.console.heard(words=words)
+                self.console.tell(Proposed(words))
             if until_ns == over_ns:
                 one.ended.wait()
 

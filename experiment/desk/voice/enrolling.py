@@ -18,7 +18,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import Microphone
 from palpate.experiment.clock import Clock, wall_ns
 from palpate.experiment.desk import link
-from palpate.experiment.desk.port import Console
+from palpate.experiment.desk.questions import WITHOUT, Console, Notice, Say
 from palpate.experiment.desk.voice import ear, hearing
 from palpate.experiment.desk.voice.hearing import BEFORE_S, LISTENED_S
 from palpate.experiment.desk.voice.matching import Enrolment, Take, enrolled, unlike
@@ -76,13 +76,13 @@ class Enroller:
                 return enrolled(takes), f"the participant said each of {len(takes)} answers {TAKES} times"
             due, again = tuple(answer for answer in takes if answer in {*wrong, *wrong.values()}), again + 1
             pairs = "; ".join(f"'{self.answers[a]}' sounded more like '{self.answers[b]}'" for a, b in wrong.items())
-            self.console.show(f"Takes are unlike: {pairs}. These answers are said again, as in a trial.")
+            self.console.tell(Notice(f"Takes are unlike: {pairs}. These answers are said again, as in a trial."))
         return None, f"takes of one answer were unlike {MOST_ROUNDS} times"
 
     def _take(self, answer: str, number: int) -> Take | None:
         """Return a take of an answer, asked for until there is one; None if it is not to be asked for."""
         why = ""
-        while self.console.say(words=self.answers[answer], take=number, takes=TAKES, why=why):
+        while self.console.ask(Say(self.answers[answer], number, TAKES, why)).key != WITHOUT:
             try:
                 return self._said()
             except VoiceError as error:

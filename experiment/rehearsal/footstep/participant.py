@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.experiment.desk.questions import Arm, Place, Question, Reply, Rest, Say, TrialAnswer
 from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.footstep.foot import Foot, Hesitation
@@ -234,14 +235,29 @@ class SimulatedParticipant(SimulatedPerson):
         self._words = {material.id: material.spoken[0] for material in self.protocol.materials}
         self._spoken_ns = 0
 
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        self.show(f"Take {take} of {takes}: '{words}'{f' ({why})' if why else ''}")
-        if self.speaker is None:
-            return False
-        self.speaker.say(words, BEFORE_SAID_S)
-        return True
+    def ask(self, question: Question | Arm) -> Reply:
+        match question:
+            case Say(words=words, why=why):
+                self.show(f"Take {question.take} of {question.takes}: '{words}'{f' ({why})' if why else ''}")
+                if self.speaker is not None:
+                    self.speaker.say(words, BEFORE_SAID_S)
+                    return Reply(question.choices[0].key)
+            case Rest(why=why):
+                self._rest(why)
+        reply = super().ask(question)
+        match question:
+            case Place(presented=presented):
+                (self._under_foot,) = presented
+            case Arm(trial=trial, attempt=attempt, broken_off=broken_off):
+                if broken_off and self._lands_later:
+                    self._attempt, self._lands_later = attempt, False
+                else:
+                    self._step(trial, attempt)
+            case TrialAnswer() if self.speaker is not None:
+                self.clock.sleep_ns(self._spoken_ns + int(HEARS_S * 1e9) - self.clock.now_ns())
+        return reply
 
-    def rest(self, *, why: str) -> None:
+    def _rest(self, why: str) -> None:
         self._rested = self._rested + 1 if why else 1
         if self._rested > MOST_RESTS:
             raise TrackerError(
@@ -250,24 +266,6 @@ class SimulatedParticipant(SimulatedPerson):
             )
         self.show(f"{why or 'Zeroing'}: the foot rests on the panel")
         self.foot.put_down()
-
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        super().place(trial=trial, presented=presented)
-        (self._under_foot,) = presented
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        super().arm(trial=trial, attempt=attempt, trials=trials)
-        self._step(trial, attempt)
-        return False
-
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        super().rearm(trial=trial, attempt=attempt, reason=reason)
-        self._attempt = attempt
-        if self._lands_later:
-            self._lands_later = False
-        else:
-            self._step(trial, attempt)
-        return False
 
     def _step(self, trial: int, attempt: int) -> None:
         self._attempt = attempt
@@ -307,12 +305,6 @@ class SimulatedParticipant(SimulatedPerson):
         if self.speaker is not None:
             self._spoken_ns = self.clock.now_ns() + int(self.speaker.say(self._words[answer]) * 1e9)
         return next((one.key or "", one.spoken[0]) for one in self.protocol.materials if one.id == answer)
-
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str:
-        key = super().ask(trial=trial, answers=answers, others=others)
-        if self.speaker is not None:
-            self.clock.sleep_ns(self._spoken_ns + int(HEARS_S * 1e9) - self.clock.now_ns())
-        return key
 
 
 def _person(parts: Parts, *, protocol: Protocol, **everybody: Any) -> SimulatedParticipant:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from palpate.experiment.desk.questions import Arm, Place, Question, Reply
 from palpate.experiment.errors import ActuatorError
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, WORDS
 from palpate.experiment.rehearsal.footstep.foot import Foot
@@ -77,17 +78,17 @@ class SimulatedTapper(SimulatedPerson):
         self._times: Counter[int] = Counter()
         self._felt: list[tuple[float, float]] = []
 
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        super().place(trial=trial, presented=presented)
-        self._laid = presented
-        self._times[trial] += 1
-        self.clock.sleep_ns(int(self._rng(trial, self._times[trial], 0).uniform(*LAYS_OUT_S) * 1e9))
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        super().arm(trial=trial, attempt=attempt, trials=trials)
-        self._times[trial] = attempt
-        self._felt = []
-        return False
+    def ask(self, question: Question | Arm) -> Reply:
+        reply = super().ask(question)
+        match question:
+            case Place(trial=trial, presented=presented):
+                self._laid = presented
+                self._times[trial] += 1
+                self.clock.sleep_ns(int(self._rng(trial, self._times[trial], 0).uniform(*LAYS_OUT_S) * 1e9))
+            case Arm(trial=trial, attempt=attempt):
+                self._times[trial] = attempt
+                self._felt = []
+        return reply
 
     def says(self, trial: int) -> tuple[str, str]:
         rng = self._rng(trial, self._times[trial], 1)

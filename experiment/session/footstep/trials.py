@@ -20,8 +20,9 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
 from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
-from palpate.experiment.clock import Clock, lasted_ms
+from palpate.experiment.clock import lasted_ms
 from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
+from palpate.experiment.desk.questions import Place, Rest
 from palpate.experiment.errors import ActuatorError, RecordingError, TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import ExclusionRule, Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
@@ -29,7 +30,17 @@ from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link,
 from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.stimulus import Sounder
 from palpate.experiment.session.footstep.watch import BrokenStep, Feed, Watch, WatchedStep, watch
-from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, SessionKind, Stimuli, nothing_more
+from palpate.experiment.session.kind import (
+    FarEnds,
+    Kind,
+    Lent,
+    Meaning,
+    Seen,
+    SessionKind,
+    Sitting,
+    Stimuli,
+    nothing_more,
+)
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
@@ -78,25 +89,16 @@ class FootstepDevices:
         return Footsteps(self, lent)
 
 
-def open_footsteps(
-    *,
-    protocol: Protocol,
-    rig: Rig,
-    rig_folder: Path,
-    task_id: str,
-    recordings: Path | None,
-    clock: Clock,
-    stream: AudioStream | None,
-    ends: FarEnds,
-    opened: ExitStack,
-) -> FootstepDevices:
+def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, opened: ExitStack) -> FootstepDevices:
     """Open what a task of footsteps needs, until `opened` closes; otherwise as `laboratory.open_laboratory`."""
-    planned = scene.plan(protocol=protocol, task_id=task_id)
+    protocol, rig, clock = sitting.protocol, sitting.rig, sitting.clock
+    planned = scene.plan(protocol=protocol, task_id=sitting.task_id)
     stimuli = Stimuli({}, None)
     if planned.synthesis:
-        if recordings is None:
-            raise RecordingError(f"task '{task_id}'", "got no recordings", "name it", allowed="a folder of recordings")
-        stimuli = ends.stimuli(partial(_prepared, planned, protocol, rig, rig_folder, recordings, ends))
+        if sitting.recordings is None:
+            where = f"task '{sitting.task_id}'"
+            raise RecordingError(where, "got no recordings", "name it", allowed="a folder of recordings")
+        stimuli = ends.stimuli(partial(_prepared, planned, sitting, sitting.recordings, ends))
     actuator: Actuator | None = None
     if planned.actuator:
         address = ends.panel(opened)
@@ -125,16 +127,15 @@ def open_footsteps(
     )
 
 
-def _prepared(
-    planned: scene.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, ends: FarEnds
-) -> Stimuli:
+def _prepared(planned: scene.Scene, sitting: Sitting, recordings: Path, ends: FarEnds) -> Stimuli:
     from palpate.experiment.apparatus.panel.conditioning import open_drive
 
+    protocol, rig = sitting.protocol, sitting.rig
     materials = ends.presented(
         scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rig.actuator.rate_hz)
     )
-    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    return Stimuli(materials, open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials))
+    folder, limit_m_s2 = sitting.rig_file.parent, protocol.exposure.vibration_peak_m_s2
+    return Stimuli(materials, open_drive(folder, rig.actuator, limit_m_s2=limit_m_s2, materials=materials))
 
 
 @dataclass(frozen=True)
@@ -154,10 +155,9 @@ class Footsteps(Kind):
         protocol, clock, limits = lent.protocol, lent.clock, lent.limits
         step = protocol.footsteps.step
         self._protocol = protocol
-        self._trials = len(lent.header.order)
         self._place = protocol.task(lent.header.task).stimulus == "real"
         self._devices = devices
-        self._console = lent.console
+        self._lent = lent
         self._clock = clock
         self._log = lent.log
         self._limits = limits
@@ -191,31 +191,31 @@ class Footsteps(Kind):
             raise
 
     def _arm(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
-        console, clock, tracker = self._console, self._clock, self._devices.tracker
+        clock, tracker = self._clock, self._devices.tracker
         broken, self._broken = self._broken, None
         if isinstance(tracker, ZeroedTracker) and tracker.zero is None:
-            zero = tracker.settle(console)
+            zero = tracker.settle(lambda why: self._lent.console.ask(Rest(why)))
             self._log.write(Zeroed(offset_mm=zero.offset_mm, spread_mm=zero.spread_mm, samples=zero.samples))
-            console.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
+            self._lent.show(f"Zeroed: the foot rests at {zero.offset_mm:+.2f} mm from contact.")
         silent = self._falls_silent(self._limits.over)
         if self._limits.over():
             return
         if not silent:
             raise ActuatorError("actuator", STILL_PLAYS)
         if broken is not None and broken[0] == planned.trial and not broken[1].felt:
-            if console.rearm(trial=planned.trial, attempt=attempt, reason=broken[1].reason):
+            if self._lent.arm(planned, attempt, broken[1].reason):
                 self._watch.feed.drain()
             self._armed = Armed(planned, attempt, None)
             return
         laid_ns = 0
         if self._place:
             begun_ns = clock.now_ns()
-            console.place(trial=planned.trial, presented=planned.presented)
+            self._lent.console.ask(Place(planned.trial, planned.presented))
             laid_ns = clock.now_ns() - begun_ns
             if self._limits.over():
                 return
         self._watch.feed.drain()
-        if console.arm(trial=planned.trial, attempt=attempt, trials=self._trials):
+        if self._lent.arm(planned, attempt):
             # A step that was made while nobody was at the console is none of a trial.
             self._watch.feed.drain()
         dead_time_ms = None if answered_ns is None else lasted_ms(clock, answered_ns + laid_ns)
@@ -236,7 +236,7 @@ class Footsteps(Kind):
             silent = self.is_silent()
             self._broken = armed.planned.trial, step
             if step.felt and step.stopped is None and step.failed is None:
-                self._console.show(f"This step does not count: {step.reason}.")
+                self._lent.show(f"This step does not count: {step.reason}.")
             return Seen(
                 _broken_off(armed, step, trace, silent=silent),
                 reason=step.reason,
@@ -267,7 +267,7 @@ class Footsteps(Kind):
             return None
         silent = self._falls_silent(lambda: "")
         if not silent:
-            self._console.show(f"The panel may move at any time: {STILL_PLAYS}.")
+            self._lent.show(f"The panel may move at any time: {STILL_PLAYS}.")
         return silent
 
     def _falls_silent(self, over: Callable[[], str]) -> bool:
@@ -311,7 +311,7 @@ class Footsteps(Kind):
         if probe is None or sounder is None:
             raise RuntimeError("no probe is played where there is none")
         if over := self._limits.over():
-            self._console.show(nothing_more(over))
+            self._lent.show(nothing_more(over))
             return
         played = sounder.actuator.prepare(sounder.materials[probe.material].at(probe.speed_mm_s))
         stimulus = played.on_record()
@@ -320,7 +320,7 @@ class Footsteps(Kind):
         sounder.actuator.landed(began_ns)
         # Nothing else may be asked of the actuator before this has ended.
         self._clock.sleep_ns(PROBE_TAKES_NS + stimulus.samples * 10**9 // stimulus.rate_hz)
-        self._console.show("The probe was played.")
+        self._lent.show("The probe was played.")
 
     def _tracker_lamp(self, *, gone: bool) -> Lamp:
         if gone:

@@ -26,7 +26,7 @@ from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector, Scrutiny, Sifted
 from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
 from palpate.experiment.clock import Clock
-from palpate.experiment.desk.port import INTERRUPTED
+from palpate.experiment.desk.questions import INTERRUPTED
 from palpate.experiment.errors import TrackerStopped
 from palpate.experiment.records.stimulus import Onset, Stimulus
 from palpate.experiment.session.footstep.stimulus import Sounder, Sounding

@@ -156,7 +156,7 @@ class Taps:
                 self.actuator.withdraw()
                 self._sounding, self.failed = None, error
                 again = "This trial is done again, whatever its answer." if self._lying is not None else ""
-                self.lent.console.show(f"Nothing is rendered any more: {error}. {again}")
+                self.lent.show(f"Nothing is rendered any more: {error}. {again}")
                 return
 
     def _follow(self, felt: Felt) -> None:
@@ -164,7 +164,7 @@ class Taps:
             # Who says so has taken the block away.
             self._there, self._lying = False, None
             self._withdraw()
-            self.lent.console.show(nothing_more(over))
+            self.lent.show(nothing_more(over))
         touches = list(felt.touches)
         for us, mm in zip(felt.device_us, felt.height_mm, strict=True):
             while touches and touches[0].device_us <= us:

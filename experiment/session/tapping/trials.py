@@ -6,15 +6,14 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
 from datetime import date
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.clock import Clock
+from palpate.experiment.desk.questions import Place
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, PairLaidOut
-from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen, SessionKind
+from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen, SessionKind, Sitting
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
@@ -28,26 +27,13 @@ class ComparisonDevices:
         return Comparisons(lent)
 
 
-def open_comparisons(
-    *,
-    protocol: Protocol,
-    rig: Rig,
-    rig_folder: Path,
-    task_id: str,
-    clock: Clock,
-    stream: AudioStream | None,
-    ends: FarEnds,
-    opened: ExitStack,
-    **_: object,
-) -> KindDevices:
-    """Open what a task needs: nothing for real samples; arguments are those of `laboratory.open_laboratory`."""
-    if protocol.task(task_id).stimulus == "real":
+def open_comparisons(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, opened: ExitStack) -> KindDevices:
+    """Open what a task needs: nothing for real samples; otherwise as `laboratory.open_laboratory`."""
+    if sitting.protocol.task(sitting.task_id).stimulus == "real":
         return ComparisonDevices()
     from palpate.experiment.session.tapping.virtual import open_surfaces
 
-    return open_surfaces(
-        protocol=protocol, rig=rig, rig_folder=rig_folder, clock=clock, stream=stream, ends=ends, opened=opened
-    )
+    return open_surfaces(sitting, stream, ends, opened)
 
 
 @dataclass
@@ -61,7 +47,7 @@ class Comparisons(Kind):
         """Have the samples of the pair laid out, the one that is presented first at the first place."""
         if self.lent.limits.over():
             return
-        self.lent.console.place(trial=planned.trial, presented=planned.presented)
+        self.lent.console.ask(Place(planned.trial, planned.presented))
         self._laid = PairLaidOut(
             trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=self.lent.clock.now_ns()
         )

@@ -17,13 +17,13 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
-from palpate.experiment.clock import Clock, day
+from palpate.experiment.clock import day
 from palpate.experiment.desk.messages import Lamp, Measured
 from palpate.experiment.errors import PalpateError, RigError, TrackerStopped
 from palpate.experiment.protocol.models import Protocol, Virtual
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import WORDS, Changed, PairLaidOut, Place
-from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen
+from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Sitting
 from palpate.experiment.session.tapping.taps import Lying, Taps
 from palpate.experiment.synthesis import tap
 from palpate.experiment.synthesis.contact.block import Block
@@ -52,21 +52,13 @@ class SurfaceDevices:
         return VirtualSurfaces(self.rings, taps, lent)
 
 
-def open_surfaces(
-    *,
-    protocol: Protocol,
-    rig: Rig,
-    rig_folder: Path,
-    clock: Clock,
-    stream: AudioStream | None,
-    ends: FarEnds,
-    opened: ExitStack,
-) -> SurfaceDevices:
+def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, opened: ExitStack) -> SurfaceDevices:
     """Open what virtual surfaces need; otherwise as `laboratory.open_laboratory`.
 
     Raises `RigError` for a real rig that does not bear the protocol's block, `ServoError` for device or tracker, and as
     `conditioning.open_drive`.
     """
+    protocol, rig, clock = sitting.protocol, sitting.rig, sitting.clock
     virtual = protocol.surfaces
     device = opening.servo_of(rig)
     if not rig.rig.simulated:
@@ -78,7 +70,7 @@ def open_surfaces(
     actuator = opening.open_actuator(
         rig,
         limit_m_s2=limit_m_s2,
-        drive=open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2),
+        drive=open_drive(sitting.rig_file.parent, rig.actuator, limit_m_s2=limit_m_s2),
         address=address,
         stream=stream,
         clock=clock,
@@ -189,7 +181,7 @@ class VirtualSurfaces(Kind):
             raise TrackerStopped(str(self.taps.failed))
         if self.lent.limits.over():
             return
-        self.lent.console.arm(trial=planned.trial, attempt=attempt, trials=len(self.lent.header.order))
+        self.lent.arm(planned, attempt)
         self._ready = PairLaidOut(trial=planned.trial, attempt=attempt, presented=planned.presented, laid_ns=0)
 
     def watch(self, waiting: Callable[[], AbstractContextManager[None]]) -> Seen:  # noqa: ARG002
@@ -218,7 +210,7 @@ class VirtualSurfaces(Kind):
         self._lay(self._pair, 1 - self._at)
         place, material = PLACES[self._at], self._pair.presented[self._at]
         self.lent.log.write(Changed(trial=self._pair.trial, attempt=self._pair.attempt, place=place, material=material))
-        self.lent.console.show(f"The {place} surface is there now.")
+        self.lent.show(f"The {place} surface is there now.")
 
     def lacking(self) -> str:
         left = [place for place in PLACES if self.taps.renders and place not in self.taps.touched]

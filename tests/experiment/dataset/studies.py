@@ -17,6 +17,7 @@ from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Header
+from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.study import enrolment, roster
 from palpate.experiment.study.schedule import Allocation, allocated, find_allocation
@@ -56,16 +57,20 @@ class MadeStudy:
     def header(self, participant: str, task: str) -> Header:
         known = roster.Roster.load(storage.roster_path(self.root))
         return header(
-            protocol=self.protocol,
-            rig=rigs.load(shipped("rigs/rehearsal.toml")),
-            participant=participant,
-            task_id=task,
+            Sitting(
+                protocol=self.protocol,
+                rig=rigs.load(shipped("rigs/rehearsal.toml")),
+                rig_file=shipped("rigs/rehearsal.toml"),
+                participant=participant,
+                task_id=task,
+                dataset=self.root,
+                recordings=None,
+                clock=ManualClock(START_NS),
+            ),
             position=find_allocation(self.tasks, participant).tasks.index(task) + 1,
             seed=enrolment.seed_of(self.root),
-            recordings=None,
             purpose=enrolment.purpose_of(self.root),
             roster_sha256=known.lines.end.last,
-            clock=ManualClock(START_NS),
         )
 
     def run(self, asked: Header, keys: str = "capt") -> None:

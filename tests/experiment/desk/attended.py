@@ -7,8 +7,8 @@ from concurrent.futures import Executor, Future
 from typing import Any
 
 from palpate.experiment.desk.linked import LinkedConsole
-from palpate.experiment.desk.messages import Deed, Gauges, Hello, Prompt, Standing
-from palpate.experiment.desk.port import Remark
+from palpate.experiment.desk.messages import Choose, Deed, Gauges, Hello, Prompt, Standing
+from palpate.experiment.desk.questions import Remark
 
 
 class Recorded:
@@ -46,6 +46,11 @@ class Inline(Executor):
         done: Future[Any] = Future()
         done.set_result(fn(*args, **kwargs))
         return done
+
+
+def untimed(deed: Deed) -> Deed:
+    """Return what was asked for, whenever its key was pressed."""
+    return deed.model_copy(update={"t_ns": 0}) if isinstance(deed, Choose) else deed
 
 
 class Desk(LinkedConsole):

@@ -48,7 +48,7 @@ class Session:
         self.consoles = threading.Semaphore(0)
         self.gone: Future[str] = Future()
 
-    def tell(self, role: str) -> Message:
+    def message(self, role: str) -> Message:
         assert role == "console"
         return self.view
 
@@ -195,7 +195,7 @@ def test_a_console_that_stops_reading_is_away_until_it_reads_again(
         def came(self, consoles: int, screens: int) -> None:
             there.put(consoles)
 
-        def tell(self, role: str) -> Message:
+        def message(self, role: str) -> Message:
             return View(study="x" * 30_000, trial=next(numbers))
 
     numbers = count()
@@ -289,7 +289,7 @@ def test_the_last_state_is_told_before_the_session_is_gone(session: Session, tmp
                 there.send(Pause())
 
 
-@pytest.mark.parametrize("at_fault", ["tell", "take"])
+@pytest.mark.parametrize("at_fault", ["message", "take"])
 def test_a_fault_of_the_sessions_end_is_seen_by_consoles_and_told_to_the_session(
     session: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, at_fault: str
 ) -> None:

@@ -6,18 +6,19 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from functools import partial
 from typing import Any, TypeVar
 
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.desk import linked as linked_module
-from palpate.experiment.desk import port
+from palpate.experiment.desk import questions
 from palpate.experiment.desk.linked import LinkedConsole
 from palpate.experiment.desk.messages import (
     CLOSED,
-    Choice,
+    ENTER,
+    Asked,
     Choose,
     Correct,
     Deed,
@@ -25,7 +26,6 @@ from palpate.experiment.desk.messages import (
     Hello,
     Pause,
     Prompt,
-    Question,
     Repeat,
     Standing,
     Stop,
@@ -34,13 +34,34 @@ from palpate.experiment.desk.messages import (
     View,
     Write,
 )
-from palpate.experiment.desk.port import Remark
+from palpate.experiment.desk.questions import (
+    YES,
+    Agree,
+    Answered,
+    Arm,
+    At,
+    Break,
+    Confirm,
+    Debrief,
+    Familiarise,
+    GoOn,
+    Instructed,
+    Level,
+    Notice,
+    Place,
+    Remark,
+    Report,
+    Rest,
+    Say,
+    Silent,
+    TrialAnswer,
+)
 from palpate.experiment.errors import JournalError, LinkError, PauseAsked
 from tests.approved import Refuses
 from tests.experiment.desk.attended import Desk, Inline
 
 ME = Hello(role="console", by="test")
-ANSWERS, OTHERS = {"c": "copy paper", "p": "polypropylene"}, {"n": "no answer", "r": "do this trial again"}
+ANSWERS, OTHERS = {"c": "copy paper", "p": "polypropylene"}, {"r": "do this trial again"}
 T = TypeVar("T")
 
 
@@ -76,7 +97,7 @@ class Attending:
 
 
 def shown(linked: LinkedConsole) -> View:
-    view = linked.tell("console")
+    view = linked.message("console")
     assert isinstance(view, View)
     return view
 
@@ -96,7 +117,7 @@ class Bench:
     def asks(self, question: Callable[[], T]) -> Future[T]:
         return self._pool.submit(question)
 
-    def question(self, kind: str, after: int = 0) -> Question:
+    def question(self, kind: str, after: int = 0) -> Asked:
         """Wait for a question of this kind, after the one with this number."""
         ends_s = time.monotonic() + 10
         while time.monotonic() < ends_s:
@@ -110,7 +131,7 @@ class Bench:
     def do(self, deed: Deed) -> tuple[bool, str]:
         return self.linked.take(ME, deed)
 
-    def press(self, kind: str, key: str, after: int = 0) -> Question:
+    def press(self, kind: str, key: str, after: int = 0) -> Asked:
         asked = self.question(kind, after)
         assert self.do(Choose(question=asked.number, key=key))[0]
         return asked
@@ -125,7 +146,7 @@ def bench() -> Iterator[Bench]:
 
 
 def test_an_answer_is_chosen_then_confirmed_each_by_its_own_question(bench: Bench) -> None:
-    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key)
     asked = bench.press("answer", "c")
     assert [(choice.key, choice.answer) for choice in asked.choices] == [
         ("c", True),
@@ -134,23 +155,23 @@ def test_an_answer_is_chosen_then_confirmed_each_by_its_own_question(bench: Benc
         ("r", False),
     ]
     assert said.result(10) == "c"
-    confirmed = bench.asks(lambda: bench.linked.confirm(key="c", meaning="copy paper"))
+    confirmed = bench.asks(lambda: bench.linked.ask(Confirm("c", "copy paper")).key == ENTER)
     assert bench.press("confirm", "enter").number != asked.number
     assert confirmed.result(10)
     assert shown(bench.linked).question is None
 
 
 QUESTIONS: dict[str, Callable[[Desk], object]] = {
-    "agree": lambda one: one.agree(text="Is it 01?", yes="yes", no="no"),
-    "familiarise": lambda one: one.familiarise(instruction="Feel.", min_s=0, max_s=60, handled={}),
-    "level": lambda one: one.level(level_db_a=50, limit_db_a=80, criterion="Nothing.", keys={"+": "louder"}),
-    "say": lambda one: one.say(words="copy paper", take=1, takes=2, why=""),
-    "rest": lambda one: one.rest(why=""),
-    "place": lambda one: one.place(trial=1, presented=("copy paper",)),
-    "answer": lambda one: one.ask(trial=1, answers=ANSWERS, others=OTHERS),
-    "confirm": lambda one: one.confirm(key="c", meaning="copy paper"),
-    "debrief": lambda one: one.debrief(),
-    "continue": lambda one: one.goes_on(why="It paused."),
+    "agree": lambda one: one.ask(Agree("Is it 01?", "yes", "no")).key == YES,
+    "familiarise": lambda one: one.ask(Familiarise("Feel.", 0, 60, {})).key,
+    "level": lambda one: one.ask(Level(50, 80, "Nothing.", probe=False, by="experimenter")).key,
+    "say": lambda one: one.ask(Say("copy paper", 1, 2, "")).key == ENTER,
+    "rest": lambda one: one.ask(Rest("")),
+    "place": lambda one: one.ask(Place(1, ("copy paper",))),
+    "answer": lambda one: one.ask(TrialAnswer(1, ANSWERS, "n", OTHERS)).key,
+    "confirm": lambda one: one.ask(Confirm("c", "copy paper")).key == ENTER,
+    "debrief": lambda one: one.ask(Debrief()),
+    "continue": lambda one: one.ask(GoOn("It paused.", begun=True)).key == ENTER,
 }
 
 
@@ -174,7 +195,7 @@ def test_a_key_pressed_before_a_question_never_answers_it(bench: Bench, kind: st
 
 
 def test_enter_alone_says_neither_yes_nor_no(bench: Bench, approved: SnapshotAssertion) -> None:
-    said = bench.asks(lambda: bench.linked.agree(text="Did they sign today?", yes="yes", no="no"))
+    said = bench.asks(lambda: bench.linked.ask(Agree("Did they sign today?", "yes", "no")).key == YES)
     asked = bench.question("agree")
     assert bench.do(Choose(question=asked.number, key="enter")) == approved
     assert not said.done()
@@ -183,7 +204,7 @@ def test_enter_alone_says_neither_yes_nor_no(bench: Bench, approved: SnapshotAss
 
 
 def test_one_key_answers_one_question_once(bench: Bench, approved: SnapshotAssertion) -> None:
-    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key)
     asked = bench.question("answer")
     assert bench.do(Choose(question=asked.number, key="x")) == approved
     assert not said.done()
@@ -193,7 +214,7 @@ def test_one_key_answers_one_question_once(bench: Bench, approved: SnapshotAsser
 
 
 def test_a_command_is_on_record_before_the_session_goes_on(bench: Bench) -> None:
-    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key)
     asked = bench.press("answer", "p")
     said.result(10)
     assert bench.attending.record == [("test", f"choose {asked.number} p", True, "")]
@@ -229,20 +250,20 @@ def test_every_console_is_told_of_another_that_is_opened_or_closed(bench: Bench,
 
 
 def test_a_correction_may_be_that_nothing_was_said(bench: Bench) -> None:
-    said = bench.asks(lambda: bench.linked.ask(trial=1, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(1, ANSWERS, "n", OTHERS)).key)
     bench.press("answer", "c")
     said.result(10)
     assert [(one.key, one.words) for one in shown(bench.linked).answers][-1] == ("n", "no answer")
 
 
 def test_the_instruction_stands_until_a_first_answer_or_a_pause(bench: Bench, approved: SnapshotAssertion) -> None:
-    bench.linked.instruct(instruction="Step.")
+    bench.linked.tell(Instructed("Step."))
     assert shown(bench.linked).lines == approved
-    bench.linked.arm(trial=1, attempt=1, trials=4)
+    bench.linked.ask(Arm(1, 1, 4))
     assert shown(bench.linked).instruction == "Step."
-    bench.linked.confirmed(trial=1, answer="copy paper")
+    bench.linked.tell(Answered(1, "copy paper"))
     assert shown(bench.linked).instruction == ""
-    bench.linked.instruct(instruction="Step.")
+    bench.linked.tell(Instructed("Step."))
     bench.linked.attend(None)
     assert shown(bench.linked).instruction == ""
 
@@ -253,21 +274,21 @@ def test_a_trial_that_is_armed_again_says_why_until_it_is_asked_or_another_is_ar
     def again() -> str:
         return shown(bench.linked).again
 
-    bench.linked.arm(trial=1, attempt=1, trials=4)
+    bench.linked.ask(Arm(1, 1, 4))
     assert again() == ""
-    bench.linked.rearm(trial=1, attempt=2, reason="the foot stopped")
+    bench.linked.ask(Arm(1, 2, 4, "the foot stopped"))
     assert again() == "The foot stopped"
-    bench.linked.arm(trial=1, attempt=3, trials=4)
+    bench.linked.ask(Arm(1, 3, 4))
     # Of a step that was felt, and does not count.
     assert again() == approved
-    bench.linked.waiting()
-    bench.linked.arm(trial=1, attempt=4, trials=4)
+    bench.linked.tell(Silent())
+    bench.linked.ask(Arm(1, 4, 4))
     # The device was silent.
     assert again() == ""
-    said = bench.asks(lambda: bench.linked.ask(trial=1, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(1, ANSWERS, "n", OTHERS)).key)
     bench.press("answer", "r")
     said.result(10)
-    bench.linked.arm(trial=1, attempt=5, trials=4)
+    bench.linked.ask(Arm(1, 5, 4))
     # The experimenter had it done again.
     assert again() == ""
 
@@ -285,8 +306,8 @@ def test_a_trial_that_is_armed_again_says_why_until_it_is_asked_or_another_is_ar
     ],
 )
 def test_only_the_last_task_ends_with_the_debriefing(bench: Bench, at: str, text: str, does: str, step: str) -> None:
-    bench.linked.at(step=at, steps=("real", "virtual", "debriefing"))
-    ended = bench.asks(bench.linked.debrief)
+    bench.linked.tell(At(at, ("real", "virtual", "debriefing")))
+    ended = bench.asks(lambda: bench.linked.ask(Debrief()))
     asked = bench.press("debrief", "enter")
     ended.result(10)
     assert (asked.text, asked.choices[0].words, shown(bench.linked).step) == (text, does, step)
@@ -309,13 +330,13 @@ def test_what_was_reached_stays_on_the_screen_of_a_pause(bench: Bench) -> None:
 def test_a_link_that_failed_ends_what_is_waited_for_and_what_would_be(
     bench: Bench, approved: SnapshotAssertion
 ) -> None:
-    asked = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    asked = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key)
     bench.question("answer")
     bench.linked.lost("ZeroDivisionError: x")
     for waits in (
         lambda: asked.result(10),
-        lambda: bench.linked.goes_on(why="It paused."),
-        lambda: bench.linked.arm(trial=4, attempt=1, trials=4),
+        lambda: bench.linked.ask(GoOn("It paused.", begun=True)).key == ENTER,
+        lambda: bench.linked.ask(Arm(4, 1, 4)).waited,
     ):
         with pytest.raises(LinkError, match=r"the link to the consoles failed \(ZeroDivisionError: x\)"):
             waits()
@@ -325,7 +346,7 @@ def test_a_link_that_failed_ends_what_is_waited_for_and_what_would_be(
 
 
 def test_an_answer_that_was_confirmed_counts_though_a_pause_came_right_after_it(bench: Bench) -> None:
-    confirmed = bench.asks(lambda: bench.linked.confirm(key="c", meaning="copy paper"))
+    confirmed = bench.asks(lambda: bench.linked.ask(Confirm("c", "copy paper")).key == ENTER)
     asked = bench.question("confirm")
     with bench.linked._changed:
         # The session's thread wakes only when both are there.
@@ -333,7 +354,7 @@ def test_an_answer_that_was_confirmed_counts_though_a_pause_came_right_after_it(
         assert bench.do(Pause())[0]
     assert confirmed.result(10)
     with pytest.raises(PauseAsked):
-        bench.linked.rest(why="")
+        bench.linked.ask(Rest(""))
 
 
 @pytest.mark.parametrize(
@@ -352,7 +373,7 @@ def test_a_later_pause_takes_neither_a_stop_back_nor_a_breaks_length(
     for deed in deeds:
         assert bench.do(deed)[0]
     bench.linked.attend(None)
-    asked = bench.asks(lambda: bench.linked.goes_on(why="It paused."))
+    asked = bench.asks(lambda: bench.linked.ask(GoOn("It paused.", begun=True)).key == ENTER)
     if goes_on:
         bench.question("continue")
         assert (shown(bench.linked).pause_until_ns is not None) == until
@@ -365,10 +386,10 @@ def test_a_later_pause_takes_neither_a_stop_back_nor_a_breaks_length(
 def test_a_key_answers_only_the_question_that_it_was_pressed_at(bench: Bench) -> None:
     """The first question is closed, by a signal say, while its key goes on record."""
     linked = bench.linked
-    with linked._open("debrief", "First?", (Choice(key="enter", words="end"),)):
+    with linked._open(Debrief()):
         first = bench.question("debrief")
         recorded = bench.attending.commanded
-        closing = linked._open("continue", "Second?", (Choice(key="enter", words="go on"),))
+        closing = linked._open(GoOn("Second?", begun=True))
 
         def close_meanwhile(**what: Any) -> None:
             recorded(**what)
@@ -381,7 +402,22 @@ def test_a_key_answers_only_the_question_that_it_was_pressed_at(bench: Bench) ->
     bench.attending.commanded = recorded  # type: ignore[method-assign]
 
 
-def test_a_choice_is_timed_when_it_comes_and_not_when_it_is_on_record(
+@pytest.mark.parametrize("off_ns", [-1, 50_000_001, 10**18, -(10**18)])
+def test_a_choice_that_was_made_before_its_question_or_is_still_to_come_is_none(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, off_ns: int
+) -> None:
+    now = [10**12]
+    monkeypatch.setattr(linked_module, "monotonic_ns", lambda: now[0])
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)))
+    asked = bench.question("answer")
+    now[0] += 50_000_000
+    assert not bench.do(Choose(question=asked.number, key="c", t_ns=10**12 + off_ns))[0]
+    assert not said.done()
+    assert bench.do(Choose(question=asked.number, key="c", t_ns=now[0]))[0]
+    assert said.result(10).ago_ns == 0
+
+
+def test_a_choice_is_timed_when_it_was_made_and_not_when_it_came_or_is_on_record(
     bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now = [10**12]
@@ -393,10 +429,11 @@ def test_a_choice_is_timed_when_it_comes_and_not_when_it_is_on_record(
         now[0] += 80_000_000
 
     bench.attending.commanded = slow_disk  # type: ignore[method-assign]
-    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
-    bench.press("answer", "c")
-    assert said.result(10) == "c"
-    assert bench.linked.chosen_ago_ns() == 80_000_000
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)))
+    asked, pressed_ns = bench.question("answer"), now[0] + 20_000_000
+    now[0] += 50_000_000
+    assert bench.do(Choose(question=asked.number, key="c", t_ns=pressed_ns))[0]
+    assert (said.result(10).key, said.result(10).ago_ns) == ("c", 110_000_000)
     bench.attending.commanded = recorded  # type: ignore[method-assign]
 
 
@@ -414,7 +451,7 @@ def test_a_pause_takes_effect_while_the_disk_hangs_and_the_key_before_it_counts_
 
     attending.commanded = hang  # type: ignore[method-assign]
     linked.attend(attending)
-    said = bench.asks(lambda: linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key)
     while (asked := shown(linked).question) is None:
         time.sleep(0.001)
     pressed = linked.take(ME, Choose(question=asked.number, key="c"))
@@ -422,7 +459,7 @@ def test_a_pause_takes_effect_while_the_disk_hangs_and_the_key_before_it_counts_
     paused = linked.take(ME, Pause())
     assert isinstance(paused, tuple)
     assert paused[0]
-    assert attending.pauses == [port.BY_EXPERIMENTER]
+    assert attending.pauses == [questions.BY_EXPERIMENTER]
     assert isinstance(pressed, Future)
     assert isinstance(again, Future)
     assert not said.done()
@@ -437,7 +474,7 @@ def test_a_pause_takes_effect_while_the_disk_hangs_and_the_key_before_it_counts_
     # Everything that was asked of the session is on record before another is attended.
     assert [command for _, command, _, _ in attending.record] == ["choose 1 c", "choose 1 p", "pause"]
     with pytest.raises(PauseAsked):
-        linked.confirm(key="c", meaning="copy paper")
+        linked.ask(Confirm("c", "copy paper"))
 
 
 def test_a_key_whose_record_fails_does_not_count(bench: Bench) -> None:
@@ -446,7 +483,7 @@ def test_a_key_whose_record_fails_does_not_count(bench: Bench) -> None:
     def fail(**_: Any) -> None:
         raise JournalError("full")
 
-    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key)
     asked = bench.question("answer")
     bench.attending.commanded = fail  # type: ignore[method-assign]
     assert bench.do(Choose(question=asked.number, key="c")) == (False, "full")
@@ -458,7 +495,7 @@ def test_a_key_whose_record_fails_does_not_count(bench: Bench) -> None:
 def test_what_is_repeated_after_a_key_is_refused_and_nothing_of_it_is_left(
     bench: Bench, approved: SnapshotAssertion
 ) -> None:
-    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key)
     asked = bench.question("answer")
     with bench.linked._changed:
         assert bench.do(Choose(question=asked.number, key="c"))[0]
@@ -466,26 +503,26 @@ def test_what_is_repeated_after_a_key_is_refused_and_nothing_of_it_is_left(
     assert said.result(10) == "c"
     bench.linked._repeated = Repeat(trial=3, reason="of a session before")
     bench.linked.attend(bench.attending)
-    again = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    again = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key)
     bench.press("answer", "p")
     assert again.result(10) == "p"
 
 
 @pytest.mark.parametrize("at", ["answer", "confirm"])
 def test_a_trial_that_is_repeated_at_its_question_needs_no_key(bench: Bench, at: str) -> None:
-    said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+    said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)))
     if at == "confirm":
         bench.press("answer", "c")
-        assert said.result(10) == "c"
-        confirmed = bench.asks(lambda: bench.linked.confirm(key="c", meaning="copy paper"))
+        assert said.result(10).key == "c"
+        confirmed = bench.asks(lambda: bench.linked.ask(Confirm("c", "copy paper")).key == ENTER)
         bench.question("confirm")
         assert bench.do(Repeat(trial=3, reason="coughs"))[0]
         assert not confirmed.result(10)
-        said = bench.asks(lambda: bench.linked.ask(trial=3, answers=ANSWERS, others=OTHERS))
+        said = bench.asks(lambda: bench.linked.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)))
     else:
         bench.question("answer")
         assert bench.do(Repeat(trial=3, reason="coughs"))[0]
-    assert said.result(10) == Repeat(trial=3, reason="coughs")
+    assert said.result(10).remark == Repeat(trial=3, reason="coughs")
     assert bench.attending.remarks == []
 
 
@@ -526,19 +563,19 @@ def test_the_participant_stops_while_another_deed_waits_for_the_disk(
     noting.join()
     bench.linked._recorder.shutdown()
     bench.linked._recorder = Inline()
-    assert bench.attending.pauses == [port.BY_PARTICIPANT]
-    assert port.STOPPED in shown(bench.linked).lines
+    assert bench.attending.pauses == [questions.BY_PARTICIPANT]
+    assert questions.STOPPED in shown(bench.linked).lines
     assert [one[:3] for one in bench.attending.record][-1] == ("the participant's screen", "pause", True)
     with pytest.raises(PauseAsked) as paused:
-        bench.linked.agree(text="Go on?", yes="yes", no="no")
-    assert str(paused.value) == port.BY_PARTICIPANT
+        bench.linked.ask(Agree("Go on?", "yes", "no"))
+    assert str(paused.value) == questions.BY_PARTICIPANT
 
 
 def test_a_pause_goes_on_when_wanted_a_stop_does_not(bench: Bench) -> None:
     for deed, key, goes_on in ((Pause(minutes=5), "enter", True), (Pause(), "s", False), (Stop(), "", False)):
         assert bench.do(deed)[0]
         bench.linked.attend(None)
-        asked = bench.asks(lambda: bench.linked.goes_on(why="It paused."))
+        asked = bench.asks(lambda: bench.linked.ask(GoOn("It paused.", begun=True)).key == ENTER)
         if key:
             until_ns = (bench.question("continue"), shown(bench.linked).pause_until_ns)[1]
             minutes = deed.minutes if isinstance(deed, Pause) else None
@@ -553,7 +590,7 @@ def test_a_pause_goes_on_when_wanted_a_stop_does_not(bench: Bench) -> None:
 
 def test_a_break_asked_for_while_it_is_paused_begins_its_countdown_and_ends_nothing(bench: Bench) -> None:
     bench.linked.attend(None)
-    asked = bench.asks(lambda: bench.linked.goes_on(why="It paused."))
+    asked = bench.asks(lambda: bench.linked.ask(GoOn("It paused.", begun=False)).key == ENTER)
     first = bench.question("continue")
     # No session had begun.
     assert first.choices[0].words == "go on"
@@ -573,7 +610,7 @@ def test_a_break_that_was_asked_for_ends_early_only_when_that_is_meant(
 ) -> None:
     assert bench.do(Pause(minutes=5))[0]
     bench.linked.attend(None)
-    asked = bench.asks(lambda: bench.linked.goes_on(why="It paused."))
+    asked = bench.asks(lambda: bench.linked.ask(GoOn("It paused.", begun=True)).key == ENTER)
     number = 0
     for key, text in (("enter", "It paused."), ("escape", "The break is not over. End it now?")) * 2:
         told = bench.question("continue", number)
@@ -591,8 +628,8 @@ def test_a_break_that_was_asked_for_ends_early_only_when_that_is_meant(
 @pytest.mark.parametrize(("key", "taken"), [("-", True), ("+", False)])
 def test_softer_counts_at_the_level_that_is_asked_for_now(bench: Bench, key: str, taken: bool) -> None:
     """A press that was made for the level before is one for this one."""
-    level = {"level_db_a": 60.0, "limit_db_a": 80.0, "criterion": "Nothing is heard."}
-    asked = bench.asks(lambda: bench.linked.level(keys={"+": "louder", "-": "softer"}, **level))  # type: ignore[arg-type]
+    level = Level(60.0, 80.0, "Nothing is heard.", probe=False, by="experimenter")
+    asked = bench.asks(lambda: bench.linked.ask(level).key)
     now = bench.question("level")
     assert bench.do(Choose(question=now.number - 1, key=key))[0] is taken
     if not taken:
@@ -606,14 +643,13 @@ def test_a_pause_asked_for_while_devices_are_opened_is_not_forgotten(bench: Benc
     bench.linked.attend(bench.attending)
     assert bench.attending.pauses == ["by the experimenter"]
     with pytest.raises(PauseAsked):
-        bench.linked.rest(why="")
+        bench.linked.ask(Rest(""))
 
 
 def test_a_break_ends_by_itself_and_can_be_stopped(bench: Bench) -> None:
-    clock = MonotonicClock()
-    soon = bench.asks(lambda: bench.linked.wait(why="Break.", until_ns=clock.now_ns() + 50_000_000, clock=clock))
+    soon = bench.asks(lambda: bench.linked.ask(Break("Break.", 0.05)))
     soon.result(10)
-    long = bench.asks(lambda: bench.linked.wait(why="Break.", until_ns=clock.now_ns() + 10**12, clock=clock))
+    long = bench.asks(lambda: bench.linked.ask(Break("Break.", 1000.0)))
     asked = bench.question("break")
     assert not bench.do(Choose(question=asked.number, key="enter"))[0]
     # No key cuts it.
@@ -625,7 +661,7 @@ def test_a_break_ends_by_itself_and_can_be_stopped(bench: Bench) -> None:
 
 def test_a_line_of_text_is_written_or_nothing(bench: Bench) -> None:
     for text, kept in (("  It felt real. ", "It felt real."), ("", "")):
-        written = bench.asks(lambda: bench.linked.write(text="What do they report?"))
+        written = bench.asks(lambda: bench.linked.ask(Report("What do they report?")).text)
         asked = bench.question("write")
         assert not bench.do(Write(question=asked.number, text="a\x1bb"))[0]
         assert not bench.do(Write(question=asked.number - 1, text="late"))[0]
@@ -636,7 +672,7 @@ def test_a_line_of_text_is_written_or_nothing(bench: Bench) -> None:
 def test_a_familiarisation_counts_down_to_the_key_that_ends_it_and_then_to_its_most(
     bench: Bench, approved: SnapshotAssertion
 ) -> None:
-    bench.asks(lambda: bench.linked.familiarise(instruction="Feel.", min_s=100, max_s=580, handled={}))
+    bench.asks(lambda: bench.linked.ask(Familiarise("Feel.", 100, 580, {})).key)
     early = bench.question("familiarise")
     assert early.text == approved
     until_ns = shown(bench.linked).pause_until_ns
@@ -648,7 +684,7 @@ def test_a_familiarisation_counts_down_to_the_key_that_ends_it_and_then_to_its_m
 
 
 def test_once_its_least_has_passed_a_familiarisation_ends_by_enter(bench: Bench) -> None:
-    ended = bench.asks(lambda: bench.linked.familiarise(instruction="Feel.", min_s=0.05, max_s=580, handled={}))
+    ended = bench.asks(lambda: bench.linked.ask(Familiarise("Feel.", 0.05, 580, {})).key)
     ends_s = time.monotonic() + 10
     while not bench.question("familiarise").choices and time.monotonic() < ends_s:
         time.sleep(0.01)
@@ -663,18 +699,14 @@ def test_once_its_least_has_passed_a_familiarisation_ends_by_enter(bench: Bench)
 
 def test_a_material_is_counted_before_and_after_the_least_of_a_familiarisation(bench: Bench) -> None:
     for least_s, keys in ((100, ["c"]), (0, ["enter", "c"])):
-        handled = bench.asks(
-            lambda least_s=least_s: bench.linked.familiarise(  # type: ignore[misc]
-                instruction="Feel.", min_s=least_s, max_s=580, handled={"c": "cork (2)"}
-            )
-        )
+        handled = bench.asks(partial(bench.linked.ask, Familiarise("Feel.", least_s, 580, {"c": "cork (2)"})))
         assert [choice.key for choice in bench.question("familiarise").choices] == keys
         bench.press("familiarise", "c")
-        assert handled.result(10) == "c"
+        assert handled.result(10).key == "c"
 
 
 def armed(bench: Bench) -> Future[bool]:
-    return bench.asks(lambda: bench.linked.arm(trial=1, attempt=1, trials=4))
+    return bench.asks(lambda: bench.linked.ask(Arm(1, 1, 4)).waited)
 
 
 def test_nothing_is_armed_before_the_participants_screen_is_there(approved: SnapshotAssertion) -> None:
@@ -710,14 +742,14 @@ def test_while_nobody_is_at_a_console_nothing_is_armed_and_then_the_session_paus
     bench = Bench(alone_s=0.2)
     bench.linked.came(0, 0)
     with refuses(PauseAsked):
-        bench.linked.arm(trial=1, attempt=1, trials=4)
+        bench.linked.ask(Arm(1, 1, 4))
     assert shown(bench.linked).state == "preparing"
     with refuses(PauseAsked):
-        bench.linked.ask(trial=1, answers=ANSWERS, others=OTHERS)
+        bench.linked.ask(TrialAnswer(1, ANSWERS, "n", OTHERS))
     bench.linked.came(1, 0)
-    assert not bench.linked.arm(trial=1, attempt=1, trials=4)
+    assert not bench.linked.ask(Arm(1, 1, 4)).waited
     assert shown(bench.linked).state == "armed"
-    bench.linked.waiting()
+    bench.linked.tell(Silent())
     assert shown(bench.linked).state == "waiting"
 
 
@@ -730,26 +762,26 @@ def test_whoever_arms_is_told_that_somebody_had_to_be_waited_for(monkeypatch: py
 
     monkeypatch.setattr(bench.linked._changed, "wait", comes)
     calls: tuple[Callable[[], bool], ...] = (
-        lambda: bench.linked.arm(trial=1, attempt=1, trials=4),
-        lambda: bench.linked.rearm(trial=1, attempt=2, reason="the foot stopped"),
+        lambda: bench.linked.ask(Arm(1, 1, 4)).waited,
+        lambda: bench.linked.ask(Arm(1, 2, 4, "the foot stopped")).waited,
     )
     for armed in calls:
         bench.linked.came(0, 0)
         assert armed()
-    assert not bench.linked.rearm(trial=1, attempt=3, reason="the foot stopped")
+    assert not bench.linked.ask(Arm(1, 3, 4, "the foot stopped")).waited
 
 
 @pytest.mark.parametrize(("at_will", "state"), [(False, "armed"), (True, "answering")])
 def test_a_pair_that_is_rendered_can_be_felt_at_once(at_will: bool, state: str) -> None:
     one = Desk(View(at_will=at_will))
     one.came(1, 0)
-    one.arm(trial=1, attempt=1, trials=4)
+    one.ask(Arm(1, 1, 4))
     assert shown(one).state == state
 
 
 def test_another_trial_is_laid_out_without_the_attempts_of_the_last(bench: Bench) -> None:
-    bench.linked.arm(trial=1, attempt=3, trials=4)
-    laid = bench.asks(lambda: bench.linked.place(trial=2, presented=("cork",)))
+    bench.linked.ask(Arm(1, 3, 4))
+    laid = bench.asks(lambda: bench.linked.ask(Place(2, ("cork",))))
     bench.question("place")
     assert (shown(bench.linked).trial, shown(bench.linked).attempt) == (2, 1)
     bench.press("place", "enter")
@@ -760,18 +792,18 @@ def test_a_console_is_told_what_the_session_is_for_and_how_far_it_is(bench: Benc
     view = shown(bench.linked)
     assert (view.label, view.standing.remaining) == ("PILOT", 3)
     assert view.gauges == Gauges(left_s=60.0)
-    bench.linked.show("one\ntwo \x1b[31m")
+    bench.linked.tell(Notice("one\ntwo \x1b[31m"))
     assert shown(bench.linked).lines == ("one two <U+001B>[31m",)
 
 
 def test_what_was_laid_out_is_not_told_after_the_end(bench: Bench, approved: SnapshotAssertion) -> None:
-    laid = bench.asks(lambda: bench.linked.place(trial=2, presented=("cork",)))
+    laid = bench.asks(lambda: bench.linked.ask(Place(2, ("cork",))))
     bench.question("place")
     assert bench.do(Stop())[0]
     with pytest.raises(PauseAsked):
         laid.result(10)
-    for line in ("For the lab book: one", "For the lab book: two", "another line"):
-        bench.linked.show(line)
+    for line, again in (("For the lab book: one", True), ("For the lab book: two", True), ("another line", False)):
+        bench.linked.tell(Notice(line, again=again))
     bench.linked.ended("It ended.", 0)
     view = shown(bench.linked)
     assert (view.trial, view.lay_out) == (None, "")

@@ -5,22 +5,29 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
 
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.clock import monotonic_ns
 from palpate.experiment.desk import linked
+from palpate.experiment.desk.link import Line, Link
 from palpate.experiment.desk.messages import (
     ENTER,
+    Asked,
     Choose,
     Correct,
     Deed,
     Hello,
+    Kind,
     Pause,
     Prompt,
-    Question,
     Repeat,
+    Reply,
     Shown,
     Stop,
     TakeNote,
@@ -28,13 +35,27 @@ from palpate.experiment.desk.messages import (
     View,
     Write,
 )
-from palpate.experiment.desk.prompts import Theirs
+from palpate.experiment.desk.questions import (
+    YES,
+    Agree,
+    Answered,
+    Arm,
+    Confirm,
+    Debrief,
+    Familiarise,
+    GoOn,
+    Level,
+    Place,
+    Rest,
+    Silent,
+    TrialAnswer,
+    keyed,
+)
 from palpate.experiment.errors import PauseAsked
 from tests.experiment.desk.attended import Desk, Recorded
 
 SCREEN = Hello(role="screen", by="the participant's screen")
 CONSOLE = Hello(role="console", by="console")
-KEYS = {"+": "masker louder", "-": "masker softer"}
 
 
 @pytest.fixture
@@ -44,7 +65,7 @@ def session() -> Recorded:
 
 @pytest.fixture
 def desk(session: Recorded) -> Desk:
-    made = Desk(View(study="study", participant="01"), theirs=Theirs(frozenset({"level"})), screen=True)
+    made = Desk(View(study="study", participant="01"), screen=True)
     made.came(1, 1)
     made.attend(session)
     return made
@@ -59,11 +80,11 @@ def aside(desk: Desk) -> Iterator[ThreadPoolExecutor]:
 
 
 def level(desk: Desk) -> str:
-    return desk.level(level_db_a=50, limit_db_a=80, criterion="Nothing is heard.", keys=KEYS)
+    return desk.ask(Level(50, 80, "Nothing is heard.", probe=False, by="participant")).key
 
 
 def prompt(desk: Desk) -> Prompt:
-    told = desk.tell("screen")
+    told = desk.message("screen")
     assert isinstance(told, Prompt)
     return told
 
@@ -79,7 +100,7 @@ def asked(desk: Desk, show: str, after: int = 0) -> Prompt:
 
 
 def view(desk: Desk) -> View:
-    told = desk.tell("console")
+    told = desk.message("console")
     assert isinstance(told, View)
     return told
 
@@ -96,35 +117,35 @@ def test_the_participant_sets_the_masker(desk: Desk, session: Recorded, aside: T
 ORDER: tuple[tuple[str, Callable[[Desk], object], str, str], ...] = (
     (
         "agree",
-        lambda desk: desk.agree(text="Is it 01?", yes="yes", no="no"),
+        lambda desk: desk.ask(Agree("Is it 01?", "yes", "no")).key == YES,
         "wait",
         "wait",
     ),
     (
         "familiarise",
-        lambda desk: desk.familiarise(instruction="Feel.", min_s=0, max_s=60, handled={}),
+        lambda desk: desk.ask(Familiarise("Feel.", 0, 60, {})).key,
         "instructions",
         "wait",
     ),
     ("level", level, "masker", "wait"),
-    ("rest", lambda desk: desk.rest(why=""), "rest", "wait"),
-    ("place", lambda desk: desk.place(trial=1, presented=("foil",)), "wait", "wait"),
-    ("", lambda desk: desk.arm(trial=1, attempt=1, trials=4), "ready", "ready"),
+    ("rest", lambda desk: desk.ask(Rest("")), "rest", "wait"),
+    ("place", lambda desk: desk.ask(Place(1, ("foil",))), "wait", "wait"),
+    ("", lambda desk: desk.ask(Arm(1, 1, 4)).waited, "ready", "ready"),
     (
         "answer",
-        lambda desk: desk.ask(trial=1, answers={"c": "copy paper"}, others={"n": "no answer"}),
+        lambda desk: desk.ask(TrialAnswer(1, {"c": "copy paper"}, "n", {})).key,
         "answer",
         "answer",
     ),
-    ("confirm", lambda desk: desk.confirm(key="c", meaning="copy paper"), "answer", "answer"),
-    ("", lambda desk: desk.confirmed(trial=1, answer="copy paper"), "wait", "wait"),
-    ("", lambda desk: desk.arm(trial=2, attempt=1, trials=4), "ready", "ready"),
-    ("", Desk.waiting, "wait", "wait"),
-    ("rest", lambda desk: desk.rest(why=""), "rest", "wait"),
-    ("", lambda desk: desk.arm(trial=2, attempt=2, trials=4), "ready", "ready"),
+    ("confirm", lambda desk: desk.ask(Confirm("c", "copy paper")).key == ENTER, "answer", "answer"),
+    ("", lambda desk: desk.tell(Answered(1, "copy paper")), "wait", "wait"),
+    ("", lambda desk: desk.ask(Arm(2, 1, 4)).waited, "ready", "ready"),
+    ("", lambda desk: desk.tell(Silent()), "wait", "wait"),
+    ("rest", lambda desk: desk.ask(Rest("")), "rest", "wait"),
+    ("", lambda desk: desk.ask(Arm(2, 2, 4)).waited, "ready", "ready"),
     ("", lambda desk: desk.attend(None), "wait", "wait"),
-    ("continue", lambda desk: desk.goes_on(why="It paused."), "break", "wait"),
-    ("debrief", Desk.debrief, "finished", "finished"),
+    ("continue", lambda desk: desk.ask(GoOn("It paused.", begun=True)).key == ENTER, "break", "wait"),
+    ("debrief", lambda desk: desk.ask(Debrief()), "finished", "finished"),
 )
 """What a session asks of its desk, in a real order: what the participant sees meanwhile, and afterwards."""
 
@@ -156,7 +177,7 @@ def test_headphones_may_come_off_after_the_tasks_that_had_a_masker(desk: Desk, s
     assert not view(desk).masked
 
 
-def open_question(desk: Desk, kind: str) -> Question:
+def open_question(desk: Desk, kind: str) -> Asked:
     changed = threading.Event()
     desk.wake = changed.set
     while (asked := view(desk).question) is None or asked.kind != kind:
@@ -168,16 +189,16 @@ def open_question(desk: Desk, kind: str) -> Question:
 def test_between_two_presses_for_the_masker_the_screen_stays_after_familiarisation_too(
     desk: Desk, aside: ThreadPoolExecutor, now: list[int]
 ) -> None:
-    familiar = aside.submit(desk.familiarise, instruction="Feel.", min_s=0, max_s=60, handled={})
+    familiar = aside.submit(desk.ask, Familiarise("Feel.", 0, 60, {}))
     question = open_question(desk, "familiarise")
-    desk.take(CONSOLE, Choose(question=question.number, key=ENTER))
+    desk.take(CONSOLE, Choose(question=question.number, key=ENTER, t_ns=now[0]))
     familiar.result(5)
     shows = []
     for key in ("+", "-"):
         chosen = aside.submit(level, desk)
         question = open_question(desk, "level")
         shows.append(prompt(desk).show)
-        desk.take(SCREEN, Choose(question=question.number, key=key))
+        desk.take(SCREEN, Choose(question=question.number, key=key, t_ns=now[0]))
         chosen.result(5)
         shows.append(prompt(desk).show)
     assert shows == ["masker"] * 4
@@ -196,12 +217,12 @@ def test_what_the_participant_presses_too_late_is_nothing_that_the_experimenter_
 def test_softer_at_the_participants_screen_changes_nothing_that_is_not_theirs_to_answer(
     desk: Desk, aside: ThreadPoolExecutor
 ) -> None:
-    answered = aside.submit(desk.ask, trial=1, answers={"c": "copy paper"}, others={"-": "masker softer"})
+    answered = aside.submit(desk.ask, TrialAnswer(1, {"c": "copy paper"}, "n", {"-": "masker softer"}))
     asked = open_question(desk, "answer")
     for number in (asked.number, asked.number - 1):
         assert not desk.take(SCREEN, Choose(question=number, key="-"))[0]
     desk.take(CONSOLE, Choose(question=asked.number, key="c"))
-    assert answered.result(5) == "c"
+    assert answered.result(5).key == "c"
 
 
 @pytest.fixture
@@ -232,14 +253,66 @@ def test_the_same_look_keeps_its_number_and_another_gets_its_own(desk: Desk, asi
         desk.take(SCREEN, Choose(question=told.question or 0, key="-"))
         chosen.result(5)
     assert numbers == [(numbers[0][0], 1), (numbers[0][0], 2)]
-    desk.arm(trial=1, attempt=1, trials=4)
+    desk.ask(Arm(1, 1, 4))
     assert prompt(desk).number == numbers[0][0] + 1
+
+
+@dataclass(frozen=True)
+class Shared:
+    """A question of which the participant answers, and the experimenter pauses: it is one of the test."""
+
+    kind: ClassVar[Kind] = "answer"
+    text = "Which one?"
+    choices = (*keyed({"+": "this one"}, answer=True, by="participant"), *keyed({"q": "pause"}))
+
+
+def at_the_wire(path: Path, hello: Hello, key: str, number: int) -> Reply:
+    """Return what a session replies to a key that is sent to its socket, whatever its sender was offered."""
+    with closing(Line(path, hello)) as there:
+        there.send(Choose(question=number, key=key))
+        return next(said for said in there.messages() if isinstance(said, Reply))
+
+
+def test_nobody_answers_for_another_at_the_wire(desk: Desk, aside: ThreadPoolExecutor, tmp_path: Path) -> None:
+    """A participant's screen that may answer sends the key for a pause; a console sends the participant's answer."""
+    with closing(Link(tmp_path / "s", desk)), closing(Line(tmp_path / "s", SCREEN)) as screen:
+        said = aside.submit(desk.ask, Shared())
+        number = open_question(desk, "answer").number
+        offered = next(one for one in screen.messages() if isinstance(one, Prompt) and one.question == number)
+        assert offered.keys == ("+",)
+        for hello, key in ((SCREEN, "q"), (CONSOLE, "+")):
+            assert not at_the_wire(tmp_path / "s", hello, key, number).taken
+        assert not said.done()
+        assert at_the_wire(tmp_path / "s", SCREEN, "+", number).taken
+        assert said.result(5).key == "+"
+
+
+def test_the_experimenter_keys_what_the_participant_says_only_without_a_screen(
+    desk: Desk, aside: ThreadPoolExecutor
+) -> None:
+    chosen = aside.submit(level, desk)
+    asked = open_question(desk, "level")
+    assert [choice.key for choice in asked.choices] == ["-"]
+    louder = Choose(question=asked.number, key="+")
+    assert not desk.take(CONSOLE, louder)[0]
+    desk.came(1, 0)
+    assert [choice.key for choice in open_question(desk, "level").choices] == ["+", "-", ENTER]
+    assert desk.take(CONSOLE, louder)[0]
+    assert chosen.result(5) == "+"
+
+
+def test_a_masker_that_the_participant_sets_is_softer_by_either(desk: Desk, aside: ThreadPoolExecutor) -> None:
+    for hello in (SCREEN, CONSOLE):
+        chosen = aside.submit(level, desk)
+        asked = open_question(desk, "level")
+        assert desk.take(hello, Choose(question=asked.number, key="-"))[0]
+        assert chosen.result(5) == "-"
 
 
 def test_an_answer_to_a_trial_is_not_the_participants(
     desk: Desk, session: Recorded, aside: ThreadPoolExecutor, approved: SnapshotAssertion
 ) -> None:
-    said = aside.submit(desk.ask, trial=3, answers={"c": "copy paper"}, others={"n": "no answer"})
+    said = aside.submit(desk.ask, TrialAnswer(3, {"c": "copy paper"}, "n", {}))
     told = asked(desk, "answer")
     assert (told.question, told.keys) == (None, ())
     number = view(desk).question
@@ -248,7 +321,7 @@ def test_an_answer_to_a_trial_is_not_the_participants(
     assert refused == approved
     assert session.commands[-1] == ("the participant's screen", f"choose {number.number} c", False)
     assert desk.take(CONSOLE, Choose(question=number.number, key="c"))[0]
-    assert said.result(5) == "c"
+    assert said.result(5).key == "c"
 
 
 def test_a_screen_may_ask_for_nothing_else(desk: Desk, session: Recorded, approved: SnapshotAssertion) -> None:
@@ -266,7 +339,7 @@ def test_a_screen_may_ask_for_nothing_else(desk: Desk, session: Recorded, approv
 
 
 def test_what_is_shown_goes_on_record_with_its_time(desk: Desk, session: Recorded) -> None:
-    desk.arm(trial=1, attempt=1, trials=4)
+    desk.ask(Arm(1, 1, 4))
     told = prompt(desk)
     assert desk.take(SCREEN, Shown(number=told.number, t_ns=monotonic_ns() - 1_000_000)) == (True, "")
     ((shown, ago_ns),) = session.shows
@@ -287,7 +360,7 @@ def test_what_cannot_have_been_shown_is_refused(desk: Desk, session: Recorded) -
 
 
 def test_a_screen_that_comes_late_hears_where_the_session_is(desk: Desk) -> None:
-    desk.arm(trial=1, attempt=1, trials=4)
+    desk.ask(Arm(1, 1, 4))
     assert prompt(desk).show == "ready"
     desk.attend(None)
     desk.ended("The session is complete.", 0)

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
-from palpate.experiment.desk.messages import ENTER, Choice, Ended, Gauges, Prompt, Question, View, line
-from palpate.experiment.desk.prompts import AT_QUESTION, Theirs, prompt, theirs
+from palpate.experiment.desk.messages import ENTER, Asked, By, Choice, Ended, Gauges, Prompt, View, line
+from palpate.experiment.desk.prompts import AT_QUESTION, prompt, shown_answers
+from palpate.experiment.desk.questions import Level, keyed
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 from tests.experiment.desk.views import KINDS, MARK, views
 from tests.experiment.protocol.small import changed, document
 from tests.experiment.protocol.tapping import comparing
 
-THEIRS = Theirs(frozenset({"level"}), ("felt", "cork"))
-LEVEL = (Choice(key="+", words="louder"), Choice(key="-", words="softer"), Choice(key=ENTER, words="keep"))
+SHOWN = ("felt", "cork")
+LEVEL = keyed({"+": "louder", "-": "softer", ENTER: "keep"}, by="participant")
 
 
-@given(view=views, kinds=st.frozensets(st.sampled_from(KINDS)))
-def test_nothing_that_is_presented_reaches_the_screen(view: View, kinds: frozenset[str]) -> None:
-    assert MARK.encode() not in line(prompt(view, Theirs(kinds)))
+@given(view=views)
+def test_nothing_that_is_presented_reaches_the_screen(view: View) -> None:
+    assert MARK.encode() not in line(prompt(view, ()))
 
 
 @pytest.mark.parametrize(
@@ -30,17 +30,17 @@ def test_nothing_that_is_presented_reaches_the_screen(view: View, kinds: frozens
 def test_the_lamp_is_lit_where_the_participant_taps(state: str, lamp: bool | None) -> None:
     for too_fast, shown in ((True, lamp), (None, None)):
         view = View.model_validate({"state": state, "gauges": Gauges(left_s=1.0, too_fast=too_fast)})
-        assert prompt(view, THEIRS).lamp is shown
+        assert prompt(view, SHOWN).lamp is shown
 
 
 @pytest.mark.parametrize("state", ["familiarising", "armed", "answering", "paused", "preparing"])
 def test_the_hand_is_shown_for_practice_alone(state: str) -> None:
     view = View.model_validate({"state": state, "gauges": Gauges(left_s=1.0, hand_mm=3.5)})
-    assert prompt(view, THEIRS).hand_mm == (3.5 if state == "familiarising" else None)
+    assert prompt(view, SHOWN).hand_mm == (3.5 if state == "familiarising" else None)
 
 
-@given(view=views, other=views, kinds=st.frozensets(st.sampled_from(KINDS)))
-def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: frozenset[str]) -> None:
+@given(view=views, other=views)
+def test_only_a_few_things_of_a_view_matter(view: View, other: View) -> None:
     """A view whose every other field is that of another view, at random, gives the same prompt."""
     question, gauges = view.question, view.gauges
     if question is not None and other.question is not None:
@@ -58,19 +58,16 @@ def test_only_a_few_things_of_a_view_matter(view: View, other: View, kinds: froz
     if ended is not None and other.ended is not None:
         ended = other.ended.model_copy(update={"exit_code": ended.exit_code})
     exchanged = other.model_copy(update={**matters, "question": question, "gauges": gauges, "ended": ended})
-    assert prompt(exchanged, Theirs(kinds)) == prompt(view, Theirs(kinds))
+    assert prompt(exchanged, SHOWN) == prompt(view, SHOWN)
 
 
-@given(view=views, kinds=st.frozensets(st.sampled_from(KINDS)))
-def test_the_participant_has_four_keys_five_meanings_and_those_only_for_their_own_questions(
-    view: View, kinds: frozenset[str]
-) -> None:
-    shown = prompt(view, Theirs(kinds))
+@given(view=views)
+def test_the_participant_has_four_keys_five_meanings_and_those_only_for_their_own_choices(view: View) -> None:
+    shown = prompt(view, SHOWN)
     assert set(shown.keys) <= {"+", HEARD_KEY, "-", ENTER, PROBE_KEY}
-    if view.question is None or view.question.kind not in kinds:
-        assert (shown.question, shown.keys) == (None, ())
-    else:
-        assert shown.question == view.question.number
+    theirs = {one.key for one in view.question.choices if one.by != "experimenter"} if view.question else set()
+    assert set(shown.keys) <= theirs
+    assert shown.question == (view.question.number if view.question and shown.keys else None)
 
 
 def test_every_kind_of_question_has_its_page() -> None:
@@ -90,41 +87,41 @@ def test_every_kind_of_question_has_its_page() -> None:
     ],
 )
 def test_every_state_has_its_page(state: str, show: str) -> None:
-    assert prompt(View.model_validate({"state": state}), THEIRS).show == show
+    assert prompt(View.model_validate({"state": state}), SHOWN).show == show
 
 
 def test_who_compares_is_told_to_feel_both() -> None:
-    asked = Question(number=3, kind="answer", text="", choices=())
-    shown = prompt(View(at_will=True, question=asked, gauges=Gauges(left_s=1.0, too_fast=True)), THEIRS)
-    assert (shown.show, shown.answers, shown.lamp) == ("compare", THEIRS.answers, True)
-    felt = prompt(View(state="answering", at_will=True, gauges=Gauges(left_s=1.0, second=True)), THEIRS)
+    asked = Asked(number=3, kind="answer", text="", choices=())
+    shown = prompt(View(at_will=True, question=asked, gauges=Gauges(left_s=1.0, too_fast=True)), SHOWN)
+    assert (shown.show, shown.answers, shown.lamp) == ("compare", SHOWN, True)
+    felt = prompt(View(state="answering", at_will=True, gauges=Gauges(left_s=1.0, second=True)), SHOWN)
     assert (felt.show, felt.second) == ("compare", True)
 
 
 def test_who_has_stepped_may_answer_before_the_experimenter_is_asked() -> None:
     view = View(state="armed", gauges=Gauges(left_s=1.0, stepped=True))
-    assert prompt(view, THEIRS).show == "answer"
-    zeroing = Question(number=3, kind="rest", text="", choices=())
-    assert prompt(view.model_copy(update={"question": zeroing}), THEIRS).show == "rest"
+    assert prompt(view, SHOWN).show == "answer"
+    zeroing = Asked(number=3, kind="rest", text="", choices=())
+    assert prompt(view.model_copy(update={"question": zeroing}), SHOWN).show == "rest"
 
 
 @pytest.mark.parametrize("kind", ["write", "debrief"])
 def test_who_has_answered_everything_is_told_so_until_the_end(kind: str) -> None:
-    asked = Question.model_validate({"number": 3, "kind": kind, "text": "", "choices": ()})
-    assert prompt(View(step="debriefing", question=asked), THEIRS).show == "finished"
-    assert prompt(View(step="debriefing"), THEIRS).show == "finished"
+    asked = Asked.model_validate({"number": 3, "kind": kind, "text": "", "choices": ()})
+    assert prompt(View(step="debriefing", question=asked), SHOWN).show == "finished"
+    assert prompt(View(step="debriefing"), SHOWN).show == "finished"
 
 
 def test_who_wore_headphones_may_take_them_off_once_everything_is_answered() -> None:
     for view, show in ((View(step="debriefing"), "finished"), (View(state="ended"), "thanks"), (View(), "wait")):
-        told = prompt(view.model_copy(update={"masked": True}), THEIRS)
+        told = prompt(view.model_copy(update={"masked": True}), SHOWN)
         assert (told.show, told.unmasked) == (show, show != "wait")
-        assert not prompt(view, THEIRS).unmasked
+        assert not prompt(view, SHOWN).unmasked
 
 
 @pytest.mark.parametrize(("exit_code", "show"), [(0, "thanks"), (2, "wait"), (70, "wait")])
 def test_nobody_is_thanked_because_of_a_fault(exit_code: int, show: str) -> None:
-    assert prompt(View(state="ended", ended=Ended(words="", exit_code=exit_code)), THEIRS).show == show
+    assert prompt(View(state="ended", ended=Ended(words="", exit_code=exit_code)), SHOWN).show == show
 
 
 def test_real_objects_are_laid_out_behind_a_page_that_is_always_the_same() -> None:
@@ -133,9 +130,9 @@ def test_real_objects_are_laid_out_behind_a_page_that_is_always_the_same() -> No
             View(
                 state="answering",
                 lay_out=material,
-                question=Question(number=7, kind="place", text=material, choices=()),
+                question=Asked(number=7, kind="place", text=material, choices=()),
             ),
-            THEIRS,
+            SHOWN,
         )
         for material in ("copy paper", "aluminum foil")
     }
@@ -144,16 +141,19 @@ def test_real_objects_are_laid_out_behind_a_page_that_is_always_the_same() -> No
 
 @pytest.mark.parametrize(
     ("choices", "keys"),
-    [(LEVEL, ("+", "-", ENTER)), ((*LEVEL, Choice(key=HEARD_KEY, words="still heard")), (HEARD_KEY, "-", ENTER))],
+    [
+        (LEVEL, ("+", "-", ENTER)),
+        ((*LEVEL, *keyed({HEARD_KEY: "still heard"}, by="participant")), (HEARD_KEY, "-", ENTER)),
+    ],
 )
 def test_a_masker_at_its_limit_can_be_said_to_be_heard_and_is_no_louder(
     choices: tuple[Choice, ...], keys: tuple[str, ...]
 ) -> None:
-    asked = Question(number=3, kind="level", text="", choices=choices)
-    shown = prompt(View(question=asked), THEIRS)
+    asked = Asked(number=3, kind="level", text="", choices=choices)
+    shown = prompt(View(question=asked), SHOWN)
     assert (shown.show, shown.question, shown.keys, shown.unplayed) == ("masker", 3, keys, True)
-    probed = asked.model_copy(update={"choices": (*choices, Choice(key=PROBE_KEY, words="feel it"))})
-    shown = prompt(View(question=probed), THEIRS)
+    probed = asked.model_copy(update={"choices": (*choices, *keyed({PROBE_KEY: "feel it"}, by="participant"))})
+    shown = prompt(View(question=probed), SHOWN)
     assert (shown.keys, shown.unplayed) == ((*keys[:-1], PROBE_KEY, ENTER), False)
 
 
@@ -161,40 +161,43 @@ def test_a_masker_at_its_limit_can_be_said_to_be_heard_and_is_no_louder(
     ("view", "show"),
     [
         (View(), "wait"),
-        (View(question=Question(number=3, kind="place", text="", choices=())), "wait"),
+        (View(question=Asked(number=3, kind="place", text="", choices=())), "wait"),
         (View(state="armed"), "ready"),
-        (View(at_will=True, question=Question(number=3, kind="answer", text="", choices=())), "compare"),
+        (View(at_will=True, question=Asked(number=3, kind="answer", text="", choices=())), "compare"),
     ],
 )
 def test_the_tasks_instruction_is_shown_until_the_first_answer(view: View, show: str) -> None:
-    told = prompt(view.model_copy(update={"instruction": "Step, and say what you felt."}), THEIRS)
+    told = prompt(view.model_copy(update={"instruction": "Step, and say what you felt."}), SHOWN)
     assert (told.show, told.text) == (show, "Step, and say what you felt.")
 
 
 def test_a_step_that_did_not_count_is_told_without_its_reason() -> None:
-    told = prompt(View(state="armed", again="The foot stopped"), THEIRS)
+    told = prompt(View(state="armed", again="The foot stopped"), SHOWN)
     assert told == Prompt(show="ready", again=True)
 
 
-@pytest.mark.parametrize(("by", "kinds"), [("participant", {"level"}), ("experimenter", set())])
-def test_the_protocol_says_who_sets_the_masker(by: str, kinds: set[str]) -> None:
-    study = Protocol.model_validate(changed(document(), ("masker", "level_set_by"), by))
-    assert theirs(study) == Theirs(frozenset(kinds))
+@pytest.mark.parametrize(
+    ("by", "keys"), [("participant", ("+", "-", ENTER)), ("experimenter", ()), ("either", ("+", "-", ENTER))]
+)
+def test_whoever_sets_the_masker_is_offered_its_keys(by: By, keys: tuple[str, ...]) -> None:
+    asked = Level(50, 80, "Nothing.", probe=False, by=by)
+    shown = prompt(View(question=Asked(number=3, kind="level", text="", choices=asked.choices)), ())
+    assert (shown.question, shown.keys) == (3 if keys else None, keys)
 
 
 def test_answers_are_shown_only_where_the_protocol_says_so_and_only_while_one_is_wanted() -> None:
     study = Protocol.model_validate(changed(document(), ("answers", "on_screen"), True))
     said = tuple(material.spoken[0] for material in study.materials)
-    assert theirs(study).answers == said
+    assert shown_answers(study) == said
     for kind in KINDS:
-        asked = Question.model_validate({"number": 3, "kind": kind, "text": "", "choices": ()})
-        shown = prompt(View(question=asked), theirs(study))
+        asked = Asked.model_validate({"number": 3, "kind": kind, "text": "", "choices": ()})
+        shown = prompt(View(question=asked), shown_answers(study))
         assert shown.answers == (said if kind in ("answer", "confirm") else ())
-    assert prompt(View(state="armed"), theirs(study)).answers == ()
+    assert prompt(View(state="armed"), shown_answers(study)).answers == ()
 
 
 @pytest.mark.parametrize(("tie_key", "said"), [(None, ("first", "second")), ("3", ("first", "second", "tie"))])
 def test_of_a_pair_the_answers_are_places_and_name_no_material(tie_key: str | None, said: tuple[str, ...]) -> None:
     study = Protocol.model_validate(changed(comparing(tie_key=tie_key), ("answers", "on_screen"), True))
-    assert theirs(study).answers == said
-    assert theirs(Protocol.model_validate(comparing(tie_key=tie_key))).answers == ()
+    assert shown_answers(study) == said
+    assert shown_answers(Protocol.model_validate(comparing(tie_key=tie_key))) == ()

@@ -21,6 +21,7 @@ from palpate.experiment.desk.messages import ENTER, Choose, Deed, Hello, Message
 from palpate.experiment.desk.screen import Feed, Heard, Screen
 from palpate.experiment.errors import DisplayError, LinkError
 from tests.approved import Refuses
+from tests.experiment.desk.attended import untimed
 
 
 class Window:
@@ -134,8 +135,12 @@ def test_a_key_answers_the_question_that_was_seen() -> None:
     next_one = MASKER.model_copy(update={"question": 10})
     window = Window([], ["up", "a"], ["down"], ["return"], ["escape"])
     run(Told(heard(sent, MASKER), heard(sent, MASKER), heard(sent, next_one)), window)
-    keys = [deed for deed in sent.deeds if isinstance(deed, Choose)]
-    assert keys == [Choose(question=9, key="+"), Choose(question=9, key="-"), Choose(question=10, key=ENTER)]
+    keys = [untimed(deed) for deed in sent.deeds if isinstance(deed, Choose)]
+    assert keys == [
+        Choose(question=9, key="+", t_ns=0),
+        Choose(question=9, key="-", t_ns=0),
+        Choose(question=10, key=ENTER, t_ns=0),
+    ]
     assert len(window.pictures) == 1
 
 
@@ -192,7 +197,7 @@ class End:
         self.prompt = prompt
         self.deeds: list[tuple[str, Deed]] = []
 
-    def tell(self, role: str) -> Message:
+    def message(self, role: str) -> Message:
         return self.prompt if role == "screen" else View()
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:

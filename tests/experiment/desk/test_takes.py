@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.apparatus.ports import Rester, Window
-from palpate.experiment.desk.port import RESTS, Console
+from palpate.experiment.apparatus.ports import Window
+from palpate.experiment.desk.questions import Rest
 from palpate.experiment.desk.terminal import TerminalConsole, TerminalTakes
 from palpate.experiment.recordings.store import Condition
-from palpate.experiment.recordings.workflow import RigConsole, Step
+from palpate.experiment.recordings.workflow import Step
 
 CONDITION = Condition("copy paper", 100.0, 2)
 WINDOW = Window(np.zeros(4), clipped=0)
@@ -102,9 +102,6 @@ def test_what_lies_on_the_panel_is_asked_for(approved: SnapshotAssertion) -> Non
 
 def test_a_recording_asks_for_a_resting_foot_in_the_words_of_a_session() -> None:
     console, keys, written = screen("", "")
-    TerminalConsole(write=written, ask=keys, heading="Participant 01.").rest(why="")
-    console.rest(why="")
-    assert keys.prompts == [f"Participant 01.  {RESTS}", RESTS]
-    for port in (Console, RigConsole):
-        assert Rester in port.__mro__
-        assert "rest" not in vars(port)
+    TerminalConsole(write=written, ask=keys, heading="Participant 01.").ask(Rest(""))
+    console.rest("")
+    assert all(Rest("").text in prompt for prompt in keys.prompts)

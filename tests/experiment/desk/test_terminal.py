@@ -11,13 +11,25 @@ from collections.abc import Callable
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.desk.messages import Correct, TakeNote
+from palpate.experiment.desk.messages import ENTER, Correct, TakeNote
+from palpate.experiment.desk.questions import (
+    Answered,
+    Arm,
+    Confirm,
+    Debrief,
+    Familiarise,
+    Level,
+    Notice,
+    Place,
+    Rest,
+    TrialAnswer,
+)
 from palpate.experiment.desk.terminal import TerminalConsole, typed_ahead
 from palpate.experiment.errors import ScreenGone
 from tests.approved import Refuses
 
 ANSWERS = {"c": "copy paper"}
-OTHERS = {"n": "no answer"}
+OTHERS: dict[str, str] = {}
 
 
 def console(*typed: str) -> tuple[TerminalConsole, io.StringIO, list[str]]:
@@ -27,25 +39,25 @@ def console(*typed: str) -> tuple[TerminalConsole, io.StringIO, list[str]]:
         prompts.append(prompt)
         return lines.popleft()
 
-    return TerminalConsole(write=screen, ask=ask, heading="Participant 01."), screen, prompts
+    return TerminalConsole(write=screen, ask=ask, heading="Participant 01"), screen, prompts
 
 
 def test_an_answer_is_keyed_shown_and_confirmed_by_the_same_key(approved: SnapshotAssertion) -> None:
     one, _, prompts = console("C ", "c")
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
-    assert one.confirm(key="c", meaning="copy paper")
+    assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "c"
+    assert one.ask(Confirm("c", "copy paper")).key == ENTER
     assert prompts == approved
 
 
 @pytest.mark.parametrize("typed", ["", "n", "no", "cc", "enter"])
 def test_no_other_key_confirms_and_enter_that_repeats_does_not(typed: str) -> None:
     one, _, _ = console(typed)
-    assert not one.confirm(key="c", meaning="copy paper")
+    assert one.ask(Confirm("c", "copy paper")).key != ENTER
 
 
 def test_a_wrong_key_is_named_and_asked_again() -> None:
     one, screen, _ = console("x", "", "n")
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "n"
+    assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "n"
     told = "is no key; type one of c n, or note TEXT, correct TRIAL KEY REASON, or repeat TRIAL REASON"
     assert screen.getvalue().splitlines() == [f"'x' {told}", f"'' {told}"]
 
@@ -59,41 +71,41 @@ def test_a_note_and_a_correction_take_the_place_of_a_key() -> None:
         f"correct {'1' * 4301} c why",
         "c",
     )
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == TakeNote(text="Coughs.", trial=3)
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == Correct(
+    assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).remark == TakeNote(text="Coughs.", trial=3)
+    assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).remark == Correct(
         trial=12, key="n", reason="misheard, a door slammed"
     )
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
+    assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "c"
     assert screen.getvalue().count("is no key") == 3
 
 
 def test_a_correction_without_a_reason_is_asked_for_one(approved: SnapshotAssertion) -> None:
     one, screen, _ = console("correct 2 n", "c")
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
+    assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "c"
     assert screen.getvalue() == approved
 
 
 def test_a_remark_that_could_deceive_does_not_go_on_record(approved: SnapshotAssertion) -> None:
     one, screen, _ = console("note all\x1b[2Jwell", "c")
-    assert one.ask(trial=3, answers=ANSWERS, others=OTHERS) == "c"
+    assert one.ask(TrialAnswer(3, ANSWERS, "n", OTHERS)).key == "c"
     assert screen.getvalue() == approved
 
 
 def test_a_session_ends_with_enter_and_takes_remarks_until_then(approved: SnapshotAssertion) -> None:
     one, screen, prompts = console("bye", "note Felt all.", "")
-    assert one.debrief() == TakeNote(text="Felt all.")
-    assert one.debrief() is None
+    assert one.ask(Debrief()).remark == TakeNote(text="Felt all.")
+    assert one.ask(Debrief()).remark is None
     assert [screen.getvalue(), *prompts] == approved
 
 
 QUESTIONS: tuple[Callable[[TerminalConsole], object], ...] = (
-    lambda one: one.ask(trial=1, answers=ANSWERS, others=OTHERS),
-    lambda one: one.confirm(key="c", meaning="copy paper"),
-    lambda one: one.debrief(),
-    lambda one: one.place(trial=1, presented=("foil",)),
-    lambda one: one.rest(why=""),
-    lambda one: one.level(level_db_a=50.0, limit_db_a=80.0, criterion="", keys={"+": "louder"}),
-    lambda one: one.familiarise(instruction="", min_s=0, max_s=1, handled={}),
+    lambda one: one.ask(TrialAnswer(1, ANSWERS, "n", OTHERS)).key,
+    lambda one: one.ask(Confirm("c", "copy paper")).key == ENTER,
+    lambda one: one.ask(Debrief()),
+    lambda one: one.ask(Place(1, ("foil",))),
+    lambda one: one.ask(Rest("")),
+    lambda one: one.ask(Level(50.0, 80.0, "", probe=False, by="experimenter")).key,
+    lambda one: one.ask(Familiarise("", 0, 1, {})).key,
 )
 
 
@@ -138,41 +150,40 @@ def test_a_terminal_that_is_lost_while_its_input_is_dropped_is_a_screen_that_is_
         one = TerminalConsole(write=io.StringIO(), ask=input, heading="", early=lambda: typed_ahead(terminal))
         monkeypatch.setattr(os, when, lost)
         with refuses(ScreenGone):
-            one.rest(why="")
+            one.ask(Rest(""))
 
 
 def test_the_real_object_is_laid_out_before_the_participant_may_step(approved: SnapshotAssertion) -> None:
     one, screen, prompts = console("")
-    one.place(trial=2, presented=("copy paper",))
-    one.arm(trial=2, attempt=3, trials=40)
+    one.ask(Place(2, ("copy paper",)))
+    one.ask(Arm(2, 3, 40))
     assert [*prompts, screen.getvalue()] == approved
 
 
 def test_of_a_pair_both_are_laid_out_each_at_its_place(approved: SnapshotAssertion) -> None:
     one, _, prompts = console("")
-    one.place(trial=2, presented=("tin", "cork"))
+    one.ask(Place(2, ("tin", "cork")))
     assert prompts == approved
 
 
 def test_a_foot_that_did_not_rest_is_told_so_and_asked_again(approved: SnapshotAssertion) -> None:
     one, screen, prompts = console("", "")
-    one.rest(why="")
-    one.rest(why="zeroing: got 9 mm; rest the foot")
+    one.ask(Rest(""))
+    one.ask(Rest("zeroing: got 9 mm; rest the foot"))
     assert len(prompts) == 2
     assert [*prompts, screen.getvalue()] == approved
 
 
 def test_a_step_that_broke_off_is_named(approved: SnapshotAssertion) -> None:
     one, screen, _ = console()
-    one.rearm(trial=2, attempt=2, reason="the foot turned back above the panel")
+    one.ask(Arm(2, 2, 4, "the foot turned back above the panel"))
     assert screen.getvalue() == approved
 
 
 def test_the_maskers_level_is_shown_changed_and_kept(approved: SnapshotAssertion) -> None:
-    keys = {"+": "masker louder", "-": "masker softer"}
     one, screen, prompts = console("+", "x", "-", "")
-    asked = [one.level(level_db_a=50.4, limit_db_a=80.0, criterion="Nothing is heard.", keys=keys) for _ in range(3)]
-    assert asked == ["+", "-", ""]
+    asked = [one.ask(Level(50.4, 80.0, "Nothing is heard.", probe=False, by="experimenter")).key for _ in range(3)]
+    assert asked == ["+", "-", ENTER]
     assert [prompts[0], screen.getvalue()] == approved
 
 
@@ -182,20 +193,20 @@ def test_the_end_of_the_input_is_named(refuses: Refuses) -> None:
 
     one = TerminalConsole(write=io.StringIO(), ask=ended, heading="")
     with refuses(ScreenGone):
-        one.ask(trial=1, answers=ANSWERS, others=OTHERS)
+        one.ask(TrialAnswer(1, ANSWERS, "n", OTHERS))
 
 
 def test_what_is_on_disk_is_said(approved: SnapshotAssertion) -> None:
     one, screen, _ = console("")
-    one.familiarise(instruction="Crinkle them.", min_s=180, max_s=300, handled={})
-    one.confirmed(trial=1, answer=None)
+    one.ask(Familiarise("Crinkle them.", 180, 300, {}))
+    one.tell(Answered(1, None))
     assert screen.getvalue() == approved
 
 
 def test_a_key_counts_what_was_handled_and_enter_ends_a_familiarisation(approved: SnapshotAssertion) -> None:
     one, screen, prompts = console("x", "c", "")
-    said = [one.familiarise(instruction="", min_s=0, max_s=60, handled={"c": "cork (2)"}) for _ in range(2)]
-    assert said == ["c", ""]
+    said = [one.ask(Familiarise("", 0, 60, {"c": "cork (2)"})).key for _ in range(2)]
+    assert said == ["c", ENTER]
     assert [prompts[0], screen.getvalue()] == approved
 
 
@@ -205,13 +216,13 @@ def test_a_screen_that_is_closed_is_named(refuses: Refuses) -> None:
     with open(writing, "w", encoding="utf-8", closefd=False) as pipe:
         one = TerminalConsole(write=pipe, ask=lambda _: "", heading="")
         with refuses(ScreenGone):
-            one.confirmed(trial=1, answer="foil")
+            one.tell(Answered(1, "foil"))
         os.dup2(os.open(os.devnull, os.O_WRONLY), writing)
     os.close(writing)
     one, screen, _ = console("")
     screen.close()
     with pytest.raises(ScreenGone, match="closed file"):
-        one.show("")
+        one.tell(Notice(""))
 
 
 def test_a_prompt_that_nobody_can_see_is_a_screen_that_is_gone() -> None:
@@ -219,4 +230,4 @@ def test_a_prompt_that_nobody_can_see_is_a_screen_that_is_gone() -> None:
         raise OSError(5, "Input/output error")
 
     with pytest.raises(ScreenGone, match="Input/output error"):
-        TerminalConsole(write=io.StringIO(), ask=ask, heading="").place(trial=1, presented=("foil",))
+        TerminalConsole(write=io.StringIO(), ask=ask, heading="").ask(Place(1, ("foil",)))

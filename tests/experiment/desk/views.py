@@ -6,11 +6,11 @@ from hypothesis import strategies as st
 
 from palpate.experiment.desk.messages import (
     ENTER,
+    Asked,
     Choice,
     Ended,
     Gauges,
     Lamp,
-    Question,
     Standing,
     Told,
     View,
@@ -44,11 +44,12 @@ choices = st.lists(
         key=st.sampled_from(["+", "-", ENTER, PROBE_KEY, HEARD_KEY, "a", MARK]),
         words=marked,
         answer=st.booleans(),
+        by=st.sampled_from(["experimenter", "participant", "either"]),
     ),
     max_size=6,
 )
 questions = st.builds(
-    Question,
+    Asked,
     number=st.integers(1, 10_000),
     kind=st.sampled_from(KINDS),
     text=marked,

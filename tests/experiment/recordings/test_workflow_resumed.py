@@ -170,7 +170,7 @@ def test_each_take_says_from_where_its_heights_count_also_those_from_before_an_i
         reads = iter([rest_samples(0, rested_mm)])
         worn = Worn(world, reads, rested_mm)
         tracker = ZeroedTracker(worn, contact_mm=0.0, farthest_mm=1.0, samples=200)
-        tracker.settle(TerminalTakes(write=io.StringIO(), ask=lambda _: ""))
+        tracker.settle(TerminalTakes(write=io.StringIO(), ask=lambda _: "").rest)
         with contextlib.suppress(StopIteration):
             record(world, tmp_path / "set", tracker=tracker)
     text = tomllib.loads((tmp_path / "set" / "manifest.toml").read_text("utf-8"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,35 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus.panel.conditioning import Played
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
-from palpate.experiment.clock import Clock, ManualClock
-from palpate.experiment.desk.port import STOPPED, Attended, Remark
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.messages import ENTER, ESCAPE
+from palpate.experiment.desk.questions import (
+    STOP,
+    STOPPED,
+    WITHOUT,
+    Answered,
+    Arm,
+    Attended,
+    Break,
+    Confirm,
+    Debrief,
+    Event,
+    Familiarise,
+    GoOn,
+    Instructed,
+    Level,
+    Notice,
+    Place,
+    Proposed,
+    Question,
+    Remark,
+    Reply,
+    Rest,
+    Say,
+    Silent,
+    Stopped,
+    TrialAnswer,
+)
 from palpate.experiment.errors import PalpateError, TrackerStopped
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.synthesis.waveforms import Waveform
@@ -183,94 +210,84 @@ class ScriptedConsole:
         """How long before `ask` returned the key was pressed."""
         self.rested: list[str] = []
         """Why the foot was asked to rest, each time."""
-
-    def at(self, *, step: str, steps: Sequence[str]) -> None:
-        pass
-
-    def agree(self, *, text: str, yes: str, no: str) -> bool:
-        return True
-
-    def write(self, *, text: str) -> str:
-        return ""
-
-    def wait(self, *, why: str, until_ns: int, clock: Clock) -> None:
-        clock.sleep_ns(until_ns - clock.now_ns())
-
-    def goes_on(self, *, why: str) -> bool:
-        return False
+        self.instead: dict[type, Callable[[], Reply | None]] = {}
+        """What happens first at each question of a class; where that gives a reply, it is the reply."""
 
     def attend(self, session: Attended | None) -> None:
         self.attended.append(session)
 
-    def stopped(self) -> None:
-        self.show(STOPPED)
+    def tell(self, event: Event) -> None:
+        match event:
+            case Notice(text=text):
+                self.shown.append(text)
+            case Stopped():
+                self.shown.append(STOPPED)
+            case Proposed(words=words):
+                self.proposed.append(words)
+            case Instructed(instruction=instruction):
+                self.instructed.append(instruction)
+            case Silent():
+                self.waited += 1
+            case Answered(trial=trial, answer=answer):
+                self.confirmations.append((trial, answer))
 
-    def show(self, text: str) -> None:
-        self.shown.append(text)
+    def ask(self, question: Question | Arm) -> Reply:
+        if (instead := self.instead.get(type(question))) and (reply := instead()) is not None:
+            return reply
+        match question:
+            case Arm():
+                self._note(question)
+                return Reply(waited=self.nobody_there.popleft() if self.nobody_there else False)
+            case Familiarise() if self.handles:
+                self.counts.append(dict(question.handled))
+                return Reply(self.handles.popleft())
+            case Familiarise():
+                self.familiarised += 1
+                self._clock.sleep_ns(100 * 10**9)
+            case Level():
+                return self._set(question)
+            case Say(words=words, take=take, why=why):
+                self.said.append((words, take, why))
+                return Reply(ENTER if self.goes_with_microphone else WITHOUT)
+            case Rest(why=why):
+                self.rested.append(why)
+            case Place(trial=trial, presented=presented):
+                self.placed.append((trial, " | ".join(presented)))
+            case TrialAnswer():
+                return self._answer(question)
+            case Confirm():
+                self._clock.sleep_ns(self.confirm_ns)
+                return Reply(ENTER if not self.confirms or self.confirms.popleft() else ESCAPE)
+            case Debrief():
+                return Reply(remark=self.remarks.popleft() if self.remarks else None)
+            case Break(left_s=left_s):
+                self._clock.sleep_ns(int(left_s * 1e9))
+            case GoOn():
+                return Reply(STOP)
+        return Reply(question.choices[0].key if question.choices else "")
 
-    def familiarise(self, *, instruction: str, min_s: float, max_s: float, handled: dict[str, str]) -> str:
-        if self.handles:
-            self.counts.append(handled)
-            return self.handles.popleft()
-        self.familiarised += 1
-        self._clock.sleep_ns(100 * 10**9)
-        return ""
+    def _note(self, wanted: Arm) -> None:
+        if wanted.broken_off:
+            self.rearmed.append((wanted.trial, wanted.attempt, wanted.broken_off))
+        else:
+            self.armed.append((wanted.trial, wanted.attempt))
 
-    def level(self, *, level_db_a: float, limit_db_a: float, criterion: str, keys: dict[str, str]) -> str:
+    def _set(self, question: Level) -> Reply:
         key = self.levels.popleft()
-        assert key == "." or key in keys, f"{key} is not offered"
         if key == ".":
-            return ""
+            return Reply(ENTER)
+        assert key in {choice.key for choice in question.choices}, f"{key} is not offered"
         self._clock.sleep_ns(10**9)
-        return key
+        return Reply(key)
 
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        self.said.append((words, take, why))
-        return self.goes_with_microphone
-
-    def heard(self, *, words: str) -> None:
-        self.proposed.append(words)
-
-    def rest(self, *, why: str) -> None:
-        self.rested.append(why)
-
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        self.placed.append((trial, " | ".join(presented)))
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        self.armed.append((trial, attempt))
-        return self.nobody_there.popleft() if self.nobody_there else False
-
-    def instruct(self, *, instruction: str) -> None:
-        self.instructed.append(instruction)
-
-    def rearm(self, *, trial: int, attempt: int, reason: str) -> bool:
-        self.rearmed.append((trial, attempt, reason))
-        return self.nobody_there.popleft() if self.nobody_there else False
-
-    def waiting(self) -> None:
-        self.waited += 1
-
-    def chosen_ago_ns(self) -> int:
-        return self.chosen_before_ns
-
-    def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
-        keys = answers | others
+    def _answer(self, question: TrialAnswer) -> Reply:
         self._before_ask()
         self._clock.sleep_ns(10**9)
         key = self._keys.popleft()
-        assert not isinstance(key, str) or key in keys
-        return key
-
-    def confirm(self, *, key: str, meaning: str) -> bool:
-        self._clock.sleep_ns(self.confirm_ns)
-        return self.confirms.popleft() if self.confirms else True
-
-    def debrief(self) -> Remark | None:
-        return self.remarks.popleft() if self.remarks else None
+        if not isinstance(key, str):
+            return Reply(remark=key)
+        assert key in {choice.key for choice in question.choices}
+        return Reply(key, ago_ns=self.chosen_before_ns)
 
     def ignored(self) -> str:
         return self.early.popleft() if self.early else ""
-
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        self.confirmations.append((trial, answer))

@@ -18,8 +18,9 @@ from palpate.experiment.apparatus.audio.masker import RESERVE_S
 from palpate.experiment.apparatus.ports import MaskerExposure
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.clock import ManualClock, MonotonicClock, Uptime
+from palpate.experiment.desk.questions import Event, Notice, Place
 from palpate.experiment.errors import AudioError, JournalError, ScreenGone, TrackerStopped
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import Masker, Protocol
 from palpate.experiment.records import journal, transcript
 from palpate.experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
 from palpate.experiment.records.journal import AnyEntry, Contents, Line
@@ -38,6 +39,7 @@ from tests.experiment.session.scripted import START_NS, ScriptedConsole
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.stream import AudioStream
 
+WANTED = Masker(noise="pink", level_set_by="participant", criterion="it hides all")
 HOUR_NS = 3600 * 10**9
 LEVEL_DB_A = 80.0
 """An hour of it is an eighth of the dose (2003/10/EC)."""
@@ -214,7 +216,7 @@ def test_the_dose_is_that_of_every_session_whatever_ends_it_and_whatever_the_clo
         exposed, _, masking = watched(clock, logs[-1], before=dose_before([log.contents for log in logs], clock))
         assert masking is not None
         exposed.record()
-        masking.choose("it hides all", None)
+        masking.choose(WANTED, None, None)
         looking(exposed, clock, plays_ns)
         truth += played(plays_ns)
         if killed:
@@ -318,14 +320,14 @@ def test_the_masker_is_silent_before_the_dose_is_one(before: float, approved: Sn
     exposed, masker, masking = watched(clock, log, before=before)
     assert masker is not None
     assert masking is not None
-    masking.choose("it hides all", None)
+    masking.choose(WANTED, None, None)
     looking(exposed, clock, 5 * HOUR_NS)
     assert masker.level_db_a is None
     assert 1 - played(int(2 * RESERVE_S * 1e9)) <= masker.exposure().dose < 1
     assert exposed.over() == approved
     last = [line.entry for line in log.lines if isinstance(line.entry, MaskerSet)][-1]
     assert (last.level_db_a, last.dose) == (None, masker.exposure().dose)
-    masking.choose("it hides all", None)
+    masking.choose(WANTED, None, None)
     assert masking.change("+")
     # Nothing starts it again.
     assert masker.level_db_a is None
@@ -336,7 +338,7 @@ def test_the_masker_is_silent_when_the_session_is_over(monkeypatch: pytest.Monke
     exposed, masker, masking = watched(clock, Lines(clock), lasts_ns=10 * 10**9, before=0.0)
     assert masker is not None
     assert masking is not None
-    masking.choose("it hides all", None)
+    masking.choose(WANTED, None, None)
     looking(exposed, clock, 10 * 10**9)
     assert (exposed.over(), masker.level_db_a) == ("", LEVEL_DB_A)
     looking(exposed, clock, 1)
@@ -350,7 +352,7 @@ def test_the_exposure_is_on_disk_every_few_seconds_with_or_without_a_masker() ->
         exposed, _, masking = watched(clock, log, before=before)
         exposed.record()
         if masking is not None:
-            masking.choose("it hides all", None)
+            masking.choose(WANTED, None, None)
         looking(exposed, clock, 60 * 10**9)
         of_exposure = [line for line in log.lines if isinstance(line.entry, Exposure)]
         assert [line.t_ns - START_NS for line in of_exposure] == [n * EVERY_NS for n in range(13)]
@@ -370,7 +372,7 @@ def test_what_the_watching_thread_cannot_write_is_raised_where_the_session_asks_
     exposed, masker, masking = watched(clock, log, before=0.0)
     assert masker is not None
     assert masking is not None
-    masking.choose("", None)
+    masking.choose(WANTED, None, None)
     exposed.begin(Felt())
     log.failing = True
     wait_until(lambda: exposed._failed is not None and masker.level_db_a is None)
@@ -389,11 +391,12 @@ def test_the_experimenter_is_told_that_the_session_is_over(
     exposed, _, _ = watched(clock, Lines(clock), lasts_ns=-1)
     told: list[str] = []
 
-    def gone(text: str) -> None:
-        told.append(text)
+    def gone(event: Event) -> None:
+        assert isinstance(event, Notice)
+        told.append(event.text)
         raise ScreenGone("the screen is gone")
 
-    monkeypatch.setattr(exposed._console, "show", gone)
+    monkeypatch.setattr(exposed.console, "tell", gone)
     exposed.begin(Felt())
     wait_until(lambda: exposed._failed is not None)
     exposed.close()
@@ -406,7 +409,7 @@ def test_sound_that_stands_still_ends_what_is_felt_though_nothing_is_waited_for(
     clock, felt = Machine(), Felt()
     exposed, _, _ = watched(clock, Lines(clock))
     stream = StandingStill()
-    exposed._stream = cast("AudioStream", stream)
+    exposed.stream = cast("AudioStream", stream)
     exposed.begin(felt)
     wait_until(lambda: len(felt.beats) > 1)
     assert not felt.quieted
@@ -414,7 +417,7 @@ def test_sound_that_stands_still_ends_what_is_felt_though_nothing_is_waited_for(
     wait_until(lambda: bool(felt.quieted))
     exposed.close()
     assert stream.silenced
-    assert "gone" in cast("ScriptedConsole", exposed._console).shown[-1]
+    assert "gone" in cast("ScriptedConsole", exposed.console).shown[-1]
     with pytest.raises(AudioError):
         exposed.over()
 
@@ -493,13 +496,7 @@ def test_no_onset_is_asked_for_after_the_end_though_it_could_still_be_taken_back
 
 def test_nothing_is_armed_when_the_end_comes_at_a_prompt(protocol: Protocol, tmp_path: Path) -> None:
     one = bench("c")
-    place = one.console.place
-
-    def slowly(*, trial: int, presented: tuple[str, ...]) -> None:
-        place(trial=trial, presented=presented)
-        one.clock.sleep_ns(HOUR_NS)
-
-    one.console.place = slowly  # type: ignore[method-assign]
+    one.console.instead[Place] = lambda: one.clock.sleep_ns(HOUR_NS)
     footer = one.run(lasting(protocol, 60), header("real"), tmp_path)
     assert (footer.reason, footer.answered) == ("paused", 0)
     assert one.console.armed == []

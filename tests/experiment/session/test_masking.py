@@ -15,8 +15,8 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import MaskerExposure
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.desk.messages import Repeat
-from palpate.experiment.desk.port import Remark
+from palpate.experiment.desk.messages import ENTER, Repeat
+from palpate.experiment.desk.questions import NO, YES, Agree, Debrief, Level, Reply
 from palpate.experiment.errors import DoseUsedUp
 from palpate.experiment.protocol.models import Probe, Protocol
 from palpate.experiment.records import journal
@@ -95,10 +95,10 @@ def test_no_key_goes_above_the_limit(protocol: Protocol, tmp_path: Path, approve
 
 @pytest.mark.parametrize(("goes_on", "noted"), [(True, 1), (False, 0)])
 def test_what_is_still_heard_at_the_limit_goes_on_record(
-    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, goes_on: bool, noted: int
+    protocol: Protocol, tmp_path: Path, goes_on: bool, noted: int
 ) -> None:
     one = masked(bench("cpt"), "++h" if goes_on else "++h.", limit_db_a=54.0)
-    monkeypatch.setattr(one.console, "agree", lambda *, text, yes, no: goes_on)
+    one.console.instead[Agree] = lambda: Reply(YES if goes_on else NO)
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert not one.console.levels
     told = "The participant still hears what the masker is to hide, at 54 dB(A), the limit."
@@ -113,21 +113,21 @@ def test_nothing_can_be_still_heard_below_the_limit(protocol: Protocol, tmp_path
 
 
 def test_the_masker_is_silent_in_the_debriefing_and_chosen_anew_for_what_is_done_again(
-    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    protocol: Protocol, tmp_path: Path
 ) -> None:
     one = masked(bench("cptc"), "+.+.")
     assert one.masker is not None
     playing: list[float | None] = []
     said = iter([Repeat(trial=1, reason="it coughed"), None, None])
 
-    def debriefed() -> Remark | None:
+    def debriefed() -> Reply:
         assert one.masker is not None
         playing.append(one.masker.level_db_a)
         # Its dose is on disk.
         assert levels(tmp_path)[-1] is None
-        return next(said)
+        return Reply(remark=next(said))
 
-    monkeypatch.setattr(one.console, "debrief", debriefed)
+    one.console.instead[Debrief] = debriefed
     assert one.run(protocol, header("real"), tmp_path) == Footer(reason="complete", answered=3)
     assert playing == [None, None]
     assert levels(tmp_path) == [50, 52, None, 52, 54, None]
@@ -229,17 +229,15 @@ def test_there_is_no_probe_without_the_protocols_word_or_an_actuator(
         one.run(probed(protocol) if stated else protocol, header(task), tmp_path)
 
 
-def test_no_probe_is_felt_once_the_time_is_over(
-    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_probe_is_felt_once_the_time_is_over(protocol: Protocol, tmp_path: Path) -> None:
     one = masked(bench("cpc"), "")
     pressed = iter("p.")
 
-    def late(**_: object) -> str:
+    def late() -> Reply:
         one.clock.sleep_ns(2 * 3600 * 10**9)
-        return next(pressed).replace(".", "")
+        return Reply(next(pressed).replace(".", ENTER))
 
-    monkeypatch.setattr(one.console, "level", late)
+    one.console.instead[Level] = late
     footer = one.run(probed(protocol), header("virtual"), tmp_path)
     assert footer.reason == "paused"
     entries = journal.read(storage.journal_path(tmp_path, "01", "virtual")).entries

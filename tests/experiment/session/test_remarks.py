@@ -15,7 +15,17 @@ from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET
 from palpate.experiment.desk.messages import Correct, Gauges, Repeat, Standing, TakeNote
-from palpate.experiment.desk.port import Attended, Remark
+from palpate.experiment.desk.questions import (
+    Arm,
+    Attended,
+    Debrief,
+    Place,
+    Question,
+    Remark,
+    Reply,
+    Report,
+    TrialAnswer,
+)
 from palpate.experiment.errors import ScreenGone
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal, transcript
@@ -182,20 +192,20 @@ def test_what_was_typed_too_early_is_on_record_and_answers_nothing(protocol: Pro
 
 
 @pytest.mark.parametrize("ended", [KeyboardInterrupt(), ScreenGone("the screen is gone")], ids=["Ctrl-C", "no screen"])
-@pytest.mark.parametrize("prompt", ["ask", "place", "debrief"])
+@pytest.mark.parametrize("prompt", [TrialAnswer, Place, Debrief])
 def test_what_was_typed_before_the_question_that_ended_the_session_is_on_record(
-    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, prompt: str, ended: BaseException
+    protocol: Protocol, tmp_path: Path, prompt: type, ended: BaseException
 ) -> None:
     one = bench("cpt")
 
-    def end(**_: object) -> None:
+    def end() -> None:
         one.console.early.append("p\n")
         raise ended
 
-    monkeypatch.setattr(one.console, prompt, end)
+    one.console.instead[prompt] = end
     assert one.run(protocol, header("real"), tmp_path).reason == "paused"
     *_, ignored, footer = entries(tmp_path, "real")
-    assert ignored == Ignored(trial=None if prompt == "debrief" else 1, typed="p\n")
+    assert ignored == Ignored(trial=None if prompt is Debrief else 1, typed="p\n")
     assert isinstance(footer, Footer)
 
 
@@ -238,12 +248,13 @@ class Attentive(ScriptedConsole):
         super().__init__(clock, keys)
         self._asks = ask
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        waited = super().arm(trial=trial, attempt=attempt, trials=trials)
-        session = self.attended[-1]
-        assert session is not None
-        self._asks(session, trial, attempt)
-        return waited
+    def ask(self, question: Question | Arm) -> Reply:
+        reply = super().ask(question)
+        if isinstance(question, Arm) and not question.broken_off:
+            session = self.attended[-1]
+            assert session is not None
+            self._asks(session, question.trial, question.attempt)
+        return reply
 
 
 def test_a_pause_while_a_trial_is_armed_lets_nothing_be_felt(protocol: Protocol, tmp_path: Path) -> None:
@@ -294,12 +305,7 @@ def test_what_is_noted_at_the_end_of_a_visit_is_of_no_trial(protocol: Protocol, 
     """The questions at a visit's end come before the debriefing, and after the last trial."""
     one = bench("cpt")
     told: list[int | None] = []
-
-    def write(*, text: str) -> str:
-        told.append(remarks_of(one).trial)
-        return ""
-
-    one.console.write = write  # type: ignore[method-assign]
+    one.console.instead[Report] = lambda: told.append(remarks_of(one).trial)
     one.last = True
     one.run(protocol, header("real"), tmp_path)
     assert told == [None, None]

@@ -14,6 +14,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment import storage
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.clock import ManualClock, day
+from palpate.experiment.desk.questions import NO, YES, Agree, Answered, Arm, Event, Place, Question, Reply
 from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, RigError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal, transcript
@@ -174,17 +175,17 @@ class Going(ManualClock):
 class SlowConsole(ScriptedConsole):
     """Takes a second to lay out an object, 3 ms to show an answer, and 2 ms to show a trial."""
 
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        super().place(trial=trial, presented=presented)
-        self._clock.sleep_ns(1_000_000_000)
+    def tell(self, event: Event) -> None:
+        super().tell(event)
+        if isinstance(event, Answered):
+            self._clock.sleep_ns(3_000_000)
 
-    def confirmed(self, *, trial: int, answer: str | None) -> None:
-        super().confirmed(trial=trial, answer=answer)
-        self._clock.sleep_ns(3_000_000)
-
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        self._clock.sleep_ns(2_000_000)
-        return super().arm(trial=trial, attempt=attempt, trials=trials)
+    def ask(self, question: Question | Arm) -> Reply:
+        if isinstance(question, Place):
+            self._clock.sleep_ns(1_000_000_000)
+        if isinstance(question, Arm):
+            self._clock.sleep_ns(2_000_000)
+        return super().ask(question)
 
 
 @pytest.mark.parametrize("task", ["real", "virtual"])
@@ -263,9 +264,11 @@ def test_noise_that_the_rig_cannot_play_is_confirmed_before_the_first_trial(
     protocol: Protocol, tmp_path: Path, approved: SnapshotAssertion
 ) -> None:
     class Asked(ScriptedConsole):
-        def agree(self, *, text: str, yes: str, no: str) -> bool:
-            asked.append((text, len(self.armed)))
-            return len(asked) > 1
+        def ask(self, question: Question | Arm) -> Reply:
+            if not isinstance(question, Agree):
+                return super().ask(question)
+            asked.append((question.text, len(self.armed)))
+            return Reply(YES if len(asked) > 1 else NO)
 
     asked: list[tuple[str, int]] = []
     for reason in ("paused", "complete"):
@@ -279,16 +282,14 @@ def test_noise_that_the_rig_cannot_play_is_confirmed_before_the_first_trial(
     assert notes == approved
 
 
-def test_who_is_familiar_with_the_materials_is_not_made_so_again(
-    protocol: Protocol, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_is_familiar_with_the_materials_is_not_made_so_again(protocol: Protocol, tmp_path: Path) -> None:
     """A session that was left before its first trial was armed goes on with that trial."""
 
-    def interrupt(*_: object, **__: object) -> None:
+    def interrupt() -> None:
         raise KeyboardInterrupt
 
     one = bench("c")
-    monkeypatch.setattr(one.console, "place", interrupt)
+    one.console.instead[Place] = interrupt
     assert one.run(protocol, header("real"), tmp_path).reason == "paused"
     assert one.console.familiarised > 0
     second = bench("cpt")

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.apparatus.tracker.landing import STOPPED
-from palpate.experiment.desk.port import INTERRUPTED
+from palpate.experiment.desk.questions import INTERRUPTED
 from palpate.experiment.errors import ActuatorError, AudioError, PalpateError, TrackerError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer, Redo

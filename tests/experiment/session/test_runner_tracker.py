@@ -18,7 +18,7 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.desk.port import Remark
+from palpate.experiment.desk.questions import Arm, Event, Question, Reply, Silent, TrialAnswer
 from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Armed, Footer, Phase, TrackerOpened
@@ -312,14 +312,15 @@ def test_one_false_reading_sets_nothing_off(protocol: Protocol, tmp_path: Path) 
 class Watched(ScriptedConsole):
     """Looks at the session's gauges, from another thread, whenever a trial is armed, as a desk does at any moment."""
 
-    def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-        session = self.attended[-1]
-        assert session is not None
-        with ThreadPoolExecutor(1) as desk:
-            gauges = desk.submit(session.gauges).result(10)
-        assert gauges is not None
-        self.lamps = gauges.lamps
-        return super().arm(trial=trial, attempt=attempt, trials=trials)
+    def ask(self, question: Question | Arm) -> Reply:
+        if isinstance(question, Arm):
+            session = self.attended[-1]
+            assert session is not None
+            with ThreadPoolExecutor(1) as desk:
+                gauges = desk.submit(session.gauges).result(10)
+            assert gauges is not None
+            self.lamps = gauges.lamps
+        return super().ask(question)
 
 
 class ForOneThread(ScriptedTracker):
@@ -406,13 +407,10 @@ def test_a_pause_is_met_while_the_tracker_is_away(protocol: Protocol, tmp_path: 
 
 def test_a_step_that_counts_is_told_until_the_next_trial_is_armed(protocol: Protocol, tmp_path: Path) -> None:
     class Looking(ScriptedConsole):
-        def arm(self, *, trial: int, attempt: int, trials: int) -> bool:
-            told.append(stepped())
-            return super().arm(trial=trial, attempt=attempt, trials=trials)
-
-        def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
-            told.append(stepped())
-            return super().ask(trial=trial, answers=answers, others=others)
+        def ask(self, question: Question | Arm) -> Reply:
+            if isinstance(question, Arm | TrialAnswer):
+                told.append(stepped())
+            return super().ask(question)
 
     def stepped() -> bool:
         session = one.console.attended[-1]
@@ -432,14 +430,16 @@ def test_the_lamp_is_red_and_no_trace_stands_still_while_the_tracker_is_silent(
     protocol: Protocol, tmp_path: Path, *, between: bool
 ) -> None:
     class Waiting(ScriptedConsole):
-        def waiting(self) -> None:
-            told.append(measured())
+        def tell(self, event: Event) -> None:
+            if isinstance(event, Silent):
+                told.append(measured())
 
-        def ask(self, *, trial: int, answers: dict[str, str], others: dict[str, str]) -> str | Remark:
-            told.append(measured())
-            one.tracker.gone = trial == 3
-            told.append(measured())
-            return super().ask(trial=trial, answers=answers, others=others)
+        def ask(self, question: Question | Arm) -> Reply:
+            if isinstance(question, TrialAnswer):
+                told.append(measured())
+                one.tracker.gone = question.trial == 3
+                told.append(measured())
+            return super().ask(question)
 
     def measured() -> tuple[bool | None, bool]:
         session = one.console.attended[-1]

@@ -22,6 +22,7 @@ from palpate.experiment.apparatus.ports import Loudness, Recorded
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET
+from palpate.experiment.desk.questions import Arm, Question, Reply, Say
 from palpate.experiment.desk.voice import ear as ears
 from palpate.experiment.desk.voice import enrolling
 from palpate.experiment.desk.voice.ear import Ear
@@ -90,11 +91,12 @@ class Participant(ScriptedConsole):
         """What is said instead of the first words that are asked for; nothing is said for "."."""
         self.begun_ns: list[int] = []
 
-    def say(self, *, words: str, take: int, takes: int, why: str) -> bool:
-        word = self.wrong.pop(0) if self.wrong else words
-        if word != ".":
-            self._microphone.said.append((self._clock.now_ns() + 10**8, word))
-        return super().say(words=words, take=take, takes=takes, why=why)
+    def ask(self, question: Question | Arm) -> Reply:
+        if isinstance(question, Say):
+            word = self.wrong.pop(0) if self.wrong else question.words
+            if word != ".":
+                self._microphone.said.append((self._clock.now_ns() + 10**8, word))
+        return super().ask(question)
 
     def _speak(self) -> None:
         self.begun_ns.append(self._clock.now_ns())

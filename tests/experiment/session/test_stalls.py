@@ -18,8 +18,9 @@ from palpate.experiment.apparatus.audio.masker import left_s
 from palpate.experiment.apparatus.ports import MaskerExposure
 from palpate.experiment.clock import ManualClock, MonotonicClock
 from palpate.experiment.desk import interrupts
-from palpate.experiment.desk.port import BY_EXPERIMENTER, BY_PARTICIPANT, INTERRUPTED, STOPPED
+from palpate.experiment.desk.questions import BY_EXPERIMENTER, BY_PARTICIPANT, INTERRUPTED, STOPPED
 from palpate.experiment.errors import PalpateError, PedalError
+from palpate.experiment.protocol.models import Masker
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Commanded, Exposure, MaskerSet, Note
 from palpate.experiment.records.journal import Contents
@@ -38,6 +39,8 @@ SILENT_S = 0.2
 SLOW_S = 0.3
 
 pytestmark = pytest.mark.fsync
+
+MASKER = Masker(noise="pink", level_set_by="participant", criterion="x")
 
 
 class Disk:
@@ -122,7 +125,7 @@ class Watched:
             pressed=self.press,
         )
         self.exposed.begin(self.felt)
-        self.masking.choose("", 60.0)
+        self.masking.choose(MASKER, 60.0, None)
 
     def press(self) -> bool:
         """Be a pedal, which is pressed once `steps` is set, or fails."""
@@ -297,7 +300,7 @@ def test_no_level_is_heard_before_it_is_on_record_and_none_after_silence(
         watched.noise.level_db_a = None if begins else 60.0
         wait_until(lambda: not watched.log.waiting_s)
         disk.stop()
-        louder = (watched.masking.choose, ("", 60.0)) if begins else (watched.masking.change, ("+",))
+        louder = (watched.masking.choose, (MASKER, 60.0, None)) if begins else (watched.masking.change, ("+",))
         watched.console.levels.append(".")
         aside.append(threading.Thread(target=louder[0], args=louder[1]))
         aside[-1].start()

@@ -11,7 +11,8 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.desk.port import Attended
+from palpate.experiment.desk.messages import ENTER
+from palpate.experiment.desk.questions import NO, STOP, Agree, Arm, Attended, GoOn, Question, Reply
 from palpate.experiment.errors import Interrupted, PalpateError, PauseAsked, RosterError, TrackerError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Footer
@@ -34,9 +35,11 @@ class Asked(ScriptedConsole):
         self.says = deque(says)
         self.whys: list[str] = []
 
-    def goes_on(self, *, why: str) -> bool:
-        self.whys.append(why)
-        return self.says.popleft()
+    def ask(self, question: Question | Arm) -> Reply:
+        if not isinstance(question, GoOn):
+            return super().ask(question)
+        self.whys.append(question.text)
+        return Reply(ENTER if self.says.popleft() else STOP)
 
 
 class Sessions:
@@ -105,7 +108,7 @@ def test_what_no_second_try_mends_is_raised_at_once() -> None:
 
 
 def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_asked_again(
-    tmp_path: Path, protocol: Protocol, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion, refuses: Refuses
+    tmp_path: Path, protocol: Protocol, approved: SnapshotAssertion, refuses: Refuses
 ) -> None:
     # The rest of a visit's settings are for what is not asked here.
     clock = ManualClock(START_NS)
@@ -133,7 +136,7 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
         said.append(visit._identity.text)
     assert said == approved
     vars(visit)["_identity"] = None
-    monkeypatch.setattr(console, "agree", lambda **_: False)
+    console.instead[Agree] = lambda: Reply(NO)
     with refuses(Interrupted):
         visit._identify()
 
@@ -150,9 +153,9 @@ def test_a_visit_ends_with_its_debriefing() -> None:
 
 def test_a_console_attends_the_session_that_paused_until_it_goes_on() -> None:
     class Attending(Asked):
-        def goes_on(self, *, why: str) -> bool:
+        def ask(self, question: Question | Arm) -> Reply:
             assert self.attended[-1] is rests
-            return super().goes_on(why=why)
+            return super().ask(question)
 
     rests = cast("Attended", object())
     console, sessions = Attending(True), Sessions(PAUSED, COMPLETE)

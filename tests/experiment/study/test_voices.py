@@ -10,6 +10,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset.verify import verify
+from palpate.experiment.desk.questions import NO, YES, Arm, Question, Reply
 from palpate.experiment.desk.voice import ear
 from palpate.experiment.errors import RosterError
 from palpate.experiment.session import run
@@ -72,9 +73,9 @@ class Answers(ScriptedConsole):
         super().__init__(ManualClock(0), "")
         self.answers, self.asked = list(answers), list[str]()
 
-    def agree(self, *, text: str, yes: str, no: str) -> bool:
-        self.asked.append(text)
-        return self.answers.pop(0)
+    def ask(self, question: Question | Arm) -> Reply:
+        self.asked.append(question.text)
+        return Reply(YES if self.answers.pop(0) else NO)
 
 
 def test_a_visit_asks_once_and_nobody_who_may_not_be_run(study: MadeStudy) -> None:

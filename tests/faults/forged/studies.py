@@ -23,6 +23,7 @@ from palpate.experiment.records import chain
 from palpate.experiment.records.entries import Header
 from palpate.experiment.rehearsal import study as rehearsing
 from palpate.experiment.session import attempt, runner
+from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.session.tapping.trials import ComparisonDevices
 from palpate.experiment.study import enrolment
@@ -218,16 +219,20 @@ def _practice(folder: Path) -> Clean:
     storage.write_json(storage.plan_path(made.root), plan.model_dump())
     storage.write_bytes(storage.protocol_path(made.root), made.file.read_bytes())
     asked = header(
-        protocol=made.protocol,
-        rig=rig,
-        participant="01",
-        task_id="live",
+        Sitting(
+            protocol=made.protocol,
+            rig=rig,
+            rig_file=shipped("rigs/rehearsal.toml"),
+            participant="01",
+            task_id="live",
+            dataset=made.root,
+            recordings=None,
+            clock=ManualClock(START_NS),
+        ),
         position=1,
         seed=plan.seed,
-        recordings=None,
         purpose="PRACTICE",
         roster_sha256=None,
-        clock=ManualClock(START_NS),
     )
     run_pairs(made, asked, "12" * 15)
     build.build(made.root)

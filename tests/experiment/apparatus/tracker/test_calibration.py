@@ -247,16 +247,6 @@ def test_what_is_no_zero_is_refused(heights_mm: np.ndarray, message: str) -> Non
         calibration.zero(heights_mm, contact_mm=0.0, farthest_mm=3.0)
 
 
-class Obedient:
-    """Implements `Rester`: keeps what it was told."""
-
-    def __init__(self) -> None:
-        self.told: list[str] = []
-
-    def rest(self, *, why: str) -> None:
-        self.told.append(why)
-
-
 def zeroed(*reads: Samples | TrackerStopped) -> ZeroedTracker:
     tracker = ScriptedTracker(reads, clock=ManualClock(0), comes_back=True)
     return ZeroedTracker(tracker, contact_mm=0.0, farthest_mm=3.0, samples=200)
@@ -265,10 +255,9 @@ def zeroed(*reads: Samples | TrackerStopped) -> ZeroedTracker:
 def test_a_foot_that_moves_or_hangs_in_the_air_is_read_again(approved: SnapshotAssertion) -> None:
     moving = replace(rest_samples(0, 0.0), height_mm=np.linspace(5, 0, 200))
     tracker = zeroed(moving, rest_samples(0, 40.0), rest_samples(0, 1.25), rest_samples(0, 21.25))
-    rester = Obedient()
-    told = rester.told
+    told: list[str] = []
     assert tracker.zero is None
-    assert tracker.settle(rester).offset_mm == 1.25
+    assert tracker.settle(told.append).offset_mm == 1.25
     assert told[0] == ""
     assert told[1:3] == approved
     assert tracker.zero is not None
@@ -277,16 +266,16 @@ def test_a_foot_that_moves_or_hangs_in_the_air_is_read_again(approved: SnapshotA
 
 def test_a_tracker_that_came_back_is_zeroed_anew() -> None:
     tracker = zeroed(rest_samples(0, 1.25), rest_samples(0, 30.0), rest_samples(0, -0.5), rest_samples(0, 20.0))
-    tracker.settle(Obedient())
+    tracker.settle(str)
     tracker.reconnect(1.0)
     assert tracker.zero is None
     assert tracker.read().height_mm[0] == 30.0
-    assert tracker.settle(Obedient()).offset_mm == -0.5
+    assert tracker.settle(str).offset_mm == -0.5
     assert tracker.read().height_mm[0] == 20.5
 
 
 def test_a_tracker_that_stops_ends_a_zeroing() -> None:
     tracker = zeroed(TrackerStopped("tracker at scripted: no frame for 200 ms"))
     with pytest.raises(TrackerStopped, match="no frame"):
-        tracker.settle(Obedient())
+        tracker.settle(str)
     assert tracker.zero is None

@@ -15,7 +15,8 @@ from textual.pilot import Pilot
 
 from palpate.experiment.desk.console.app import Console, Left
 from palpate.experiment.desk.link import Line, Link
-from palpate.experiment.desk.messages import Choice, Deed, Hello, Message, Question, Typed, View
+from palpate.experiment.desk.messages import Asked, Choice, Deed, Hello, Message, Typed, View
+from tests.experiment.desk.attended import untimed
 
 PATIENCE_S = 20.0
 """What is waited for comes within this time on any machine, s."""
@@ -36,12 +37,12 @@ class ScriptedEnd:
     def __post_init__(self) -> None:
         self._changed = threading.Condition()
 
-    def tell(self, role: str) -> Message:
+    def message(self, role: str) -> Message:
         return self.view
 
     def take(self, hello: Hello, deed: Deed) -> tuple[bool, str]:
         with self._changed:
-            self.deeds.append(deed)
+            self.deeds.append(untimed(deed))
             self._changed.notify_all()
         refusal = self.refusals.get(getattr(deed, "key", deed.do), "")
         return not refusal, refusal or ("" if isinstance(deed, Typed) else self.words)
@@ -143,7 +144,7 @@ async def desk(folder: Path, view: View, size: tuple[int, int] = (80, 24)) -> As
             link.close()
 
 
-def question(kind: str, *, number: int = 5, text: str = "What is it?", keys: str = "ca") -> Question:
+def question(kind: str, *, number: int = 5, text: str = "What is it?", keys: str = "ca") -> Asked:
     """Return a question of a kind with the keys that a session offers there."""
     answers = {"answer": True}
     if kind == "answer":
@@ -157,4 +158,4 @@ def question(kind: str, *, number: int = 5, text: str = "What is it?", keys: str
         choices = (Choice(key="enter", words="confirm"), Choice(key="escape", words="choose again"))
     else:
         choices = () if kind in ("write", "break") else (Choice(key="enter", words="go on"),)
-    return Question.model_validate({"number": number, "kind": kind, "text": text, "choices": choices})
+    return Asked.model_validate({"number": number, "kind": kind, "text": text, "choices": choices})

@@ -71,7 +71,7 @@ def test_a_key_answers_the_question_on_the_screen(tmp_path: Path) -> None:
         for number, kind in enumerate(KINDS):
             await there.show(asking(kind, number))
             await there.press(key_of(kind))
-            assert (await there.deeds(number + 1))[number:] == [Choose(question=number, key=key_of(kind))]
+            assert (await there.deeds(number + 1))[number:] == [Choose(question=number, key=key_of(kind), t_ns=0)]
 
     at_a_desk(tmp_path, ARMED, then)
 
@@ -90,7 +90,7 @@ def test_a_key_from_before_the_question_answers_nothing(
             notices.append(there.notice)
             await there.press(key)
             found = (await there.deeds(2 * number + 2))[2 * number :]
-            assert found == [Typed(keys="\n" if key == "enter" else key), Choose(question=number, key=key)]
+            assert found == [Typed(keys="\n" if key == "enter" else key), Choose(question=number, key=key, t_ns=0)]
 
     at_a_desk(tmp_path, ARMED, then)
     assert notices == approved
@@ -113,7 +113,7 @@ def test_a_key_that_is_held_answers_neither_this_question_twice_nor_the_next(
             notices.append(there.notice)
             await there.press("z")
             found = (await there.deeds(first + 2))[first:]
-            assert found == [Choose(question=first, key=key), Choose(question=first + 1, key="z")]
+            assert found == [Choose(question=first, key=key, t_ns=0), Choose(question=first + 1, key="z", t_ns=0)]
 
     at_a_desk(tmp_path, ARMED, then)
     assert notices == approved
@@ -138,11 +138,11 @@ def test_every_press_of_softer_counts_held_or_not(tmp_path: Path, after_s: float
             await there.show(asking("level", number))
             await there.press("-", at_s=now_s + number * after_s)
             assert there.notice == ""
-        assert await there.deeds(6) == [Choose(question=number, key="-") for number in range(6)]
+        assert await there.deeds(6) == [Choose(question=number, key="-", t_ns=0) for number in range(6)]
         await there.press("+", at_s=now_s + 10)
         await there.press("+", at_s=now_s + 10.4)
         assert there.notice.startswith("+ was held")
-        assert (await there.deeds(7))[6:] == [Choose(question=5, key="+")]
+        assert (await there.deeds(7))[6:] == [Choose(question=5, key="+", t_ns=0)]
 
     at_a_desk(tmp_path, ARMED, then)
 
@@ -169,9 +169,9 @@ def test_an_answer_and_its_confirmation_held_down_do_not_end_the_session(tmp_pat
         await there.press(*["enter"] * 60, after_s=0.05)
         await there.press("z")
         assert await there.deeds(3) == [
-            Choose(question=5, key="c"),
-            Choose(question=6, key="enter"),
-            Choose(question=7, key="z"),
+            Choose(question=5, key="c", t_ns=0),
+            Choose(question=6, key="enter", t_ns=0),
+            Choose(question=7, key="z", t_ns=0),
         ]
 
     at_a_desk(tmp_path, asking("answer"), then)
@@ -209,7 +209,10 @@ def test_the_mouse_needs_a_second_press_too(
             notices.add(there.notice)
             monkeypatch.setattr(presses, "HELD_S", 0.0)
             await there.pilot.click("#offered", offset=(9, 0))
-            chosen, confirmed = Choose(question=first, key=key_of(kind)), Choose(question=first + 1, key="enter")
+            chosen, confirmed = (
+                Choose(question=first, key=key_of(kind), t_ns=0),
+                Choose(question=first + 1, key="enter", t_ns=0),
+            )
             assert (await there.deeds(first + 2))[first:] == [chosen, confirmed]
 
     at_a_desk(tmp_path, ARMED, then)
@@ -219,7 +222,7 @@ def test_the_mouse_needs_a_second_press_too(
 def test_a_question_that_wants_a_line_is_answered_with_one_or_with_nothing(tmp_path: Path) -> None:
     async def then(there: Desk) -> None:
         await there.press("c", "enter", *"warm", "enter")
-        assert await there.deeds(2) == [Choose(question=5, key="c"), Write(question=5, text="warm")]
+        assert await there.deeds(2) == [Choose(question=5, key="c", t_ns=0), Write(question=5, text="warm")]
         await there.show(asking("write", 6))
         await there.press("enter")
         await there.press(*["enter"] * 20, after_s=0.05)
@@ -279,7 +282,7 @@ def test_what_is_pasted_answers_nothing(tmp_path: Path) -> None:
 def test_capital_letters_stand_for_small_ones(tmp_path: Path) -> None:
     async def then(there: Desk) -> None:
         await there.press("C")
-        assert await there.deeds(1) == [Choose(question=5, key="c")]
+        assert await there.deeds(1) == [Choose(question=5, key="c", t_ns=0)]
 
     at_a_desk(tmp_path, asking("answer"), then)
 
@@ -331,7 +334,7 @@ def test_an_open_form_takes_every_key_and_the_question_is_seen_anew_after_it(tmp
         assert "What is it?" in there.text
         await there.press("z", at_s=time.monotonic() - 1)
         await there.press("a")
-        assert await there.deeds(2) == [Typed(keys="z"), Choose(question=6, key="a")]
+        assert await there.deeds(2) == [Typed(keys="z"), Choose(question=6, key="a", t_ns=0)]
 
     at_a_desk(tmp_path, asking("answer"), then)
 
@@ -343,7 +346,7 @@ def test_enter_that_ends_a_form_and_is_held_confirms_nothing(tmp_path: Path) -> 
         await there.until(lambda: "go on" in there.text or "confirm" in there.text)
         await there.press(*["enter"] * 30, after_s=0.05)
         await there.press("z")
-        assert (await there.deeds(2))[1:] == [Choose(question=5, key="z")]
+        assert (await there.deeds(2))[1:] == [Choose(question=5, key="z", t_ns=0)]
 
     at_a_desk(tmp_path, asking("confirm"), then)
 

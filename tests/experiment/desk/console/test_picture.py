@@ -10,14 +10,14 @@ from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.desk.console import picture
-from palpate.experiment.desk.messages import Choice, Ended, Gauges, Lamp, Question, View
+from palpate.experiment.desk.messages import Asked, Choice, Ended, Gauges, Lamp, View
 from palpate.experiment.errors import Interrupted
 
 FINITE = st.floats(-1e6, 1e6)
 
 
 def test_every_question_and_every_state_has_its_place() -> None:
-    assert picture.ASKED.keys() == set(get_args(Question.model_fields["kind"].annotation))
+    assert picture.ASKED.keys() == set(get_args(Asked.model_fields["kind"].annotation))
     assert picture.STATES.keys() == set(get_args(View.model_fields["state"].annotation))
 
 
@@ -54,7 +54,7 @@ def test_a_step_that_did_not_count_says_why_and_what_to_do(approved: SnapshotAss
 
 @pytest.mark.parametrize(("step", "word"), [("real", "TASK DONE"), ("virtual", "TASK DONE"), ("debriefing", "DEBRIEF")])
 def test_the_end_of_a_task_is_no_debriefing(step: str, word: str) -> None:
-    asked = Question(number=3, kind="debrief", text="", choices=())
+    asked = Asked(number=3, kind="debrief", text="", choices=())
     view = View(question=asked, step=step, steps=("real", "virtual", "debriefing"))
     assert picture.phase(view).word == word
 
@@ -125,7 +125,7 @@ def test_a_break_is_counted_in_minutes_and_seconds(left_s: float, shown: str) ->
 
 
 def test_what_counts_down_is_named_and_so_is_its_end(approved: SnapshotAssertion) -> None:
-    early = Question(number=1, kind="familiarise", text="Feel.", choices=())
+    early = Asked(number=1, kind="familiarise", text="Feel.", choices=())
     late = early.model_copy(update={"choices": (Choice(key="enter", words="familiar"),)})
     paused = early.model_copy(update={"kind": "continue"})
     told = [(question, lasts) for question in (None, paused, early, late) for lasts in (True, False)]
@@ -135,7 +135,7 @@ def test_what_counts_down_is_named_and_so_is_its_end(approved: SnapshotAssertion
 def test_what_was_heard_stands_under_the_question_of_an_answer_alone() -> None:
     heard = "heard: aluminum foil (0.92)"
     for kind, shown in (("answer", True), ("confirm", True), ("place", False), ("say", False)):
-        asked = Question(number=1, kind=kind, text="What did they say?", choices=())
+        asked = Asked(number=1, kind=kind, text="What did they say?", choices=())
         text = picture.asked(asked, picture.ASKED[kind], "", heard).plain
         assert (text.split("\n")[-1] == heard) is shown
     assert heard not in picture.asked(None, picture.STATES["armed"], "", heard).plain

@@ -10,7 +10,8 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.desk.messages import TakeNote
+from palpate.experiment.desk.messages import ENTER, TakeNote
+from palpate.experiment.desk.questions import Arm, Confirm, Level, Reply, Rest, TrialAnswer
 from palpate.experiment.desk.terminal import TerminalConsole
 from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol import files
@@ -60,10 +61,10 @@ def test_a_foot_that_rests_too_far_from_contact_ends_the_zeroing(refuses: Refuse
     reads = ScriptedTracker([rest_samples(0, mm) for mm in heights_mm], clock=ManualClock(0), comes_back=True)
     tracker = ZeroedTracker(reads, contact_mm=0.0, farthest_mm=3.0, samples=200)
     for _ in range(2):
-        assert tracker.settle(one).offset_mm == 0.5
+        assert tracker.settle(lambda why: one.ask(Rest(why))).offset_mm == 0.5
         tracker.reconnect(1.0)
     with refuses(TrackerError):
-        tracker.settle(one)
+        tracker.settle(lambda why: one.ask(Rest(why)))
     assert foot.rests == 3 * MOST_RESTS
     assert tracker.zero is None
 
@@ -74,17 +75,17 @@ def test_at_the_keys_an_experimenter_hears_one_answer_however_often_they_are_ask
 ) -> None:
     spoken = deque([("a", "aluminum foil"), ("c", "copy paper")])
     monkeypatch.setattr(SimulatedParticipant, "says", lambda *_: spoken.popleft())
-    monkeypatch.setattr(SimulatedParticipant, "arm", lambda *_, **__: None)
+    monkeypatch.setattr(SimulatedParticipant, "ask", lambda *_: Reply())
     typed, screen = deque(["note Coughs.", "p", "n", "c", "c"]), io.StringIO()
     desk = TerminalConsole(write=screen, ask=lambda _: typed.popleft(), heading="PRACTICE")
     one, answers = Practised(desk=desk, participant=participant(Resting())), {"c": "copy paper", "p": "polypropylene"}
-    one.arm(trial=1, attempt=1, trials=2)
-    assert one.ask(trial=1, answers=answers, others={}) == TakeNote(text="Coughs.", trial=1)
+    one.ask(Arm(1, 1, 2))
+    assert one.ask(TrialAnswer(1, answers, "n", {})).remark == TakeNote(text="Coughs.", trial=1)
     # The key decides, whatever was said.
-    assert one.ask(trial=1, answers=answers, others={}) == "p"
-    assert not one.confirm(key="p", meaning="polypropylene")
-    one.arm(trial=2, attempt=1, trials=2)
-    assert one.ask(trial=2, answers=answers, others={}) == "c"
+    assert one.ask(TrialAnswer(1, answers, "n", {})).key == "p"
+    assert one.ask(Confirm("p", "polypropylene")).key != ENTER
+    one.ask(Arm(2, 1, 2))
+    assert one.ask(TrialAnswer(2, answers, "n", {})).key == "c"
     said = [line for line in screen.getvalue().splitlines() if "says" in line]
     assert said == approved
 
@@ -101,9 +102,8 @@ def test_at_the_keys_the_participant_says_how_loud_the_masker_is_and_rests_the_f
 
     desk = TerminalConsole(write=screen, ask=ask, heading="PRACTICE")
     one = Practised(desk=desk, participant=participant(foot))
-    keys = {"+": "louder", "-": "softer"}
     for level_db_a in (40.0, 70.0):
-        assert one.level(level_db_a=level_db_a, limit_db_a=80.0, criterion="Nothing is heard.", keys=keys) == ""
+        assert one.ask(Level(level_db_a, 80.0, "Nothing is heard.", probe=False, by="experimenter")).key == ENTER
     assert screen.getvalue() == approved
-    one.rest(why="")
+    one.ask(Rest(""))
     assert (order[-1], foot.rests) == ("PRACTICE 0", 1)

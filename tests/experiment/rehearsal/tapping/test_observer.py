@@ -19,6 +19,7 @@ from scipy.optimize import minimize
 from scipy.special import ndtr
 
 from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.questions import Arm, Place
 from palpate.experiment.protocol import files
 from palpate.experiment.records.kinds.tapping import FIRST
 from palpate.experiment.rehearsal.tapping.participant import DISCRIMINATION, LEANING, SPREAD, Fingers, SimulatedTapper
@@ -82,9 +83,9 @@ def percent(seed: int, task: str, *, silent: bool = False) -> dict[tuple[int, in
             pair, turned = list(VIRTUAL)[trial % 15], trial // 15 % 2
             places = pair[::-1] if turned else pair
             if fingers is None:
-                one.place(trial=trial, presented=(NAMES[places[0]], NAMES[places[1]]))
+                one.ask(Place(trial, (NAMES[places[0]], NAMES[places[1]])))
             else:
-                one.arm(trial=trial, attempt=1, trials=120)
+                one.ask(Arm(trial, 1, 120))
             taps, key = 0, PAPER.surfaces.switch_key
             while key == PAPER.surfaces.switch_key:
                 panel.lies = places[taps % 2]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.questions import Place, Proposed, TrialAnswer
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.participant import Practised
@@ -29,8 +30,8 @@ def tapper(study: Protocol = PAPER, seed: int = 1, clock: ManualClock | None = N
 def said(one: SimulatedTapper, *pair: str, trials: int = 200) -> list[str]:
     answers = []
     for trial in range(1, trials + 1):
-        one.place(trial=trial, presented=pair)
-        answers.append(one.ask(trial=trial, answers={}, others={}))
+        one.ask(Place(trial, pair))
+        answers.append(one.ask(TrialAnswer(trial, {}, "n", {})).key)
     return answers
 
 
@@ -54,7 +55,7 @@ def test_a_trial_that_comes_again_is_judged_anew() -> None:
     one = tapper()
     answers = []
     for _ in range(40):
-        one.place(trial=1, presented=("plastic", "aluminum"))
+        one.ask(Place(1, ("plastic", "aluminum")))
         answers.append(one.says(1)[0])
     assert {*answers} == {"1", "2"}
 
@@ -76,9 +77,9 @@ def test_it_says_neither_only_where_that_is_allowed() -> None:
 def test_who_practises_is_told_what_the_participant_says(approved: SnapshotAssertion) -> None:
     desk = ScriptedConsole(ManualClock(0), "1")
     one = Practised(desk=desk, participant=tapper())
-    one.place(trial=1, presented=("plastic", "silicone"))
-    assert one.ask(trial=1, answers={"1": "first"}, others={}) == "1"
+    one.ask(Place(1, ("plastic", "silicone")))
+    assert one.ask(TrialAnswer(1, {"1": "first"}, "n", {})).key == "1"
     assert desk.placed == [(1, "plastic | silicone")]
     assert desk.proposed == approved
-    one.heard(words="heard: first (0.92)")
+    one.tell(Proposed("heard: first (0.92)"))
     assert desk.proposed[1:] == approved

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.desk.port import Remark
+from palpate.experiment.desk.questions import Arm, Place, Question, Remark, Reply
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
@@ -25,9 +25,10 @@ ASKED = HEADER.model_copy(update={"task": "live", "order": ORDER, "block_trials"
 class LayingConsole(ScriptedConsole):
     """Takes two seconds to lay out a pair."""
 
-    def place(self, *, trial: int, presented: tuple[str, ...]) -> None:
-        super().place(trial=trial, presented=presented)
-        self._clock.sleep_ns(2 * 10**9)
+    def ask(self, question: Question | Arm) -> Reply:
+        if isinstance(question, Place):
+            self._clock.sleep_ns(2 * 10**9)
+        return super().ask(question)
 
 
 def console(keys: Iterable[str | Remark], clock: ManualClock | None = None) -> LayingConsole:

@@ -372,7 +372,6 @@ def test_a_touch_that_is_read_late_sounds_nothing_and_its_trial_comes_again(
     assert not Session([([late], "1"), ([], "2")], tmp_path / "simulated").entries(Redo)
     monkeypatch.setattr(exposure.Exposed, "begin", lambda _self, _kind: None)
     monkeypatch.setattr(ManualClock, "simulated", False)
-    monkeypatch.setattr(ScriptedConsole, "chosen_ago_ns", lambda _self: 0)
     session = Session([([late], "1"), ([], "2"), ([], "1")], tmp_path / "real")
     assert not session.actuator.played
     (redo,) = session.entries(Redo)
