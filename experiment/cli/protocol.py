@@ -232,7 +232,7 @@ def check(
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.errors import ProtocolError
-    from palpate.experiment.protocol import approval, blocks, files, page
+    from palpate.experiment.protocol import approval, blocks, files, page, rendering
 
     try:
         protocol = files.load(protocol_file)
@@ -278,7 +278,7 @@ def check(
     if told and not as_json:
         typer.echo(f"\n{told}")
     if words and not as_json:
-        typer.echo("\n".join(("", *blocks.lines(of_screen))))
+        typer.echo("\n".join(("", *rendering.lines(of_screen))))
     if refusal is not None:
         if as_json:
             raise typer.Exit(refusal.exit_code)

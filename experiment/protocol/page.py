@@ -7,9 +7,22 @@ from math import factorial
 from pathlib import Path
 
 from palpate.experiment.errors import Finding, mismatch
-from palpate.experiment.protocol import approval, blocks
+from palpate.experiment.protocol import approval, rendering
 from palpate.experiment.protocol.approval import Seal
-from palpate.experiment.protocol.blocks import Block, Free, Gap, Item, Quoted, Rows, Said, count, facts, named, number
+from palpate.experiment.protocol.blocks import (
+    Block,
+    Facts,
+    Free,
+    Gap,
+    Item,
+    Quoted,
+    Rows,
+    Said,
+    count,
+    facts,
+    named,
+    number,
+)
 from palpate.experiment.protocol.kinds import ProtocolKind, kind_of
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 from palpate.experiment.settings.load import written
@@ -38,15 +51,15 @@ STOPS = (
 
 def page(protocol: Protocol, file: str) -> str:
     """Return the page of the protocol in `file`, in lines of at most 92 columns, ending in a newline."""
-    made = [heading(protocol), "=" * blocks.WIDTH, *blocks.lines(title(protocol, file))]
+    made = [heading(protocol), "=" * rendering.WIDTH, *rendering.lines(title(protocol, file))]
     for place, (name, section) in enumerate(sections(protocol), start=1):
-        made += ["", f"{place}. {name}", "-" * blocks.WIDTH, *blocks.lines(section)]
+        made += ["", f"{place}. {name}", "-" * rendering.WIDTH, *rendering.lines(section)]
     return "\n".join(made) + "\n"
 
 
 def approved(seal: Seal) -> str:
     """Return what a seal says, in lines as those of the page."""
-    return "\n".join(blocks.lines([approval_of(seal)]))
+    return "\n".join(rendering.lines([approval_of(seal)]))
 
 
 def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: date, rig: Iterable[Block] = ()) -> str:
@@ -58,15 +71,18 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
     word = state.partition(":")[0]
     until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""
     known: list[Block] = [Said(f"{state} This was so on {today}."), *([approval_of(seal)] if seal else [])]
-    parts = [f"<h1>{blocks.html_text(heading(protocol))}</h1>", f'<div class="state">{blocks.html_blocks(known)}</div>']
-    parts.append(blocks.html_blocks(title(protocol, file)))
+    parts = [
+        f"<h1>{rendering.html_text(heading(protocol))}</h1>",
+        f'<div class="state">{rendering.html_blocks(known)}</div>',
+    ]
+    parts.append(rendering.html_blocks(title(protocol, file)))
     parts += [
-        f"<section><h2>{place}. {blocks.html_text(name)}</h2>{blocks.html_blocks(section)}</section>"
+        f"<section><h2>{place}. {rendering.html_text(name)}</h2>{rendering.html_blocks(section)}</section>"
         for place, (name, section) in enumerate(sections(protocol), start=1)
     ]
     if rig := tuple(rig):
         parts.append(
-            f"<section><h2>Of a rig; no part of the protocol or its seal</h2>{blocks.html_blocks(rig)}</section>"
+            f"<section><h2>Of a rig; no part of the protocol or its seal</h2>{rendering.html_blocks(rig)}</section>"
         )
     foot = f"Study {protocol.study.id}, {word}{until}. SHA-256 of the protocol:"
     style = Path(__file__).with_name("page.css").read_text("utf-8")
@@ -75,9 +91,9 @@ def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: da
         '<meta name="generator" content="palpate">'
         f'<meta http-equiv="Content-Security-Policy" content="{NOTHING_RUNS}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{blocks.html_text(heading(protocol))}</title><style>\n{style}</style></head>\n"
+        f"<title>{rendering.html_text(heading(protocol))}</title><style>\n{style}</style></head>\n"
         '<body><table class="sheet" role="presentation">'
-        f'<tfoot><tr><td><p>{blocks.html_text(foot)} <span class="hash">{approval.sha256(protocol)}</span></p></td>'
+        f'<tfoot><tr><td><p>{rendering.html_text(foot)} <span class="hash">{approval.sha256(protocol)}</span></p></td>'
         "</tr></tfoot>\n"
         f"<tbody><tr><td><main>{''.join(parts)}</main></td></tr></tbody></table></body></html>\n"
     )
@@ -107,7 +123,7 @@ def sections(protocol: Protocol) -> tuple[tuple[str, Iterator[Block]], ...]:
     )
 
 
-def approval_of(seal: Seal) -> blocks.Facts:
+def approval_of(seal: Seal) -> Facts:
     """Return what a seal says."""
     return facts(
         ("Board", Free(seal.board)),
