@@ -60,11 +60,20 @@ class PalpateError(Exception):
         """Return this error with what came of it, in one line; both are among its findings."""
         return self._with(f"{self}; {other}", self.finding, (*self.findings, *other.findings))
 
+    def sentence(self) -> str:
+        """Return all that was found in one line, for a screen or a record that is kept."""
+        return str(self).replace("\n", " ")
+
     @classmethod
     def _with(cls, text: str, finding: Finding, findings: tuple[Finding, ...]) -> Self:
         made = cls(text)
         made.finding, made.findings = finding, findings
         return made
+
+
+def cause(ended: BaseException) -> str:
+    """Return why something ended, in one line: what was found, or what another error says, or its class's name."""
+    return ended.sentence() if isinstance(ended, PalpateError) else str(ended) or type(ended).__name__
 
 
 class ProtocolError(PalpateError):

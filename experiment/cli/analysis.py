@@ -417,7 +417,7 @@ def status_of(study: Path) -> "Status":
         build.check_tables(found.root)
         whole = [one for one in reading.read(found.root).exclusions if one.trial is None and one.participant in done]
     except PalpateError as error:
-        told = f"Who is excluded is not known: {error}"
+        told = f"Who is excluded is not known: {error.sentence()}"
         return replace(found, excluded=None, reminders=(*found.reminders, told))
     return replace(found, excluded={one.participant: one.reason for one in whole})
 

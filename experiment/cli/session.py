@@ -180,7 +180,7 @@ def _listen(path: Path, console: "LinkedConsole", once: Callable[["LinkedConsole
             console.ended(f"{BETWEEN} The same command goes on with it.", 0)
             return
         except PalpateError as error:
-            console.ended(str(error), error.exit_code)
+            console.ended(error.sentence(), error.exit_code)
             raise
         console.ended(told(footer, last=last), 0)
 

@@ -182,7 +182,7 @@ class LinkedConsole:
         except ValueError as error:
             taken, words = False, UNWRITABLE.format(error)
         except PalpateError as error:
-            return False, str(error)
+            return False, error.sentence()
         # What was typed and what was shown have entries of their own.
         if session is not None and not (taken and isinstance(deed, messages.Typed | messages.Shown)):
             # The words of a remark stand in its own entry.
@@ -193,7 +193,7 @@ class LinkedConsole:
                 session.commanded(by=hello.by, command=command, taken=taken, words=words)
             except PalpateError as error:
                 # The session meets it too, and ends.
-                taken, words = False, str(error)
+                taken, words = False, error.sentence()
         return (taken, words) if self._handed_over(deed, counts=taken) else (False, messages.CLOSED)
 
     def _handed_over(self, deed: Deed, *, counts: bool) -> bool:

@@ -14,7 +14,7 @@ from palpate.experiment.clock import Clock
 from palpate.experiment.desk import interrupts, questions
 from palpate.experiment.desk.messages import ENTER, Repeat
 from palpate.experiment.desk.questions import Answered, Confirm, Console, Debrief, Notice, Remark, TrialAnswer
-from palpate.experiment.errors import JournalError, SessionError, TrackerStopped
+from palpate.experiment.errors import JournalError, SessionError, TrackerStopped, cause
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Answer, Armed, PlannedTrial, Redo
 from palpate.experiment.session.kind import KindDevices, Lent, Limits, Log
@@ -147,7 +147,7 @@ class Attempts:
             self.kind.ready(planned, attempt, answered_ns)
         except TrackerStopped as stopped:
             # Nothing had begun: nothing is on file of it, and the same attempt is armed again.
-            self.outage = str(stopped)
+            self.outage = stopped.sentence()
             return Event.LOST
         self.remarks.note_ignored()
         if self.limits.over():
@@ -162,9 +162,9 @@ class Attempts:
                 # What was felt is not on disk; the next runner finds the attempt armed, and puts it off.
                 raise
             except BaseException as ended:
-                why = questions.INTERRUPTED if isinstance(ended, KeyboardInterrupt) else str(ended)
-                reason = f"nothing was felt: {why}"
-                self.log.write(Redo(trial=planned.trial, attempt=attempt, reason=reason, put_off=False))
+                why = questions.INTERRUPTED if isinstance(ended, KeyboardInterrupt) else cause(ended)
+                felt = f"nothing was felt: {why}"
+                self.log.write(Redo(trial=planned.trial, attempt=attempt, reason=felt, put_off=False))
                 raise
             self.log.write(seen.entry)
             if seen.failed is not None:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 from palpate.experiment.apparatus import host
 from palpate.experiment.desk import interrupts
 from palpate.experiment.desk.questions import BY_PARTICIPANT, INTERRUPTED, STOPPED, Notice, Stopped
-from palpate.experiment.errors import PalpateError, ScreenGone
+from palpate.experiment.errors import PalpateError, ScreenGone, cause
 from palpate.experiment.records.entries import Commanded, Exposure, Footer, Header, MaskerSet, Resumed
 from palpate.experiment.session.kind import nothing_more
 
@@ -137,7 +137,7 @@ class Exposed:
             with suppress(PalpateError):
                 self._silence()
             if not isinstance(failed, ScreenGone):
-                self._tell_over(str(failed))
+                self._tell_over(cause(failed))
 
     def skip(self, reason: str) -> None:
         """Have nothing felt until `skipped` is called, so that the attempt under way breaks off."""

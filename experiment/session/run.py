@@ -198,7 +198,7 @@ class _Visit:
                     build.build(root)
                     _anchor(root, self.anchored_in, console)
                 except PalpateError as unbuilt:
-                    ended.add_note(f"the dataset could not be brought up to date either: {unbuilt}")
+                    ended.add_note(f"the dataset could not be brought up to date either: {unbuilt.sentence()}")
                 raise
         if footer.reason == "complete" and task_id == tasks[-1] and protocol.answers.microphone:
             from palpate.experiment.desk.voice import enrolling
@@ -303,7 +303,7 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
             console.tell(Notice(register.enter(anchor, root, to, key)))
     except PalpateError as error:
         mend = f"Once that is mended, run: {shlex.join(again)}"
-        console.tell(Notice(f"NOT ANCHORED: {error}. The session is on disk. {mend}", again=True))
+        console.tell(Notice(f"NOT ANCHORED: {error.sentence()}. The session is on disk. {mend}", again=True))
     return True
 
 

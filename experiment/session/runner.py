@@ -284,14 +284,14 @@ class _Session:
                 self.devices.console.tell(Instructed(self._task.instruction))
             pause = self._trials()
         except (ScreenGone, PauseAsked) as why:
-            pause, felt = str(why), self.log.done.unanswered
+            pause, felt = why.sentence(), self.log.done.unanswered
             if isinstance(why, PauseAsked) and felt is not None:
                 self.devices.console.tell(Notice(FELT.format(trial=felt[0])))
         except PalpateError as error:
             self._follow(Event.FAIL)
             # It has ended as it is; whoever presses the key meanwhile wants no more, and a full disk takes no footer.
             with suppress(KeyboardInterrupt, JournalError):
-                self._end("error", str(error))
+                self._end("error", error.sentence())
             raise
         except KeyboardInterrupt:
             pause = INTERRUPTED
@@ -392,7 +392,7 @@ class _Session:
             try:
                 self._attempts.reconnect(wait_s / slices)
             except TrackerStopped as stopped:
-                why = str(stopped)
+                why = stopped.sentence()
             else:
                 return ""
             if over := self._exposed.over():

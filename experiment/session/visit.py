@@ -37,7 +37,7 @@ def _task(console: Console, task: str, run: Callable[[str], Footer], noting: Cal
                 raise
             continue
         except (TrackerError, ActuatorError, AudioError) as error:
-            said = str(error)
+            said = error.sentence()
             if not _goes_on(console, f"{said[:1].upper()}{said[1:]}.", noting):
                 raise
             continue

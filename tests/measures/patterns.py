@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 from collections.abc import Collection, Iterator
+from typing import TypeGuard
 
 from radon.visitors import ComplexityVisitor
 
@@ -93,7 +94,8 @@ def _has_letters(text: ast.expr) -> bool:
 def errors_in_text(source: Source, ours: Collection[str]) -> Iterator[str]:
     """Yield each place that takes an error of ours for a text: `str(error)`, `f"{error}"` or `error.args`.
 
-    An error is what `except` catches as one of `ours`, names of classes, and a parameter that is annotated as one.
+    So does whoever raises another error of its `sentence()` or its `cause`. An error is what `except` catches as one of
+    `ours`, names of classes, and a parameter that is annotated as one.
     """
     for node in source.nodes:
         if isinstance(node, ast.ExceptHandler) and node.name and node.type and _names(node.type) & set(ours):
@@ -114,10 +116,21 @@ def _names(node: ast.AST) -> set[str]:
     return found
 
 
+def _is_sentence_of(node: ast.AST, name: str) -> TypeGuard[ast.expr]:
+    match node:
+        case ast.Call(func=ast.Attribute(value=ast.Name(id=used), attr="sentence")):
+            return used == name
+        case ast.Call(func=ast.Name(id="cause"), args=[ast.Name(id=used)]):
+            return used == name
+    return False
+
+
 def _texts_of(block: ast.AST, name: str) -> Iterator[ast.expr]:
     """Yield each use of a name as a text."""
     for node in ast.walk(block):
         match node:
+            case ast.Raise(exc=raised) if raised is not None:
+                yield from (use for use in ast.walk(raised) if _is_sentence_of(use, name))
             case (
                 ast.Call(func=ast.Name(id="str" | "repr"), args=[ast.Name(id=used)])
                 | ast.FormattedValue(value=ast.Name(id=used))

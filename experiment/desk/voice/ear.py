@@ -34,7 +34,7 @@ from palpate.experiment.desk.voice import hearing
 from palpate.experiment.desk.voice.features import RATE_HZ
 from palpate.experiment.desk.voice.hearing import BEFORE_S, LISTENED_S, SILENCE, Background, Heard
 from palpate.experiment.desk.voice.matching import Enrolment
-from palpate.experiment.errors import PalpateError
+from palpate.experiment.errors import PalpateError, cause
 from palpate.experiment.records.entries import Spoken
 
 LOOK_S = 0.2
@@ -172,7 +172,7 @@ class Ear:
         try:
             loud = self.microphone.loudness()
         except PalpateError as error:
-            return Lamp(name="mic", good=False, words=str(error))
+            return Lamp(name="mic", good=False, words=error.sentence())
         now_ns = self.clock.now_ns()
         if loud.clipped:
             self._clipped_ns = now_ns
@@ -189,7 +189,7 @@ class Ear:
             spoken = self._heard(one)
             self._problem = ""
         except (PalpateError, BrokenExecutor, OSError, TimeoutError) as error:
-            self._problem = str(error) or type(error).__name__
+            self._problem = cause(error)
             one.ended.wait()
             spoken = self._record(one, SILENCE, 0.0).model_copy(update={"problem": self._problem})
         with suppress(PalpateError), self._lock:

@@ -27,7 +27,7 @@ from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetecto
 from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.questions import INTERRUPTED
-from palpate.experiment.errors import TrackerStopped
+from palpate.experiment.errors import TrackerStopped, cause
 from palpate.experiment.records.stimulus import Onset, Stimulus
 from palpate.experiment.session.footstep.stimulus import Sounder, Sounding
 from palpate.experiment.session.kind import Limits
@@ -230,10 +230,10 @@ def watch(
                 reason = step.fall()
             return step.broken(reason) if reason else step.land()
     except TrackerStopped as stopped:
-        return step.broken(str(stopped), stopped=stopped)
+        return step.broken(stopped.sentence(), stopped=stopped)
     except BaseException as failed:
         # Nothing may sound once nobody watches.
-        why = INTERRUPTED if isinstance(failed, KeyboardInterrupt) else str(failed) or type(failed).__name__
+        why = INTERRUPTED if isinstance(failed, KeyboardInterrupt) else cause(failed)
         broken = step.broken(why, failed=failed)
         if broken.felt:
             return broken

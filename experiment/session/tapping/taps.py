@@ -156,7 +156,7 @@ class Taps:
                 self.actuator.withdraw()
                 self._sounding, self.failed = None, error
                 again = "This trial is done again, whatever its answer." if self._lying is not None else ""
-                self.lent.show(f"Nothing is rendered any more: {error}. {again}")
+                self.lent.show(f"Nothing is rendered any more: {error.sentence()}. {again}")
                 return
 
     def _follow(self, felt: Felt) -> None:

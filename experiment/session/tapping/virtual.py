@@ -178,7 +178,7 @@ class VirtualSurfaces(Kind):
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:  # noqa: ARG002
         """Say that a pair comes. Raises `TrackerStopped` if what renders it has failed."""
         if self.taps.failed is not None:
-            raise TrackerStopped(str(self.taps.failed))
+            raise TrackerStopped.of(self.taps.failed)
         if self.lent.limits.over():
             return
         self.lent.arm(planned, attempt)
@@ -221,7 +221,7 @@ class VirtualSurfaces(Kind):
         if pair is None:
             return ""
         self.taps.lay(None)
-        return "" if self.taps.failed is None else str(self.taps.failed)
+        return "" if self.taps.failed is None else self.taps.failed.sentence()
 
     def quiet(self, why: str) -> None:  # noqa: ARG002
         # Without the lock of the taps, which a write may hold.
