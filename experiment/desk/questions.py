@@ -198,7 +198,8 @@ class Rest:
 
     @property
     def text(self) -> str:
-        return f"{self.why} Zeroing: have the foot rest still on the bare panel.".strip()
+        asked = "For zeroing, have the foot rest still on the bare panel."
+        return f"{self.why[:1].upper()}{self.why[1:]}. {asked}" if self.why else asked
 
 
 @dataclass(frozen=True)

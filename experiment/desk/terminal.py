@@ -212,9 +212,9 @@ class TerminalTakes(_Lines):
     """Implements `TakesConsole` on a text stream; nothing is kept without a key, typed when it is asked for."""
 
     def rest(self, why: str) -> None:
-        self._ask(
-            f"{questions.Rest(why).text} Then press Enter, or press Ctrl-C to pause; the same command continues: "
-        )
+        if why:
+            self.show(why)
+        self._ask(f"{questions.Rest('').text} Then press Enter, or press Ctrl-C to pause; the same command continues: ")
 
     def place(self, condition: Condition, *, done: int, total: int) -> None:
         self._ask(f"Take {done + 1} of {total}. {_made_ready(condition)}, then press Enter: ")

@@ -66,7 +66,7 @@ def made_up() -> dict[str, View]:
     """Return views of what practice never comes to."""
     consent = "No consent of participant 07 is on record. Did they read the consent text and sign today?"
     identity = "Is the person in front of you participant 07? Consent is of 2026-05-04. Complete so far: one."
-    rest = "Zeroing: have the foot rest still on the bare panel."
+    rest = "For zeroing, have the foot rest still on the bare panel."
     wait = "The break after task one lasts 10 min at least."
     gone = GAUGES.model_copy(update={"lamps": (Lamp(name="tracker", good=False, words="no frame for 3 s"),)})
 
