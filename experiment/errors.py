@@ -62,7 +62,7 @@ class PalpateError(Exception):
 
     def sentence(self) -> str:
         """Return all that was found in one line, for a screen or a record that is kept."""
-        return str(self).replace("\n", " ")
+        return "; ".join(one.sentence() for one in self.findings)
 
     @classmethod
     def _with(cls, text: str, finding: Finding, findings: tuple[Finding, ...]) -> Self:

@@ -166,7 +166,8 @@ def _answered(asks: str, default: str, given: str | None, ask: bool, take: Calla
         try:
             return take(typed or default)
         except PalpateError as error:
-            options.say(f"  {error.sentence()}")
+            for one in error.findings:
+                options.say(f"  {one.sentence()}")
 
 
 def _typed(prompt: str) -> str:
