@@ -185,7 +185,7 @@ def open_tracker(
     farthest_mm = rig.tracker.zeroing_mm
     if contact_mm is None or farthest_mm is None:
         return tracker
-    from palpate.experiment.apparatus.tracker.calibration import REST_S, ZeroedTracker
+    from palpate.experiment.apparatus.tracker.zeroing import REST_S, ZeroedTracker
 
     samples = round(REST_S * rig.tracker.rate_hz)
     return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)

@@ -22,7 +22,7 @@ from scipy.io import wavfile
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import Window
-from palpate.experiment.apparatus.tracker.calibration import Zero
+from palpate.experiment.apparatus.tracker.zeroing import Zero
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.models import FASTEST_MM_S, SLOWEST_MM_S, Protocol

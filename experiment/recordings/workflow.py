@@ -16,9 +16,9 @@ from typing import Protocol as Port
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Accelerometer, Tracker, Window
-from palpate.experiment.apparatus.tracker import calibration
-from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import Clock, MonotonicClock, day
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.protocol import files
@@ -131,7 +131,7 @@ def record_on_rig(
         )
     rigs.check(rig, protocol.footsteps.step)
     clock = MonotonicClock()
-    calibration.check_age(rig, day(clock.now_ns()))
+    zeroing.check_age(rig, day(clock.now_ns()))
     planned = plan(
         protocol,
         source=f"rig {rig.rig.name}",
@@ -145,7 +145,7 @@ def record_on_rig(
     with closing(accelerometer):
         tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.footsteps.step.contact_mm)
         with closing(tracker):
-            calibration.check_reading(tracker, rig.tracker)
+            zeroing.check_reading(tracker, rig.tracker)
             if isinstance(tracker, ZeroedTracker):
                 tracker.settle(console.rest)
             return record(

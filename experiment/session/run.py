@@ -10,7 +10,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.desk.questions import YES, Agree, At, Attended, Break, Console, Notice
@@ -38,7 +38,7 @@ class RealEnds(FarEnds):
         self._console = console
 
     def check(self, tracker: Tracker, rig: Rig) -> None:
-        calibration.check_reading(tracker, rig.tracker)
+        zeroing.check_reading(tracker, rig.tracker)
 
     def console(self) -> Console:
         return self._console

@@ -24,7 +24,7 @@ from palpate.experiment.apparatus.panel import response_table as response
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.pcm import LOOK_S, PcmActuator
 from palpate.experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
-from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 from palpate.experiment.clock import Clock, day, wall_ns
 from palpate.experiment.errors import ActuatorError, Finding, PalpateError, Verdict
@@ -107,7 +107,7 @@ def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
         days = (today - made.calibrated_on).days if made.calibrated_on is not None else 0
         return passed(name, f"{days} days old{besides}", f"0 to {made.calibration_days} days")
 
-    found = [age("tracker calibration", lambda: calibration.check_age(rig, today), tracker)]
+    found = [age("tracker calibration", lambda: zeroing.check_age(rig, today), tracker)]
     if audio is not None:
         found.append(age("audio calibration", lambda: rigs.check_age(audio.latency, today), audio.latency))
         level = "; its level was not checked, because the machine cannot hear it"

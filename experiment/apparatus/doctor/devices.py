@@ -12,7 +12,7 @@ from palpate.experiment.apparatus.audio.stream import AudioStream, StreamHealth
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import AudioRig, TrackerRig
-from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.clock_map import DRIFT_LIMIT_PPM, ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
 from palpate.experiment.clock import Clock
@@ -159,7 +159,7 @@ def reading(tracker: Tracker, settings: TrackerRig) -> Finding:
     """Return whether the sensor reads inside its calibration; as `palpate run` asks before a session."""
     name = "tracker reading"
     try:
-        calibration.check_reading(tracker, settings)
+        zeroing.check_reading(tracker, settings)
     except TrackerError as error:
         return refused(name, error)
     calibrated_mm = [point.mm for point in settings.calibration]
@@ -201,7 +201,7 @@ def along(heard: Heard, settings: TrackerRig) -> tuple[Finding, ...]:
     held = (heard.along_mm <= low_mm) | (heard.along_mm >= high_mm)
     found = judged(
         "tracker along",
-        float(held.mean()) <= calibration.HELD_PART,
+        float(held.mean()) <= zeroing.HELD_PART,
         f"{np.std(heard.along_mm):.3f} mm at {np.median(heard.along_mm):.1f} mm along the face",
         allowed=f"{low_mm:g} to {high_mm:g} mm",
         remedy="see that the sensor is in its place, or add points to tracker.along_calibration",

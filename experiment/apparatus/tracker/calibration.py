@@ -1,17 +1,14 @@
-"""What a tracker's reading is in mm: calibrating it at known heights, and zeroing it on a foot that rests.
+"""What a tracker's reading is in mm: calibrating it at known heights.
 
 Two heights make a straight line; more follow a bent sensor. An inner point's residual against its neighbors' line is
 about four times the error that remains between points.
-
-Zeroing finds where a foot rests on the panel, since a sole, a sock or another foot moves every height. A zero is valid
-for one participant and one connection.
 """
 
 import math
 import re
 from collections.abc import Callable, Iterator, MutableMapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import date, timedelta
+from datetime import date
 from itertools import pairwise, takewhile
 from typing import Any, cast
 
@@ -21,9 +18,9 @@ from numpy.typing import NDArray
 from tomlkit.items import AoT, Item, Key, SingleKey, Table
 
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
-from palpate.experiment.apparatus.tracker.clock_map import ClockMap
-from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.rig import CalibrationPoint, Rig
+from palpate.experiment.apparatus.tracker.frames import LinkCounts
+from palpate.experiment.apparatus.tracker.zeroing import heights
 from palpate.experiment.clock import Clock, day
 from palpate.experiment.errors import RigError, TrackerError
 
@@ -41,20 +38,8 @@ the height has 0.375 at 20 mm between 10 and 50.
 NOISY_MM = 0.1
 """A sensor with more noise than this is told of, mm."""
 
-START_READINGS = 100
-"""Readings that are looked at before a session."""
-
-HELD_PART = 0.5
-"""Largest part of these readings that may lie at an end of the calibration, or beyond."""
-
 RAW = (CalibrationPoint(counts=0, mm=0.0), CalibrationPoint(counts=65535, mm=65535.0))
 """A calibration under which heights are readings."""
-
-REST_S = 0.5
-"""How long the resting foot is read, s."""
-
-STILL_MM = 0.5
-"""Largest standard deviation of a foot at rest, mm: five times that of a noisy sensor (0.1 mm)."""
 
 
 @dataclass(frozen=True)
@@ -135,38 +120,6 @@ def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
     noises = spreads * np.abs(np.gradient(mm, counts))
     rows = zip(np.rint(counts).astype(int).tolist(), mm.tolist(), residuals, noises.tolist(), strict=True)
     return Calibration(tuple(Point(*row) for row in rows), calibrated_on)
-
-
-def check_age(rig: Rig, today: date) -> None:
-    """Refuse a real rig whose calibration is undated, too old, or dated after today, with a `RigError`."""
-    made, days, where = rig.tracker.calibrated_on, rig.tracker.calibration_days, f"rig '{rig.rig.name}': tracker"
-    again = "run palpate calibrate tracker"
-    if rig.rig.simulated:
-        return
-    if made is None or days is None:
-        got = "got a calibration without calibrated_on and calibration_days"
-        allowed = "its day, and for how many days it holds"
-        raise RigError(where, got, f"{again}, which writes both", allowed=allowed)
-    if made > today:
-        got, allowed = f"got {made}, which lies in the future", f"a day up to today, {today}"
-        raise RigError(f"{where}.calibrated_on", got, f"see whether the clock is right, or {again}", allowed=allowed)
-    if today > made + timedelta(days=days):
-        allowed = f"at most {days} days before today, {today}"
-        raise RigError(f"{where}.calibrated_on", f"got {made}", again, allowed=allowed)
-
-
-def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
-    """Raise `TrackerError` if half of the readings lie at or beyond an end of the calibration, or for a failure."""
-    read_mm = heights(tracker, START_READINGS)
-    calibrated = [point.mm for point in settings.calibration]
-    for end_mm, held in ((min(calibrated), read_mm <= min(calibrated)), (max(calibrated), read_mm >= max(calibrated))):
-        if held.mean() > HELD_PART:
-            raise TrackerError(
-                "tracker",
-                f"got readings at or beyond {end_mm:g} mm, where its calibration ends",
-                "see that the sensor is in its place and sees the foot, or run palpate calibrate tracker",
-                allowed=f"{min(calibrated):g} to {max(calibrated):g} mm",
-            )
 
 
 def heights_asked(text: str) -> tuple[float, ...]:
@@ -261,106 +214,3 @@ def _put(tracker: MutableMapping[str, Any], rig: Rig) -> None:
         row.update({"counts": point.counts, "mm": point.mm})
         points.append(row)
     tracker["calibration"] = points.multiline(multiline=True)
-
-
-@dataclass(frozen=True)
-class Zero:
-    """A foot at rest, mm: median height above the calibration's contact, standard deviation, and number of samples."""
-
-    offset_mm: float
-    spread_mm: float
-    samples: int
-
-    def applied(self, samples: Samples) -> Samples:
-        """Return the same samples with heights that count from where the foot rested."""
-        return replace(samples, height_mm=samples.height_mm - self.offset_mm)
-
-
-def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: float) -> Zero:
-    """Return the zero from heights of a resting foot, mm, shape (n,).
-
-    Raises `TrackerError` for too few samples, a foot that moved, or an offset above `farthest_mm`.
-    """
-    if heights_mm.size < 2:
-        raise TrackerError("zeroing", f"got {heights_mm.size} samples", "see to the tracker", allowed="2 or more")
-    spread_mm = float(np.std(heights_mm, ddof=1))
-    if spread_mm > STILL_MM:
-        raise TrackerError(
-            "zeroing",
-            f"got heights that spread by {spread_mm:.2f} mm",
-            "rest the foot on the panel without moving",
-            allowed=f"at most {STILL_MM:g} mm",
-        )
-    offset_mm = float(np.median(heights_mm)) - contact_mm
-    if abs(offset_mm) > farthest_mm:
-        raise TrackerError(
-            "zeroing",
-            f"got an offset of {offset_mm:.2f} mm",
-            "if it does, see to the sensor's place, then run palpate calibrate tracker",
-            allowed=f"at most {farthest_mm:g} mm either way (tracker.zeroing_mm); rest the foot on the bare panel",
-        )
-    return Zero(offset_mm, spread_mm, heights_mm.size)
-
-
-def heights(tracker: Tracker, samples: int) -> NDArray[np.float64]:
-    """Return the next heights from now on, mm, shape (samples,); `TrackerError` if the tracker failed."""
-    tracker.drain()
-    read = np.empty(0)
-    while read.size < samples:
-        read = np.concatenate([read, tracker.read().height_mm])
-    return read[:samples]
-
-
-class ZeroedTracker:
-    """Implements `Tracker` on top of another one: heights count from where the foot rested, once it has."""
-
-    def __init__(self, tracker: Tracker, *, contact_mm: float, farthest_mm: float, samples: int) -> None:
-        """Take over an opened tracker; a zeroing takes `samples` of a foot within `farthest_mm` of `contact_mm`."""
-        self._tracker = tracker
-        self._contact_mm = contact_mm
-        self._farthest_mm = farthest_mm
-        self._samples = samples
-        self.zero: Zero | None = None
-        """Where the foot rested when zeroed; None at first and since the tracker came back."""
-
-    def settle(self, rest: Callable[[str], object]) -> Zero:
-        """Return the zero of a resting foot, read again until it is good; `TrackerError` if the tracker failed.
-
-        `rest` has the foot rest on the bare panel, gets the last reading's fault, and gives up by raising.
-        """
-        why = ""
-        while True:
-            rest(why)
-            read_mm = heights(self._tracker, self._samples)
-            try:
-                self.zero = zero(read_mm, contact_mm=self._contact_mm, farthest_mm=self._farthest_mm)
-            except TrackerError as refused:
-                why = refused.finding.sentence()
-            else:
-                return self.zero
-
-    @property
-    def counts(self) -> LinkCounts:
-        return self._tracker.counts
-
-    @property
-    def gone(self) -> bool:
-        return getattr(self._tracker, "gone", False)
-
-    @property
-    def clock_map(self) -> ClockMap | None:
-        return self._tracker.clock_map
-
-    def drain(self) -> None:
-        self._tracker.drain()
-
-    def read(self) -> Samples:
-        samples = self._tracker.read()
-        return samples if self.zero is None else self.zero.applied(samples)
-
-    def reconnect(self, timeout_s: float) -> None:
-        self.zero = None
-        self._tracker.reconnect(timeout_s)
-
-    def close(self) -> None:
-        self._tracker.close()

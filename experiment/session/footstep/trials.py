@@ -14,12 +14,12 @@ from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Actuator, Tracker
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.apparatus.tracker import calibration
-from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
 from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import lasted_ms
 from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
 from palpate.experiment.desk.questions import Place, Rest
@@ -467,7 +467,7 @@ def _recorded(protocol: Protocol, tasks: Sequence[Task]) -> set[str]:
 
 def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     rigs.check(rig, protocol.footsteps.step)
-    calibration.check_age(rig, today)
+    zeroing.check_age(rig, today)
 
 
 KIND = SessionKind(open_footsteps, _recorded, _check_rig, "palpate.experiment.session.footstep.fidelity", frames=True)

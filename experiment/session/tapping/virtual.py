@@ -15,7 +15,7 @@ from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_dr
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
-from palpate.experiment.apparatus.tracker import calibration
+from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
 from palpate.experiment.desk.messages import Lamp, Measured
@@ -63,7 +63,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     device = opening.servo_of(rig)
     if not rig.rig.simulated:
         settings.refuse_beyond(virtual, device, rig=rig.rig.name)
-        calibration.check_age(rig, day(clock.now_ns()))
+        zeroing.check_age(rig, day(clock.now_ns()))
     limit_n = min(protocol.exposure.force_peak_n or 0.0, device.full_scale_n)
     limit_m_s2 = protocol.exposure.vibration_peak_m_s2
     address = ends.panel(opened)
@@ -103,7 +103,7 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
     settings.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
     opening.refuse_simulated_table(rig_file, rig)
-    calibration.check_age(rig, today)
+    zeroing.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
 
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.desk.terminal import TerminalTakes
 from palpate.experiment.errors import RecordingError, TrackerStopped
 from palpate.experiment.recordings import manifest, store

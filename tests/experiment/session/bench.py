@@ -11,10 +11,10 @@ import pytest
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import Masker, Microphone
-from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
 from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.apparatus.tracker.gate import Scrutiny
 from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
+from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol.files import shipped

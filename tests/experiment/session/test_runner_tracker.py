@@ -13,10 +13,10 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
-from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
+from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Event, Question, Reply, Silent, TrialAnswer
 from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped

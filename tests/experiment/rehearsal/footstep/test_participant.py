@@ -8,7 +8,7 @@ from collections import deque
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.apparatus.tracker.calibration import ZeroedTracker
+from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import ENTER, TakeNote
 from palpate.experiment.desk.questions import Arm, Confirm, Level, Reply, Rest, TrialAnswer
