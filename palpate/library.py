@@ -58,7 +58,7 @@ def read(dataset: PathLike, *others: PathLike) -> Study:
     {'virtual': 0.53, 'real': 0.648}
     """
     from palpate.analysis.reading.dataset import read_pooled
-    from palpate.experiment.dataset.build import check_analysed
+    from palpate.experiment.dataset.tables import check_analysed
 
     folders = [Path(one) for one in (dataset, *others)]
     for folder in folders:

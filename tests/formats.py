@@ -19,7 +19,7 @@ from palpate.analysis.analyse import analyse
 from palpate.analysis.documents import page
 from palpate.experiment import storage
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.dataset import build
+from palpate.experiment.dataset import tables
 from palpate.experiment.dataset.checks import Plan
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.models import Protocol
@@ -82,7 +82,7 @@ def _dataset() -> Description:
     return {
         "columns": {kind: list(events.columns_of(kind)) for kind in kinds},
         "keys": {**keys, "Palpate": palpate},
-        "read": {end: list(read) for end, read in build.READ.items()},
+        "read": {end: list(read) for end, read in tables.READ.items()},
         "plan.json": schema(Plan),
         "seed.json": schema(enrolment.Settled),
     }

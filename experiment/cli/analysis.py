@@ -400,8 +400,8 @@ def status_of(study: Path) -> "Status":
 
     from palpate.analysis.reading import dataset as reading
     from palpate.experiment.clock import day, wall_ns
-    from palpate.experiment.dataset import build
     from palpate.experiment.dataset import status as statuses
+    from palpate.experiment.dataset import tables
     from palpate.experiment.protocol import files
 
     if study.is_file():
@@ -414,7 +414,7 @@ def status_of(study: Path) -> "Status":
     if not done:
         return found
     try:
-        build.check_tables(found.root)
+        tables.check_tables(found.root)
         whole = [one for one in reading.read(found.root).exclusions if one.trial is None and one.participant in done]
     except PalpateError as error:
         told = f"Who is excluded is not known: {error.sentence()}"
@@ -446,10 +446,10 @@ def analysed(
 def _believe(*datasets: Path) -> None:
     """Refuse a dataset whose journals are not all its own, or do not give its tables; tell where there are none."""
     from palpate.experiment.cli import tell
-    from palpate.experiment.dataset import build
+    from palpate.experiment.dataset import tables
 
     for dataset in datasets:
-        for line in build.check_analysed(dataset):
+        for line in tables.check_analysed(dataset):
             tell(f"palpate: {line}")
 
 

@@ -15,7 +15,7 @@ from typing import Literal
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.dataset import bids, build, checks, register
+from palpate.experiment.dataset import bids, build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, Signer, anchors_of_file
 from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, RecordingError, Remedy, Verdict
@@ -134,7 +134,7 @@ def _together(
     held: Dataset | None = None
     unmade = stopped = False
     doubts: list[Finding] = []
-    tables: list[Finding] = []
+    differing: list[Finding] = []
     try:
         dataset = checks.load(root)
         doubts = [_inside(root, one) for one in checks.findings(dataset) if one.check != "anchors"]
@@ -142,12 +142,12 @@ def _together(
         sound = tuple(one for one in dataset.sessions if one[0].relative_to(root).as_posix() not in refused)
         held = replace(dataset, sessions=sound, under_way=dataset.under_way.intersection(path for path, _ in sound))
         if sound:
-            edited = build.edited(root, held, held.under_way, whole=not refused)
-            tables = [_inside(root, error.finding) for error in (*edited, *_lost_traces(root, held))]
-            unmade = bool(tables) and build.unmade(root, dataset)
+            edited = tables.edited(root, held, held.under_way, whole=not refused)
+            differing = [_inside(root, error.finding) for error in (*edited, *_lost_traces(root, held))]
+            unmade = bool(differing) and tables.unmade(root, dataset)
     except PalpateError as error:
         doubts, stopped = [*doubts, _inside(root, error.finding)], True
-    for finding in (*doubts, *(() if unmade else tables)):
+    for finding in (*doubts, *(() if unmade else differing)):
         if (finding.where, finding.clause()) not in told:
             told.add((finding.where, finding.clause()))
             yield finding
@@ -173,12 +173,12 @@ def _together(
     for path in sorted(held.under_way):
         yield Finding(checks.OPEN, path.relative_to(root).as_posix(), verdict="unknown")
     if unmade:
-        yield Finding(f"were not compared: {build.UNMADE}", "tables", verdict="unknown")
+        yield Finding(f"were not compared: {tables.UNMADE}", "tables", verdict="unknown")
         return
     if stopped:
         yield Finding("were not compared: comparing them stopped at what is refused", "tables", verdict="unknown")
         return
-    others = "but for those refused, " if tables else ""
+    others = "but for those refused, " if differing else ""
     given = "that hold give; those of other journals and of all participants, and" if refused else "give;"
     text = f"{others}are what the journals {given} traces of the foot's height were not compared"
     yield Finding(text, "tables", verdict="passes")
@@ -199,7 +199,7 @@ def _lost_traces(root: Path, dataset: Dataset) -> Iterator[PalpateError]:
     for journal_file, header in dataset.sessions:
         participant, task = header.participant, header.task
         contents = journal.read(journal_file)
-        ended = build.until_footer(contents) if journal_file in dataset.under_way else contents
+        ended = tables.until_footer(contents) if journal_file in dataset.under_way else contents
         stepped = any(isinstance(entry, Outcome) and entry.frames and entry.asks for entry in ended.entries)
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import build, checks, verify
+from palpate.experiment.dataset import build, checks, tables, verify
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.records import chain, journal
 from palpate.experiment.study import enrolment, roster
@@ -46,10 +46,10 @@ def _wrong(made: MadeStudy, folder: Path, size: Size) -> Iterator[Count]:
         there = folder / f"wrong-{number}"
         study = copied(made, there / "study")
         wrong.act(study, there)
-        answers[check].append((wrong.said, _refusal(build.check_tables, study.root)))
+        answers[check].append((wrong.said, _refusal(tables.check_tables, study.root)))
         if wrong.mended:
             build.build(study.root)
-            answers["build"].append(("^mended$", _refusal(build.check_tables, study.root) or "mended"))
+            answers["build"].append(("^mended$", _refusal(tables.check_tables, study.root) or "mended"))
         else:
             answers["build"].append((wrong.said, _refusal(build.build, study.root)))
         shutil.rmtree(there)

@@ -16,7 +16,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import opening
-from palpate.experiment.dataset import build, checks
+from palpate.experiment.dataset import build, checks, tables
 from palpate.experiment.dataset.status import status
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, Interrupted, JournalError, ProtocolError, RigError
@@ -205,7 +205,7 @@ def test_one_that_was_interrupted_before_its_tables_were_made_is_accused_of_noth
     # As of one that was interrupted while tables were made.
     assert found() == (set(), "unknown")
     with refuses(DatasetError):
-        build.check_tables(root)
+        tables.check_tables(root)
     (root / "derivatives").mkdir()
     # They were made, for they were analysed.
     assert "participants.tsv" in found()[0]

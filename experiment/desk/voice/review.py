@@ -17,7 +17,7 @@ from pydantic import ValidationError
 
 from palpate.experiment import storage
 from palpate.experiment.clock import utc, wall_ns
-from palpate.experiment.dataset import build
+from palpate.experiment.dataset import tables
 from palpate.experiment.errors import AudioError, DatasetError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
@@ -88,9 +88,9 @@ def flag(spoken: Spoken, answered: str | None) -> str:
 def utterances(root: Path, *, share: float, seed: int) -> tuple[Utterance, ...]:
     """Return what to listen to in a dataset, in an uninformative order; a `share` of the unflagged is drawn by `seed`.
 
-    Raises as `build.check_tables`, and `DatasetError` for a sound that is not the one on record.
+    Raises as `tables.check_tables`, and `DatasetError` for a sound that is not the one on record.
     """
-    dataset = build.check_tables(root)
+    dataset = tables.check_tables(root)
     withdrawn = dataset.roster.withdrawn if dataset.roster is not None else {}
     found: list[tuple[str, Utterance]] = []
     for path, header in dataset.sessions:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import build, checks, register
+from palpate.experiment.dataset import build, checks, register, tables
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
 from palpate.experiment.records import chain, journal
@@ -28,7 +28,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
 
 
 def test_a_study_whose_journals_are_its_own_is_believed(made: MadeStudy) -> None:
-    found = build.check_tables(made.root)
+    found = tables.check_tables(made.root)
     assert (found.purpose, len(found.sessions)) == ("STUDY", 2)
     assert found.roster is not None
     assert list(found.roster.consent_on) == ["01", "02", "03"]
@@ -40,11 +40,11 @@ def test_what_is_wrong_is_refused_by_name(made: MadeStudy, wrong: Wrong, tmp_pat
     study = copied(made, tmp_path / "study")
     wrong.act(study, tmp_path)
     with pytest.raises(PalpateError, match=wrong.said) as refused:
-        build.check_tables(study.root)
+        tables.check_tables(study.root)
     assert "/sourcedata/" in str(refused.value) or "/dataset/" in str(refused.value)
     if wrong.mended:
         build.build(study.root)
-        build.check_tables(study.root)
+        tables.check_tables(study.root)
     else:
         with pytest.raises(PalpateError, match=wrong.said):
             build.build(study.root)
@@ -276,7 +276,7 @@ def test_a_withdrawal_that_was_killed_is_finished_by_the_same_command(
     for _ in range(2):
         withdraw(study)
         assert withdrawn(study)
-        build.check_tables(study.root)
+        tables.check_tables(study.root)
     done = progress(journal.read(study.journal()).entries)
     assert done.footer is not None
     assert done.footer.reason == "complete"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.experiment.dataset import build
+from palpate.experiment.dataset import build, tables
 from palpate.experiment.dataset.kinds.comparison import DATASET
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.messages import Correct
@@ -67,7 +67,7 @@ def test_it_is_built_again_the_same_and_verified(rehearsed: Path) -> None:
     before = {path: path.read_bytes() for path in rehearsed.rglob("*") if path.is_file()}
     build.build(rehearsed)
     assert {path: path.read_bytes() for path in rehearsed.rglob("*") if path.is_file()} == before
-    build.check_tables(rehearsed)
+    tables.check_tables(rehearsed)
     told = verify(rehearsed)
     assert told.refused == 0
     assert any("its rig is the one that it names" in finding.clause() for finding in told.findings)
@@ -107,6 +107,6 @@ def test_an_answer_that_was_edited_is_found(rehearsed: Path, tmp_path: Path) -> 
         header, _, rows = kept.partition(b"\n")
         events.write_bytes(header + b"\n" + rows.replace(b"\tfirst\t", b"\tsecond\t", 1))
         with pytest.raises(DatasetError, match="is not what the journal gives"):
-            build.check_tables(rehearsed)
+            tables.check_tables(rehearsed)
     finally:
         events.write_bytes(kept)

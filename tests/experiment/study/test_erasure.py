@@ -15,7 +15,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import build, checks, register
+from palpate.experiment.dataset import build, checks, register, tables
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol import files
@@ -53,7 +53,7 @@ def of(study: MadeStudy, participant: str) -> list[str]:
 
 def erased(study: MadeStudy) -> bool:
     """Whether nothing but the withdrawal is left, and all commands know it."""
-    build.check_tables(study.root)
+    tables.check_tables(study.root)
     table = (study.root / "participants.tsv").read_text("utf-8")
     return of(study, "02") == ["sub-02_withdrawn.json"] and "sub-02" not in table and verify(study.root).refused == 0
 
@@ -103,7 +103,7 @@ def test_all_may_be_erased_and_again_after_an_earlier_withdrawal(study: MadeStud
 def test_what_a_backup_brings_back_is_refused_until_it_is_erased_again(made: MadeStudy, study: MadeStudy) -> None:
     erase(study)
     shutil.copytree(made.root / "sourcedata" / "sub-02", study.root / "sourcedata" / "sub-02", dirs_exist_ok=True)
-    for check in (build.build, build.check_tables):
+    for check in (build.build, tables.check_tables):
         with pytest.raises(DatasetError, match="the data of participant 02 were erased, as the roster says"):
             check(study.root)
     assert verify(study.root).refused

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.experiment import storage
-from palpate.experiment.dataset import build
+from palpate.experiment.dataset import build, tables
 from palpate.experiment.desk.voice import ear, review
 from palpate.experiment.desk.voice.review import LOG, Agreement, Second, agreement, flag, rated, utterances
 from palpate.experiment.errors import AudioError, DatasetError
@@ -143,7 +143,7 @@ def test_a_second_rater_hears_nothing_of_the_first(
     code, out, _ = palpate("answers", "review", study.root, "--by", "B", "--share", 1, "--json")
     assert json.loads(out)["left"] == 1
     # What is beside the journals spoils no proof of the dataset.
-    build.check_tables(study.root)
+    tables.check_tables(study.root)
 
 
 def test_paths_are_printed_where_nothing_plays(
