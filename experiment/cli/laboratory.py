@@ -276,6 +276,10 @@ def rehearse(
     rig: Annotated[
         Path | None, typer.Option("--rig", help="Rig file of a simulated rig [default: the shipped one].")
     ] = None,
+    panel: Annotated[
+        Path | None,
+        typer.Option("--panel", help="File of modes of a simulated panel [default: one without a phase]."),
+    ] = None,
     control: Annotated[
         Literal["none", "silence"], typer.Option("--control", help="'silence' replaces every stimulus with zeros.")
     ] = "none",
@@ -323,6 +327,7 @@ def rehearse(
                 out=out,
                 participants=participants,
                 seed=seed,
+                panel_file=panel,
                 control=control,
                 real_time=real_time,
                 jobs=jobs,

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -46,8 +46,14 @@ from palpate.experiment.session.laboratory import header, open_laboratory
 from palpate.experiment.synthesis import waveforms
 from palpate.experiment.synthesis.waveforms import Basis
 
+if TYPE_CHECKING:
+    from palpate.experiment.rehearsal.footstep.modes import MovingPanel
+
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
+
+PANEL_FILE = "panel.toml"
+"""Beside the rig in a rehearsal's dataset: the modes of its panel, where it was given any."""
 
 TASK_NS = 2 * 3600 * 10**9
 """In simulated time each task of a participant starts this long after the one before, break included."""
@@ -157,10 +163,11 @@ class SimulatedEnds:
             )
 
     def panel(self, opened: ExitStack) -> str | None:
+        moving = moving_panel(self.job.dataset)
         if self._card is not None and self.rig.actuator.driver == "audio":
-            self._panel = self._card.panel()
+            self._panel = self._card.panel(moving)
             return None
-        panel = Panel(self.rig.actuator, real_time=self.real_time)
+        panel = Panel(self.rig.actuator, real_time=self.real_time, moving=moving)
         opened.callback(panel.close)
         self._panel = panel
         return panel.address
@@ -219,6 +226,16 @@ class SimulatedEnds:
             tick=self.tick,
             screen=self.screen,
         )
+
+
+def moving_panel(dataset: Path) -> MovingPanel | None:
+    """Return a new panel of the modes that a rehearsal keeps, None without any. Raises `ProtocolError`."""
+    file = storage.protocol_path(dataset).with_name(PANEL_FILE)
+    if not file.exists():
+        return None
+    from palpate.experiment.rehearsal.footstep import modes
+
+    return modes.MovingPanel(modes.read(file))
 
 
 _stimuli: dict[tuple[Path, tuple[bytes, ...], str, str], Stimuli] = {}

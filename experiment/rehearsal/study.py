@@ -26,7 +26,7 @@ from palpate.experiment.records.entries import Footer
 from palpate.experiment.records.progress import progress
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.rehearsal.kind import rehearsal_kind
-from palpate.experiment.rehearsal.session import Job, rehearse_at_once, rehearse_participant, run_task
+from palpate.experiment.rehearsal.session import PANEL_FILE, Job, rehearse_at_once, rehearse_participant, run_task
 from palpate.experiment.session import scene
 from palpate.experiment.session.remarks import paused
 from palpate.experiment.session.visit import visit_steps, walk
@@ -55,6 +55,7 @@ def rehearse(
     seed: int,
     control: Literal["none", "silence"] = "none",
     real_time: bool = False,
+    panel_file: Path | None = None,
     jobs: int = 1,
     total: Callable[[int, int], None] = lambda _, __: None,
     tick: Callable[[], None] = lambda: None,
@@ -64,8 +65,9 @@ def rehearse(
 
     `out` is made or continued; None is a folder under `participants/` named after study and seed. The first
     `participants` are rehearsed, None for all, in `jobs` processes at a time, 0 for one a core. `seed` names every
-    draw, and `real_time` paces by the wall clock. `total` gets the numbers of answers and of those on disk, `tick`
-    follows each confirmed answer; `screen` shows what an experimenter would see.
+    draw, and `real_time` paces by the wall clock. `panel_file` has the modes of a panel that moves in time; None is
+    one that answers each frequency on its own, as equation (7) assumes. `total` gets the numbers of answers and of
+    those on disk, `tick` follows each confirmed answer; `screen` shows what an experimenter would see.
 
     Raises `DatasetError` if `out` holds anything else, and `PalpateError` if a part failed; the same call continues.
     Before any session nothing is left in `out`.
@@ -87,6 +89,7 @@ def rehearse(
             allowed="none, because nothing is played there",
         )
     rig = _simulated_rig(rig_file, protocol)
+    panel = _panel(panel_file, rig_file, rig)
     if not real_time:
         _check_paced(rig_file, rig, protocol)
     out = (out or Path("participants") / f"rehearsal-{protocol.study.id}-seed{seed}").resolve()
@@ -101,8 +104,8 @@ def rehearse(
     allocations = allocate(protocol, seed)[:count]
     todo = [Job(out, one.participant, one.tasks, seed, control, real_time) for one in allocations]
     with ExitStack() as refused:
-        if not is_begun(out, plan):
-            refused.enter_context(_prepared(out, plan, protocol_file, rig_file))
+        if not _is_begun_on(panel, out, plan):
+            refused.enter_context(_prepared(out, plan, protocol_file, rig_file, panel))
         left = {job: sum(_remaining(out, protocol, job, task) for task in job.tasks) for job in todo}
         answers = sum(protocol.trials(protocol.task(task)) for job in todo for task in job.tasks)
         begin = partial(total, answers, answers - sum(left.values()))
@@ -177,7 +180,7 @@ def practise(
     )
     with ExitStack() as refused:
         if not is_begun(job.dataset, plan):
-            refused.enter_context(_prepared(job.dataset, plan, protocol_file, rig_file))
+            refused.enter_context(_prepared(job.dataset, plan, protocol_file, rig_file, None))
         left = {task: _remaining(job.dataset, protocol, job, task) for task in job.tasks}
         tasks = (task_id,) if task_id else tuple(task for task in job.tasks if left[task]) or job.tasks[-1:]
         if tasks[0] not in left:
@@ -231,6 +234,34 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     return rig
 
 
+def _panel(panel_file: Path | None, rig_file: Path, rig: rigs.Rig) -> bytes | None:
+    """Return the file of a panel's modes, if any, which can be used with a rig. Raises `PalpateError`."""
+    if panel_file is None:
+        return None
+    from palpate.experiment.rehearsal.footstep import modes
+
+    modes.read(panel_file)
+    if rig.actuator.shaping is None:
+        raise DatasetError(
+            rig_file,
+            "its actuator takes accelerations, and a panel of modes takes volts",
+            "leave out --panel, or give such a rig",
+            allowed="a rig with [actuator.shaping]",
+        )
+    return storage.read_bytes(panel_file)
+
+
+def _is_begun_on(panel: bytes | None, out: Path, plan: Plan) -> bool:
+    """Return what `is_begun` does. Raises `DatasetError` also where it holds a rehearsal on another panel."""
+    if not is_begun(out, plan):
+        return False
+    kept = storage.protocol_path(out).with_name(PANEL_FILE)
+    if panel != (storage.read_bytes(kept) if kept.exists() else None):
+        another = f"choose another folder with {OPTIONS[plan.label]}"
+        raise DatasetError(out, "holds a rehearsal on another panel", another, allowed="the same --panel as before")
+    return True
+
+
 def _remaining(out: Path, protocol: Protocol, job: Job, task: str) -> int:
     """Return how many answers of one participant in a task are not on disk yet."""
     entries = journal.read_if_begun(storage.journal_path(out, job.participant, task)).entries
@@ -265,7 +296,7 @@ def is_begun(out: Path, plan: Plan) -> bool:
 
 
 @contextmanager
-def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Iterator[None]:
+def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path, panel: bytes | None) -> Iterator[None]:
     """Make `out` with all that precedes the first participant, whole or not at all, and undo it without a session."""
     was_there, parents = out.exists(), [above for above in out.parents if not above.exists()]
     made = False
@@ -274,6 +305,8 @@ def _prepared(out: Path, plan: Plan, protocol_file: Path, rig_file: Path) -> Ite
             kept = storage.protocol_path(partial)
             storage.create(kept, storage.read_bytes(protocol_file))
             opening.copy_rig(rig_file, kept.with_name("rig.toml"))
+            if panel is not None:
+                storage.create(kept.with_name(PANEL_FILE), panel)
             protocol = files.load(kept)
             if scene.virtual(protocol).synthesis:
                 recorded_takes.make_recordings(partial / storage.RECORDINGS, protocol=protocol, seed=plan.seed)

@@ -12,10 +12,8 @@ from palpate.experiment.rehearsal import study
 
 
 def rehearse(out: Path, **changed: Any) -> Path:
-    asked: dict[str, Any] = {"participants": 1, "seed": 1} | changed
-    return study.rehearse(
-        protocol_file=shipped("okamoto2012.toml"), rig_file=shipped("rigs/rehearsal.toml"), out=out, **asked
-    )
+    asked: dict[str, Any] = {"participants": 1, "seed": 1, "rig_file": shipped("rigs/rehearsal.toml")} | changed
+    return study.rehearse(protocol_file=shipped("okamoto2012.toml"), out=out, **asked)
 
 
 def counted(root: Path, task: str) -> list[dict[str, str]]:

@@ -15,6 +15,7 @@ from palpate.experiment.records.entries import MaskerSet, Redo
 from palpate.experiment.records.kinds.footstep import FootStep, Probed, Zeroed
 from palpate.experiment.rehearsal import session, study
 from palpate.experiment.rehearsal.footstep import participant
+from palpate.experiment.rehearsal.footstep.modes import MovingPanel
 from palpate.experiment.rehearsal.footstep.panel import CardPanel
 from palpate.experiment.rehearsal.wires.sound_card import WiredCard
 from tests.approved import Refuses
@@ -90,8 +91,8 @@ def test_stimuli_that_the_loopback_does_not_hear_are_done_again(
     class Pulled(WiredCard):
         """The loopback's cable is out for the masker's probe and the first two stimuli of the task with stimuli."""
 
-        def panel(self) -> CardPanel:
-            opened = super().panel()
+        def panel(self, moving: MovingPanel | None) -> CardPanel:
+            opened = super().panel(moving)
             if pulled:
                 return opened
             self.card.disconnect(2)

@@ -1,8 +1,11 @@
 """SIMULATED panel: the far end of the actuator's port. It keeps what was delivered, for whoever stands on it.
 
 `Panel` is a raw PCM port, `CardPanel` is behind a simulated sound card. Volts get a simulated response, like that in
-Figure 9 of Okamoto et al.; no rig was measured.
+Figure 9 of Okamoto et al.; no rig was measured. It answers each frequency on its own, without a phase, as equation (7)
+assumes; a panel with states (`modes.py`) answers in time.
 """
+
+from __future__ import annotations
 
 import queue
 import socket
@@ -10,6 +13,7 @@ import threading
 import time
 from functools import partial
 from math import sqrt
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +24,9 @@ from palpate.experiment.errors import AudioError
 from palpate.experiment.rehearsal.wires.listener import Tap
 from palpate.experiment.synthesis.shaping import Response
 from palpate.experiment.synthesis.spectra import bin_frequencies_hz, inverse, spectrum
+
+if TYPE_CHECKING:
+    from palpate.experiment.rehearsal.footstep.modes import MovingPanel
 
 SUSPENSION_HZ, SUSPENSION_DAMPING = 35.0, 0.5
 PANEL_HZ, PANEL_DAMPING = 360.0, 0.12
@@ -65,9 +72,10 @@ _DEAF_S = 5.0
 class Panel:
     """Listens on the loopback interface for one connection a stimulus."""
 
-    def __init__(self, actuator: ActuatorRig, *, real_time: bool = True) -> None:
+    def __init__(self, actuator: ActuatorRig, *, real_time: bool = True, moving: MovingPanel | None = None) -> None:
         """Listen at once. In real time a connection closes after its last sample was played, simulated at its end."""
         self._actuator = actuator
+        self._moving = moving
         self._real_time = real_time
         self._server = socket.create_server(("127.0.0.1", 0))
         self.address = f"127.0.0.1:{self._server.getsockname()[1]}"
@@ -115,14 +123,15 @@ class Panel:
                 samples = np.frombuffer(data[: len(data) // _SAMPLE.itemsize * _SAMPLE.itemsize], _SAMPLE)
                 if self._real_time:
                     self._closing.wait(began_s + samples.size / self._actuator.rate_hz - time.monotonic())
-                self._stimuli.put(_delivered(samples, self._actuator))
+                self._stimuli.put(_delivered(samples, self._actuator, self._moving))
 
 
-def _delivered(samples: NDArray[np.float32], actuator: ActuatorRig) -> NDArray[np.float64]:
+def _delivered(samples: NDArray[np.float32], actuator: ActuatorRig, moving: MovingPanel | None) -> NDArray[np.float64]:
     delivered = samples.astype(np.float64) * actuator.full_scale
     if actuator.shaping is None or not samples.size:
         return delivered
-    return moved(delivered, rate_hz=actuator.rate_hz)
+    rate_hz = actuator.rate_hz
+    return moved(delivered, rate_hz=rate_hz) if moving is None else moving.moved(delivered, rate_hz=rate_hz)
 
 
 QUIET_S = 0.03
@@ -137,10 +146,11 @@ _LOOK_S = 0.005
 class CardPanel:
     """What the foot feels behind a sound card: a stimulus begins above zero, and ends after `QUIET_S` of zeros."""
 
-    def __init__(self, tap: Tap, actuator: ActuatorRig) -> None:
+    def __init__(self, tap: Tap, actuator: ActuatorRig, moving: MovingPanel | None = None) -> None:
         """Begin with what is carried from now on; `tap` is on the actuator's channel."""
         self._tap = tap
         self._actuator = actuator
+        self._moving = moving
         self._quiet = round(QUIET_S * actuator.rate_hz)
         self._at = 0
 
@@ -154,7 +164,7 @@ class CardPanel:
         while True:
             found, begun = self._next()
             if found is not None:
-                return _delivered(found, self._actuator)
+                return _delivered(found, self._actuator, self._moving)
             late_s = time.monotonic() - ends
             if not timeout_s or (late_s > 0 and not begun):
                 return None

@@ -15,7 +15,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import ModuleType
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from filelock import FileLock, Timeout
 
@@ -26,6 +26,9 @@ from palpate.experiment.errors import AudioError
 from palpate.experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
 from palpate.experiment.rehearsal.wires.listener import Tap
 from palpate.experiment.rehearsal.wires.mouth import Mouth, Samples, leak
+
+if TYPE_CHECKING:
+    from palpate.experiment.rehearsal.footstep.modes import MovingPanel
 
 DEVICE = "system"
 """As PortAudio names the simulated card."""
@@ -238,9 +241,9 @@ class WiredCard:
         if self._channels.actuator <= self.card.channels("out") and (self._channels.loopback or 0) <= inputs:
             self.connect_loopback()
 
-    def panel(self) -> CardPanel:
+    def panel(self, moving: MovingPanel | None) -> CardPanel:
         """Return the panel on the actuator's channel, from now on. Raises `AudioError`."""
-        panel = CardPanel(self.card.tap(self._channels.actuator, seconds=LONGEST_S), self._actuator)
+        panel = CardPanel(self.card.tap(self._channels.actuator, seconds=LONGEST_S), self._actuator, moving)
         self._opened.callback(panel.close)
         return panel
 
