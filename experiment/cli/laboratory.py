@@ -392,7 +392,7 @@ def withdraw(
     from palpate.experiment.dataset import checks
     from palpate.experiment.protocol import files
     from palpate.experiment.protocol.blocks import count
-    from palpate.experiment.study import enrolment, people
+    from palpate.experiment.study import enrolment, people, withdrawal
 
     if yes and not erase:
         raise RosterError(
@@ -400,13 +400,15 @@ def withdraw(
         )
     _check_roster(protocol_file, dataset)
     if erase and not yes:
-        sessions, answers = enrolment.held(protocol_file, participant, root=dataset)
+        sessions, answers = withdrawal.held(protocol_file, participant, root=dataset)
         what = f"{count(sessions, 'session')} of participant {participant} with {count(answers, 'answer')}"
         if not sessions:
             what = f"what is left of participant {participant}, who has no session here"
         options.confirm(f"This deletes {what}, for good.", participant, "nothing was erased")
     try:
-        path = enrolment.withdraw(protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase)
+        path = withdrawal.withdraw(
+            protocol_file, participant, reason, root=dataset, rebuild=datasets.build, erase=erase
+        )
     except DatasetError:
         # The data are gone all the same where only the tables could not be made again.
         if erase:

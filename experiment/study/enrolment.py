@@ -1,4 +1,4 @@
-"""Participants: enrol them, record their consent, withdraw them, erase their data.
+"""Participants: enrol them, and record their consent.
 
 The first enrolment begins the dataset, with one protocol and one seed. The seed decides who does what, so it is drawn
 only then, into a file that only its owner reads. Its hash, salted with 128 bits because a seed has only 31, stands in
@@ -8,8 +8,6 @@ journal's header; without the salt the hash proves nothing.
 
 import hashlib
 import secrets
-from collections.abc import Callable
-from contextlib import closing
 from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
@@ -17,12 +15,12 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationError
 
 from palpate.experiment import storage
-from palpate.experiment.clock import MonotonicClock, day, wall_ns
-from palpate.experiment.errors import DatasetError, PalpateError, RosterError
+from palpate.experiment.clock import day, wall_ns
+from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
-from palpate.experiment.records.entries import Purpose, Record, Withdrawal
+from palpate.experiment.records.entries import Purpose, Record
 from palpate.experiment.records.progress import progress
 from palpate.experiment.study import people
 from palpate.experiment.study.roster import Roster, check_consent
@@ -171,14 +169,14 @@ def consent(
     `correction` states why the day replaces the one on record. Raises `RosterError` if the participant is not enrolled,
     has withdrawn or consented already, or the day or the reason is not allowed.
     """
-    root = _begun(protocol_file, root)
+    root = study_begun(protocol_file, root)
     check_consent(participant, consent_on, approved_on=approved_on(root, protocol_file), today=day(wall_ns()))
     path = storage.roster_path(root)
     known = Roster.continued(path)
     if correction is None:
         known.consent(participant, consent_on)
     else:
-        _check_reason(protocol_file, root, correction)
+        check_reason(protocol_file, root, correction)
         known.correct(participant, consent_on, correction)
     return path
 
@@ -191,7 +189,7 @@ def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | 
     if not files.load(protocol_file).consent.voice_recordings:
         what, remedy = "got consent.voice_recordings = false", "this study keeps no sound, and asks nobody"
         raise RosterError(protocol_file, what, remedy, allowed="true")
-    root = _begun(protocol_file, root)
+    root = study_begun(protocol_file, root)
     path = storage.roster_path(root)
     known = Roster.continued(path)
     known.check_enrolled(participant)
@@ -203,93 +201,13 @@ def voices(protocol_file: Path, participant: str, agreed: bool, *, root: Path | 
     return path
 
 
-def withdraw(
-    protocol_file: Path,
-    participant: str,
-    reason: str,
-    *,
-    root: Path | None,
-    rebuild: Callable[[Path], None],
-    erase: bool = False,
-) -> Path:
-    """Record that a participant withdrew, and return the roster's file; analysis omits them.
-
-    The roster is written first, then the journals, then the tables (`rebuild`); the same call completes an interrupted
-    one. `erase` also deletes the participant's data, except for a note of the withdrawal. Raises `RosterError` if the
-    participant is not enrolled, has another reason on record, or the reason is not one line, names somebody or mentions
-    health; `SessionLocked` during a session.
-    """
-    root = _begun(protocol_file, root)
-    path = storage.roster_path(root)
-    Roster.load(path).check_enrolled(participant)
-    with journal.locked(storage.participant_folder(root, participant), participant):
-        known = Roster.continued(path)
-        if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
-            _check_reason(protocol_file, root, reason)
-            known.withdraw(participant, reason)
-        if erase:
-            _erase(root, known, participant)
-        else:
-            _mark(root, participant, reason)
-        if erase or storage.journals(root):
-            try:
-                rebuild(root)
-            except PalpateError as error:
-                what = f"the withdrawal of participant {participant} is on record, and no table was made anew"
-                recorded = DatasetError(f"{what}: mend that, then run the same command again")
-                raise error.followed_by(recorded) from error
-    return path
-
-
-def _check_reason(protocol_file: Path, root: Path, reason: str) -> None:
+def check_reason(protocol_file: Path, root: Path, reason: str) -> None:
+    """Raise `RosterError` for a reason that is not one line, names somebody of the study or mentions health."""
     protocol = files.load(protocol_file)
     people.check_reason(reason, (person.name for person in people.known(protocol, root).values()))
 
 
-def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
-    """Return how many sessions and answers of a participant exist. Raises `RosterError` and `SessionLocked`."""
-    root = _begun(protocol_file, root)
-    Roster.load(storage.roster_path(root)).check_enrolled(participant)
-    journal.check_free(storage.participant_folder(root, participant), participant)
-    paths = [path for path in storage.left_of(root, participant) if path.suffix == ".jsonl" and storage.size(path)]
-    return len(paths), sum(storage.read_bytes(path).count(b'"kind":"answer"') for path in paths)
-
-
-def _mark(root: Path, participant: str, reason: str) -> None:
-    """Leave the withdrawal in the participant's journals, or in a file of its own while they have none."""
-    begun = [
-        (path, contents)
-        for path in storage.journals(root)
-        if path.parent == storage.participant_folder(root, participant) and (contents := journal.read(path)).lines
-    ]
-    for path, contents in begun:
-        # Opening it brings up a head that a kill left one line behind.
-        with closing(journal.Journal(path, MonotonicClock(), contents)) as opened:
-            if not isinstance(contents.entries[-1], Withdrawal):
-                torn = contents.torn.decode("utf-8", "backslashreplace")
-                opened.append(Withdrawal(reason=reason, torn=torn))
-    if not begun:
-        _mark_apart(root, participant, reason)
-
-
-def _mark_apart(root: Path, participant: str, reason: str) -> None:
-    storage.write_json(storage.withdrawal_path(root, participant), {"participant": participant, "reason": reason})
-
-
-def _erase(root: Path, roster: Roster, participant: str) -> None:
-    """Delete what the dataset has of a participant; the roster says so before the first file is gone."""
-    folder = storage.participant_folder(root, participant)
-    if folder.is_symlink():
-        raise DatasetError(folder, "is a link", "put the folder itself in its place, then do it again")
-    _mark_apart(root, participant, roster.withdrawn[participant])
-    if participant not in roster.erased:
-        roster.erase(participant)
-    for path in storage.left_of(root, participant):
-        storage.remove(path)
-    storage.sync_folder(folder)
-
-
-def _begun(protocol_file: Path, root: Path | None) -> Path:
+def study_begun(protocol_file: Path, root: Path | None) -> Path:
     """Return where the dataset of a study stands; `root` as for `enrol`. Raises `RosterError` if it was not begun."""
     root = root or default_root(files.load(protocol_file))
     refuse_rehearsal(root)

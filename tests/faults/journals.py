@@ -14,7 +14,7 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import build, checks, tables, verify
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.records import chain, journal
-from palpate.experiment.study import enrolment, roster
+from palpate.experiment.study import roster, withdrawal
 from tests.experiment.dataset.studies import MadeStudy
 from tests.faults.campaign import Count, Size
 from tests.faults.wrong import ALONE, WRONG, base, copied
@@ -30,7 +30,7 @@ def attacks(size: Size) -> Iterator[Count]:
         made = base(Path(name) / "study")
         yield from _wrong(made, Path(name), size)
         yield _alone(made, Path(name))
-        enrolment.withdraw(made.file, "02", "asked to stop", root=made.root, rebuild=build.build)
+        withdrawal.withdraw(made.file, "02", "asked to stop", root=made.root, rebuild=build.build)
         for what, path, read in (
             ("journal", made.journal(), journal.read),
             ("roster", storage.roster_path(made.root), roster.Roster.load),

@@ -13,7 +13,7 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.protocol import approval
 from palpate.experiment.records import chain, journal
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import enrolment, withdrawal
 from palpate.experiment.study.roster import Roster
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 
@@ -254,7 +254,7 @@ def _forgotten(participant: str, rebuild: Callable[[Path], None] = build.build) 
         files = (_roster(study), chain.head_path(_roster(study)))
         for file in files:
             shutil.copy(file, folder / file.name)
-        enrolment.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=rebuild)
+        withdrawal.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=rebuild)
         for file in files:
             shutil.copy(folder / file.name, file)
 

@@ -32,7 +32,7 @@ from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.session import run
 from palpate.experiment.settings.characters import hidden
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import withdrawal
 from tests.approved import anywhere
 from tests.conftest import Palpate
 from tests.rig.laboratory import STOPS
@@ -547,7 +547,7 @@ class TestALaboratorysStudy:
         self.enrol(palpate, protocol)
 
         def withdraws(*_: object, **__: object) -> AbstractContextManager[None]:
-            enrolment.withdraw(protocol, "01", "asked to stop", root=root, rebuild=build.build)
+            withdrawal.withdraw(protocol, "01", "asked to stop", root=root, rebuild=build.build)
             return nullcontext()
 
         monkeypatch.setattr(run, meanwhile, withdraws)

@@ -15,7 +15,7 @@ from palpate.experiment.errors import DatasetError, PalpateError, Remedy, Roster
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Withdrawal
 from palpate.experiment.records.progress import progress
-from palpate.experiment.study import enrolment, roster
+from palpate.experiment.study import enrolment, roster, withdrawal
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.records.test_journal import chained
@@ -76,7 +76,7 @@ def test_each_check_finds_what_it_is_for(made: MadeStudy, tmp_path: Path, check:
 
 def test_what_a_backup_brought_back_is_the_finding_of_a_check(made: MadeStudy, tmp_path: Path) -> None:
     study = copied(made, tmp_path / "study")
-    enrolment.withdraw(study.file, "02", "asked to erase", root=study.root, rebuild=build.build, erase=True)
+    withdrawal.withdraw(study.file, "02", "asked to erase", root=study.root, rebuild=build.build, erase=True)
     folder = Path("sourcedata", "sub-02")
     shutil.copytree(made.root / folder, study.root / folder, dirs_exist_ok=True)
     (finding,) = checks.findings(checks.load(study.root))
@@ -106,7 +106,7 @@ def test_where_the_roster_is_lost_the_data_of_nobody_who_may_be_erased_are_asked
     study = copied(made, tmp_path / "study")
     checks.keep_anchor(study.root)
     gone = study.journal(1).relative_to(study.root).as_posix()
-    enrolment.withdraw(study.file, "02", "asked to erase", root=study.root, rebuild=build.build, erase=True)
+    withdrawal.withdraw(study.file, "02", "asked to erase", root=study.root, rebuild=build.build, erase=True)
     roster_file = storage.roster_path(study.root)
     assert not [one for one in verify(study.root).findings if one.where == gone]
     roster_file.write_bytes(roster_file.read_bytes()[5:])
@@ -243,7 +243,7 @@ def test_tables_with_nothing_behind_them_prove_nothing_and_are_analysed_with_a_n
 
 
 def withdraw(study: MadeStudy, reason: str = "asked to stop") -> None:
-    enrolment.withdraw(study.file, "01", reason, root=study.root, rebuild=build.build)
+    withdrawal.withdraw(study.file, "01", reason, root=study.root, rebuild=build.build)
 
 
 def withdrawn(study: MadeStudy) -> bool:

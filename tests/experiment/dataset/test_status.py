@@ -24,7 +24,7 @@ from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import chain
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import enrolment, withdrawal
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied
@@ -40,7 +40,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
     study.run(study.header(paused.participant, paused.tasks[0]), "caq")
     study.run(study.header(erased.participant, erased.tasks[0]))
     for who in ("03", "05"):
-        enrolment.withdraw(study.file, who, "asked to stop", root=study.root, rebuild=build.build, erase=who == "05")
+        withdrawal.withdraw(study.file, who, "asked to stop", root=study.root, rebuild=build.build, erase=who == "05")
     build.build(study.root)
     return study
 
@@ -268,7 +268,7 @@ def test_no_day_comes_after_the_last_one() -> None:
 def kept(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
     """01, 02 and 03 did a task on 2001-09-09, and 03 was erased; 04 only enrolled. Data are kept for 18 months."""
     study = make_study(tmp_path_factory.mktemp("kept") / "study", enrolled=4, sessions=3, kept_months=18)
-    enrolment.withdraw(study.file, "03", "asked to stop", root=study.root, rebuild=build.build, erase=True)
+    withdrawal.withdraw(study.file, "03", "asked to stop", root=study.root, rebuild=build.build, erase=True)
     build.build(study.root)
     return study
 

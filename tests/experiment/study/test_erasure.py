@@ -20,7 +20,7 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
-from palpate.experiment.study import enrolment, people
+from palpate.experiment.study import people, withdrawal
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses, anywhere
 from tests.conftest import Palpate
@@ -42,7 +42,7 @@ def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
 
 
 def erase(study: MadeStudy, participant: str = "02", reason: str = "asked to erase") -> None:
-    enrolment.withdraw(study.file, participant, reason, root=study.root, rebuild=build.build, erase=True)
+    withdrawal.withdraw(study.file, participant, reason, root=study.root, rebuild=build.build, erase=True)
 
 
 def of(study: MadeStudy, participant: str) -> list[str]:
@@ -91,7 +91,7 @@ def test_another_file_that_is_missing_is_still_missed(study: MadeStudy, refuses:
 
 
 def test_all_may_be_erased_and_again_after_an_earlier_withdrawal(study: MadeStudy) -> None:
-    enrolment.withdraw(study.file, "02", "moved away", root=study.root, rebuild=build.build)
+    withdrawal.withdraw(study.file, "02", "moved away", root=study.root, rebuild=build.build)
     erase(study)
     erase(study, "01")
     erase(study)
@@ -282,7 +282,7 @@ def test_the_same_withdrawal_brings_up_a_head_that_a_kill_left_behind(study: Mad
     (path,) = (one for one in storage.journals(study.root) if one.parent.name == "sub-01")
     before = chain.head_path(path).read_bytes()
     for _ in range(2):
-        enrolment.withdraw(study.file, "01", "asked to stop", root=study.root, rebuild=build.build)
+        withdrawal.withdraw(study.file, "01", "asked to stop", root=study.root, rebuild=build.build)
         *lines, _ = path.read_bytes().split(b"\n")
         head = chain.head_path(path).read_bytes()
         assert head == f"{len(lines):012d} {hashlib.sha256(lines[-1]).hexdigest()}\n".encode()

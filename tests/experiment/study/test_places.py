@@ -11,7 +11,7 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import build, checks
 from palpate.experiment.dataset.status import status
 from palpate.experiment.errors import RosterError
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import enrolment, withdrawal
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import find_allocation
 from tests.approved import Refuses
@@ -35,7 +35,7 @@ def study(made: MadeStudy, tmp_path: Path) -> MadeStudy:
 
 
 def withdraw(study: MadeStudy, participant: str, *, erase: bool = False) -> None:
-    enrolment.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=build.build, erase=erase)
+    withdrawal.withdraw(study.file, participant, "asked to stop", root=study.root, rebuild=build.build, erase=erase)
 
 
 def enrol(study: MadeStudy, participant: str) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError, RosterError
 from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
-from palpate.experiment.study import enrolment, roster
+from palpate.experiment.study import enrolment, roster, withdrawal
 from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
@@ -73,7 +73,7 @@ def test_the_same_command_brings_up_the_head_that_a_kill_left_behind(
         elif command == "consent":
             enrolment.consent(protocol_file, "01", DAY, root=root)
         else:
-            enrolment.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)
+            withdrawal.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)
 
     act()
     after = head.read_bytes()
@@ -115,4 +115,4 @@ def test_nobody_enrols_consents_or_withdraws_in_a_rehearsal(tmp_path: Path, prot
     with pytest.raises(DatasetError, match=said):
         enrolment.consent(protocol_file, "01", DAY, root=root)
     with pytest.raises(DatasetError, match=said):
-        enrolment.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)
+        withdrawal.withdraw(protocol_file, "01", "asked to stop", root=root, rebuild=Path.unlink)

@@ -14,7 +14,7 @@ from palpate.experiment.desk.questions import NO, YES, Arm, Question, Reply
 from palpate.experiment.desk.voice import ear
 from palpate.experiment.errors import RosterError
 from palpate.experiment.session import run
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import enrolment, withdrawal
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses, anywhere
 from tests.conftest import Palpate
@@ -50,7 +50,7 @@ def test_the_last_word_of_a_participant_holds_and_no_deletes(
 def test_nobody_is_asked_who_is_not_enrolled_or_has_withdrawn(study: MadeStudy, refuses: Refuses) -> None:
     with refuses(RosterError):
         enrolment.voices(study.file, "07", True, root=study.root)
-    enrolment.withdraw(study.file, "02", "asked to stop", root=study.root, rebuild=lambda root: None)
+    withdrawal.withdraw(study.file, "02", "asked to stop", root=study.root, rebuild=lambda root: None)
     with refuses(RosterError):
         enrolment.voices(study.file, "02", True, root=study.root)
 

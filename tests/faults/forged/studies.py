@@ -26,7 +26,7 @@ from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.kind import Sitting
 from palpate.experiment.session.laboratory import header
 from palpate.experiment.session.tapping.trials import ComparisonDevices
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import enrolment, withdrawal
 from palpate.experiment.study.roster import Roster
 from palpate.experiment.study.schedule import allocate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
@@ -126,7 +126,7 @@ def _people(folder: Path) -> Clean:
     """
     made = make_study(folder, enrolled=3, further=PLANNED)
     for participant in ("02", "03"):
-        enrolment.withdraw(made.file, participant, REASON, root=made.root, rebuild=build.build)
+        withdrawal.withdraw(made.file, participant, REASON, root=made.root, rebuild=build.build)
     for participant in ("04", "05"):
         enrolment.enrol(made.file, participant, None, root=made.root, seed=None)
         enrolment.consent(made.file, participant, DAY, root=made.root)
@@ -135,7 +135,7 @@ def _people(folder: Path) -> Clean:
     Roster.load(storage.roster_path(made.root)).reveal("01", DAY)
     build.build(made.root)
     anchor(made)
-    enrolment.withdraw(made.file, "05", REASON, root=made.root, rebuild=build.build, erase=True)
+    withdrawal.withdraw(made.file, "05", REASON, root=made.root, rebuild=build.build, erase=True)
     anchor(made)
     return _clean(made)
 

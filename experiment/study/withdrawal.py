@@ -1,0 +1,94 @@
+"""Withdrawing a participant from a study, and erasing what it has of them."""
+
+from collections.abc import Callable
+from contextlib import closing
+from pathlib import Path
+
+from palpate.experiment import storage
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.records import journal
+from palpate.experiment.records.entries import Withdrawal
+from palpate.experiment.study.enrolment import check_reason, study_begun
+from palpate.experiment.study.roster import Roster
+
+
+def withdraw(
+    protocol_file: Path,
+    participant: str,
+    reason: str,
+    *,
+    root: Path | None,
+    rebuild: Callable[[Path], None],
+    erase: bool = False,
+) -> Path:
+    """Record that a participant withdrew, and return the roster's file; analysis omits them.
+
+    The roster is written first, then the journals, then the tables (`rebuild`); the same call completes an interrupted
+    one. `erase` also deletes the participant's data, except for a note of the withdrawal. Raises `RosterError` if the
+    participant is not enrolled, has another reason on record, or the reason is not one line, names somebody or mentions
+    health; `SessionLocked` during a session.
+    """
+    root = study_begun(protocol_file, root)
+    path = storage.roster_path(root)
+    Roster.load(path).check_enrolled(participant)
+    with journal.locked(storage.participant_folder(root, participant), participant):
+        known = Roster.continued(path)
+        if known.withdrawn.get(participant) != reason and not (erase and participant in known.withdrawn):
+            check_reason(protocol_file, root, reason)
+            known.withdraw(participant, reason)
+        if erase:
+            _erase(root, known, participant)
+        else:
+            _mark(root, participant, reason)
+        if erase or storage.journals(root):
+            try:
+                rebuild(root)
+            except PalpateError as error:
+                what = f"the withdrawal of participant {participant} is on record, and no table was made anew"
+                recorded = DatasetError(f"{what}: mend that, then run the same command again")
+                raise error.followed_by(recorded) from error
+    return path
+
+
+def held(protocol_file: Path, participant: str, *, root: Path | None) -> tuple[int, int]:
+    """Return how many sessions and answers of a participant exist. Raises `RosterError` and `SessionLocked`."""
+    root = study_begun(protocol_file, root)
+    Roster.load(storage.roster_path(root)).check_enrolled(participant)
+    journal.check_free(storage.participant_folder(root, participant), participant)
+    paths = [path for path in storage.left_of(root, participant) if path.suffix == ".jsonl" and storage.size(path)]
+    return len(paths), sum(storage.read_bytes(path).count(b'"kind":"answer"') for path in paths)
+
+
+def _mark(root: Path, participant: str, reason: str) -> None:
+    """Leave the withdrawal in the participant's journals, or in a file of its own while they have none."""
+    begun = [
+        (path, contents)
+        for path in storage.journals(root)
+        if path.parent == storage.participant_folder(root, participant) and (contents := journal.read(path)).lines
+    ]
+    for path, contents in begun:
+        # Opening it brings up a head that a kill left one line behind.
+        with closing(journal.Journal(path, MonotonicClock(), contents)) as opened:
+            if not isinstance(contents.entries[-1], Withdrawal):
+                torn = contents.torn.decode("utf-8", "backslashreplace")
+                opened.append(Withdrawal(reason=reason, torn=torn))
+    if not begun:
+        _mark_apart(root, participant, reason)
+
+
+def _mark_apart(root: Path, participant: str, reason: str) -> None:
+    storage.write_json(storage.withdrawal_path(root, participant), {"participant": participant, "reason": reason})
+
+
+def _erase(root: Path, roster: Roster, participant: str) -> None:
+    """Delete what the dataset has of a participant; the roster says so before the first file is gone."""
+    folder = storage.participant_folder(root, participant)
+    if folder.is_symlink():
+        raise DatasetError(folder, "is a link", "put the folder itself in its place, then do it again")
+    _mark_apart(root, participant, roster.withdrawn[participant])
+    if participant not in roster.erased:
+        roster.erase(participant)
+    for path in storage.left_of(root, participant):
+        storage.remove(path)
+    storage.sync_folder(folder)
