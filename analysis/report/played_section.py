@@ -24,7 +24,8 @@ PRACTISED = " The rig is simulated, and practice is not refused for it; sessions
 
 ABOUT = (
     "What the actuator was handed is held against what equations (1) to (5) ask for, in every attempt of the "
-    "participants analysed; error and left out are medians, in percent of the rms asked for."
+    "participants analysed; error and left out are medians, in percent of the rms asked for. Of a panel that takes "
+    "volts it is assumed that it answers each frequency alone, with a real gain; phase is ignored."
 )
 
 

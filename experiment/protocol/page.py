@@ -354,7 +354,11 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
     exposure = protocol.exposure
     force = () if exposure.force_peak_n is None else (("Force", f"at most {number(exposure.force_peak_n)} N"),)
     yield facts(
-        ("Vibration", f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, whatever the device is asked for"),
+        (
+            "Vibration",
+            f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, whatever the device is asked for; of a panel "
+            "that takes volts, as computed from its response to each frequency alone, without phase",
+        ),
         *force,
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),
         ("Dose of noise", "where the rig plays it, at most that of 80 dB(A) for 8 hours in any 24 hours"),

@@ -1,5 +1,7 @@
 """The error budget of a waveform: what its device is handed, against what its equations ask for.
 
+For volts it assumes what equation (7) does: the panel answers each bin alone, with a real gain. Its phase is ignored.
+
 Each share is an rms, as a part of the rms requested, by Parseval over the bins. Every bin counts once, under what
 limited it last, so the squares of the shares add up:
 

@@ -14,6 +14,7 @@ from scipy import linalg, signal
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.rehearsal.footstep.modes import FINER, RINGS_S, MovingPanel, read, respond
 from palpate.experiment.rehearsal.footstep.panel import gain
+from tests.benchmarks.panel import off
 
 RATE_HZ = 20_000
 HEAD = "format = 1\nsimulated = true\n"
@@ -158,6 +159,15 @@ def test_a_load_takes_gain_and_frequencies_down_and_drift_comes_with_each_stimul
     moving, volts = MovingPanel(panel), np.sin(np.arange(400) / 10)
     first, second = (moving.moved(volts, rate_hz=5000) for _ in range(2))
     assert np.abs(second).max() / np.abs(first).max() == pytest.approx(10 ** (-0.5 / 20), rel=0.01)
+
+
+def test_phase_costs_what_the_plan_and_the_decisions_say_it_does() -> None:
+    """With the gains of the table exactly: 99 to 178 % of signed bins, and 10.0 dB in a third octave."""
+    signed, magnitudes, budget, thirds_db, _ = np.concatenate(list(off().values())).T
+    assert [signed.min(), signed.max()] == pytest.approx([0.99, 1.78], abs=0.006)
+    assert [magnitudes.min(), magnitudes.max()] == pytest.approx([0.47, 0.93], abs=0.006)
+    assert [budget.min(), budget.max()] == pytest.approx([0.11, 0.39], abs=0.006)
+    assert [thirds_db.min(), thirds_db.max()] == pytest.approx([0.2, 10.0], abs=0.06)
 
 
 def test_it_rings_on_after_the_last_sample(file: Panel) -> None:

@@ -18,7 +18,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.session import scene
-from palpate.experiment.session.footstep.error_budget import ErrorBudget, aim_ms, error_budget
+from palpate.experiment.session.footstep.error_budget import ASSUMED, ErrorBudget, aim_ms, error_budget
 from palpate.experiment.session.footstep.fidelity import (
     Fidelity,
     carried_hz,
@@ -228,6 +228,7 @@ def test_the_table_has_every_cause_and_what_would_lower_it(protocol: Protocol, v
     assert budget.refused.startswith("rig 'headless': got 34.")
     known = budget.as_dict()
     assert known["refused"] == budget.refused
+    assert known["assumes"] == ASSUMED
     materials = known["materials"]
     assert isinstance(materials, dict)
     at_20 = materials["typing paper"]["budgets"][0]
@@ -246,8 +247,10 @@ def test_a_real_rig_whose_response_nobody_measured_is_refused_whatever_it_carrie
 
 def test_what_a_perfect_rig_leaves_is_said_without_advice(approved: SnapshotAssertion) -> None:
     silent = Fidelity((20.0, 600.0), (Budget(1.0, 0.0, rounding=1e-8),) * 2, (1.0, 2.0), (), None, None)
-    lines = ErrorBudget({"felt": silent}, (None, None), None, schedules=False, refused="").lines()
+    budget = ErrorBudget({"felt": silent}, (None, None), None, schedules=False, refused="")
+    lines = budget.lines()
     assert lines == approved
+    assert budget.as_dict()["assumes"] is None
     assert "  all of it                      <0.001" in lines
     after = lines[lines.index("what would lower it") + 1 :]
     assert len(after) == 1
