@@ -219,7 +219,7 @@ def power(
     )
 
 
-def spectrum(file: PathLike, *, channel: str | None = None) -> AmplitudeSpectrum:
+def spectrum(file: PathLike, *, channel: str | None = None, time_unit: str | None = None) -> AmplitudeSpectrum:
     """Read one channel of a recording, and return its amplitude spectrum.
 
     Parameters
@@ -228,6 +228,8 @@ def spectrum(file: PathLike, *, channel: str | None = None) -> AmplitudeSpectrum
         A WAV file, a text file with a time column, or a LabVIEW file (.lvm).
     channel
         Its name, or its number from 1; needed where there are several.
+    time_unit
+        The unit of the times of a text file that does not say: s, ms, us or ns.
 
     Returns
     -------
@@ -240,8 +242,9 @@ def spectrum(file: PathLike, *, channel: str | None = None) -> AmplitudeSpectrum
         The file cannot be read, has no such channel, or is too short.
     """
     from palpate.experiment.recordings.spectrum import of_file
+    from palpate.experiment.settings.delimited import Stated
 
-    return of_file(Path(file), channel=channel)
+    return of_file(Path(file), channel=channel, stated=Stated(time_unit=time_unit))
 
 
 def crinkle(recordings: PathLike, material: str, speed_mm_s: float, *, rate_hz: int | None = None) -> Stimulus:

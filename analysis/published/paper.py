@@ -18,8 +18,8 @@ from typing import Any
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.published.printed import POSITIVE
 from palpate.experiment import storage
-from palpate.experiment.errors import ProtocolError, PublishedError
-from palpate.experiment.settings import load
+from palpate.experiment.errors import PalpateError, ProtocolError, PublishedError
+from palpate.experiment.settings import delimited, load
 
 SUFFIXES = (".html", ".htm", ".xhtml", ".csv", ".tsv")
 LARGEST = 2 * 2**20
@@ -37,11 +37,15 @@ WIDEST = 100
 
 @dataclass(frozen=True)
 class Stated:
-    """What a paper says outside of its tables: participants of all confusion tables or each, trials, and chance."""
+    """What a paper says outside of its tables: participants of all confusion tables or each, trials, and chance.
+
+    `file` is what is stated of how the file is written.
+    """
 
     participants: tuple[int, ...] = ()
     trials: int | None = None
     chance: str | None = None
+    file: delimited.Stated = delimited.NOTHING_STATED
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ def read(path: Path, stated: Stated) -> Paper:
 
     Raises `PublishedError` in one line, for a file that cannot be read or holds no table of a known kind.
     """
-    grids = _csv(path) if path.suffix.lower() in (".csv", ".tsv") else _html(path)
+    grids = _csv(path, stated.file) if path.suffix.lower() in (".csv", ".tsv") else _html(path)
     passed = _Passed()
     document: dict[str, Any] = {"study": "paper", "source": _clean(f"Tables of {path.name}", 200)}
     confusions = 0
@@ -354,16 +358,30 @@ def _text(path: Path) -> str:
         return data.decode("latin-1")
 
 
-def _csv(path: Path) -> tuple[Grid, ...]:
-    """Return the tables of a CSV file: a line without cells parts them, and one cell alone above a table names it."""
-    text = _text(path)
-    head = text[:4096]
-    delimiter = max(",;\t", key=head.count)
+def _csv(path: Path, stated: delimited.Stated) -> tuple[Grid, ...]:
+    """Return the tables of a CSV file: a line without cells parts them, and one cell alone above a table names it.
+
+    Decimal commas become points.
+    """
     try:
-        lines = [[cell.strip() for cell in line] for line in csv.reader(text.splitlines(), delimiter=delimiter)]
+        text, _ = delimited.decoded(delimited.content(path, LARGEST), path, stated)
+        delimiter = delimited.delimiter_of(text)
+        rows = [[cell.strip() for cell in one.cells] for one in delimited.records(text, delimiter, below=False)]
+        digits = (part for row in rows for cell in row for part in re.findall(r"[0-9.,]*[0-9]", cell))
+        if (decimal := stated.decimal or delimited.decimal_sign(digits, delimiter)) is None:
+            raise delimited.unclear_decimal(path, stated)
+    except PalpateError as error:
+        raise PublishedError.of(error) from error
     except csv.Error as error:
         raise PublishedError(path, f"got no CSV ({error})", "save the table anew", allowed="rows of cells") from error
-    return _grids(path, (list(block) for filled, block in groupby(lines, any) if filled))
+    if decimal == ",":
+        rows = [[_with_point(cell) for cell in row] for row in rows]
+    return _grids(path, (list(block) for filled, block in groupby(rows, any) if filled))
+
+
+def _with_point(cell: str) -> str:
+    thousands = re.sub(r"(?<=[0-9])\.(?=[0-9]{3}(?![0-9]))", "", cell)
+    return re.sub(r",(?=[0-9])", ".", thousands)
 
 
 def _grids(path: Path, tables: Iterable[list[list[str]]], names: Iterable[str] = ()) -> tuple[Grid, ...]:

@@ -1,7 +1,5 @@
 """Dissimilarities of materials, from a paper or from recordings, to compare confusions with."""
 
-import csv
-import io
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -14,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.analysis.published.printed import Printed
-from palpate.experiment import storage
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.settings.delimited import read_table
 
 
 @dataclass(frozen=True)
@@ -65,36 +63,31 @@ def printed_dissimilarities() -> Dissimilarities:
 
 
 def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
-    """Read a CSV file with the columns material_a, material_b and dissimilarity, one row for each pair of `materials`.
+    """Read a table with the columns material_a, material_b and dissimilarity, one row for each pair of `materials`.
 
     Raises `DatasetError`: the file cannot be read, a pair is missing or there twice, or a value is not a number from 0.
     """
     try:
-        rows = list(csv.DictReader(io.StringIO(storage.read_bytes(path).decode(), newline="")))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise DatasetError(
-            f"{path} cannot be read ({storage.why(error)})",
-            remedy=f"give a CSV file with the columns {', '.join(COLUMNS)}",
-        ) from error
+        table = read_table(path, COLUMNS, COLUMNS[2:])
+    except PalpateError as error:
+        raise DatasetError.of(error) from error
     pairs: dict[frozenset[str], float] = {}
-    for number, row in enumerate(rows, start=2):
+    rows = [(row.line, dict(zip(table.header, map(str.strip, row.cells), strict=False))) for row in table.rows]
+    for line, row in rows:
         first, second, text = (row.get(column) for column in COLUMNS)
         pair = frozenset((first or "", second or ""))
-        try:
-            value = float(text or "")
-        except ValueError:
-            value = math.nan
+        value = table.number(text or "")
         if not 0 <= value < math.inf or len(pair) < 2 or pair in pairs:
             raise DatasetError(
                 path,
                 f"got {first!r}, {second!r}, {text!r}",
                 "mend the line",
                 allowed="two materials, each pair once, and a number from 0",
-                line=number,
+                line=line,
             )
         pairs[pair] = value
     for pair in map(frozenset, combinations(materials, 2)):
         if pair not in pairs:
             raise DatasetError(path, f"got no dissimilarity of {' and '.join(sorted(pair))}", "add the line")
-    labels = sorted({label for row in rows if (label := row.get("dataset")) and label != "measured"})
+    labels = sorted({label for _, row in rows if (label := row.get("dataset")) and label != "measured"})
     return Dissimilarities(pairs, " - ".join([path.name, *labels]))

@@ -79,6 +79,7 @@ def export(
 
 @commands.command(epilog="Example: palpate audit okamoto2012")
 def audit(
+    context: typer.Context,
     target: Annotated[
         str,
         typer.Argument(
@@ -110,6 +111,8 @@ def audit(
         str | None,
         typer.Option("--chance", help="The same: what t-tests of materials are against, such as 1/4 or 0.25."),
     ] = None,
+    encoding: options.Encoding = None,
+    decimal: options.Decimal = None,
     as_json: Json = False,
 ) -> None:
     """Check whether printed numbers agree with one another or a dataset.
@@ -124,13 +127,16 @@ def audit(
     """
     from palpate.analysis.audit import audit as audits
     from palpate.analysis.published.paper import Stated
+    from palpate.experiment.settings import delimited
 
     _believe(Path(target))
     people = tuple(_sizes(participants, PublishedError)) if participants else ()
     share = re.fullmatch(r"0?(\.[0-9]{1,9})|([1-9][0-9]{0,3})/([1-9][0-9]{0,3})", chance or "1/2")
     if share is None or not 0 < float(share[1] or int(share[2]) / int(share[3])) < 1:
         raise PublishedError("--chance", f"got {chance}", "give one", allowed="a share such as 1/4 or 0.25")
-    stated = Stated(people, trials, chance) if people or trials or chance else None
+    file = delimited.Stated(encoding, decimal, command=options.command_line(context))
+    beside = people or trials or chance or encoding or decimal or target.lower().endswith((".csv", ".tsv"))
+    stated = Stated(people, trials, chance, file) if beside else None
     with options.working("Holding the numbers against one another"):
         result = audits.audit(target, against, stated)
     options.put(result.as_dict() if as_json else result.text(options.columns(80)))
@@ -269,6 +275,7 @@ def numerics(
     "--out again",
 )
 def import_counts(
+    context: typer.Context,
     task: Annotated[
         list[str],
         typer.Option("--task", help="TASK=CSV, a file with the columns participant,presented,answered,count."),
@@ -279,6 +286,7 @@ def import_counts(
     measured: Annotated[
         bool, typer.Option("--measured", help="These are answers of your own participants, and not counts from print.")
     ] = False,
+    encoding: options.Encoding = None,
 ) -> None:
     """Make a dataset from counts, printed or measured.
 
@@ -287,10 +295,14 @@ def import_counts(
     every task. The order of trials is not known of either. --source is then needed, and says where they were measured.
     """
     from palpate.experiment.dataset import reconstruction
+    from palpate.experiment.settings.delimited import Stated
 
     pairs = dict(map(reconstruction.parse_task, task))
-    text = reconstruction.study_text(study, pairs, source, measured=measured)
-    typer.echo(f"Dataset: {reconstruction.import_counts(pairs, out, study=text)}")
+    stated = Stated(encoding, command=options.command_line(context))
+    text = reconstruction.study_text(study, pairs, source, measured=measured, stated=stated)
+    made = reconstruction.import_counts(pairs, out, study=text, stated=stated)
+    read_as = (f"{path}: {reconstruction.read_as(path, stated).sentence()}" for path in pairs.values())
+    typer.echo("\n".join([*read_as, f"Dataset: {made}"]))
 
 
 @commands.command(
@@ -299,6 +311,7 @@ def import_counts(
     "participant --seconds key_resp.rt --map 1=felt --map 2=cork --study lab --out participants/lab",
 )
 def import_trials(
+    context: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="FILE...", help="CSV files of trials, one or several.")],
     presented: Annotated[str, typer.Option("--presented", help="Column of the material presented.")],
     answered: Annotated[str, typer.Option("--answered", help="Column of the answer: a material, or a key.")],
@@ -327,9 +340,15 @@ def import_trials(
         list[str] | None,
         typer.Option("--material", help="A material, in the order of the tables [default: those presented, by name]."),
     ] = None,
+    people: Annotated[
+        list[str] | None, typer.Option("--map-participant", help="CELL=LABEL, who a cell of --participant stands for.")
+    ] = None,
     source: Annotated[
         str, typer.Option("--source", help="Where, when and with what the answers were measured.")
     ] = "the tables of the laboratory",
+    encoding: options.Encoding = None,
+    decimal: options.Decimal = None,
+    as_json: Json = False,
 ) -> None:
     """Make a dataset from another program's files of trials.
 
@@ -339,6 +358,7 @@ def import_trials(
     say who took part; it holds the line of each trial and the hash of each file.
     """
     from palpate.experiment.dataset import imported, trial_files
+    from palpate.experiment.settings.delimited import Stated
 
     if seconds is not None and milliseconds is not None:
         raise PalpateError(
@@ -355,9 +375,16 @@ def import_trials(
         answers=trial_files.pairs("--map", answers or ()),
         materials=trial_files.pairs("--map-presented", shown or ()),
         where=trial_files.pairs("--where", where or ()),
+        people=trial_files.pairs("--map-participant", people or ()),
     )
-    made = imported.import_trials(files, out, layout, study=study, source=source, materials=material or ())
-    typer.echo("\n".join([*made.sentences, f"Dataset: {made.root}"]))
+    stated = Stated(encoding, decimal, command=options.command_line(context))
+    made = imported.import_trials(
+        files, out, layout, study=study, source=source, materials=material or (), stated=stated
+    )
+    if as_json:
+        options.put(made.as_dict())
+    else:
+        typer.echo("\n".join([*made.files, *made.sentences, f"Dataset: {made.root}"]))
 
 
 @commands.command(epilog="Example: palpate status participants/study --figure flow.pdf")

@@ -50,6 +50,31 @@ LARGEST_SEED = 2**63 - 1
 
 Seed = Annotated[int, typer.Option("--seed", min=0, max=LARGEST_SEED, help="Seed of every random draw.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document and nothing else.")]
+Encoding = Annotated[
+    str | None, typer.Option("--encoding", help="Code page of a text file that is not Unicode, such as cp1252.")
+]
+Decimal = Annotated[str | None, typer.Option("--decimal", help="Decimal sign of a text file [default: as it shows].")]
+TimeUnit = Annotated[
+    str | None, typer.Option("--time-unit", help="Unit of the times: s, ms, us, ns, min or h [default: the file's].")
+]
+TimeColumn = Annotated[
+    str | None, typer.Option("--time-column", help="Name of the column of times, where a text file has several.")
+]
+
+
+def command_line(context: typer.Context) -> tuple[str, ...]:
+    """Return the command as it was typed, for a remedy to add to: `palpate`, its name, arguments and options."""
+    words = ["palpate", *context.command_path.split()[1:]]
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if source is None or source.name != "COMMANDLINE":
+            continue
+        given = context.params[parameter.name or ""]
+        for value in given if isinstance(given, (list, tuple)) else (given,):
+            flag = () if parameter.param_type_name == "argument" else (max(parameter.opts, key=len),)
+            words += flag if value is True else (*flag, str(value))
+    return tuple(words)
+
 
 MADE_BY_PALPATE = (
     b'<meta name="generator" content="palpate">',

@@ -122,6 +122,7 @@ def validate(
 
 @commands.command(epilog="Example: palpate spectrum recording.lvm --plot spectrum.svg")
 def spectrum(
+    context: typer.Context,
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="WAV file, text file with a time column, or LabVIEW file (.lvm).")
     ],
@@ -129,6 +130,10 @@ def spectrum(
     plot: Annotated[
         Path | None, typer.Option("--plot", help="Draw the spectrum into this file (.png or .svg) [default: nothing].")
     ] = None,
+    encoding: options.Encoding = None,
+    decimal: options.Decimal = None,
+    time_unit: options.TimeUnit = None,
+    time_column: options.TimeColumn = None,
     as_json: Json = False,
 ) -> None:
     """Print the spectrum of a recording, and plot it with --plot.
@@ -137,10 +142,12 @@ def spectrum(
     time column and not from a header.
     """
     from palpate.experiment.recordings import spectrum as spectra
+    from palpate.experiment.settings.delimited import Stated
 
     if plot is not None and plot.exists() and file.exists() and plot.samefile(file):
         raise PalpateError(f"--plot {plot}", "this is the recording itself", "name another file")
-    result = spectra.of_file(file, channel=channel)
+    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context))
+    result = spectra.of_file(file, channel=channel, stated=stated)
     drawn = None if plot is None else spectra.plot(result, plot)
     plotted = f"\nPlot: {drawn}" if drawn else ""
     options.put({**result.as_dict(), "plot": str(drawn) if drawn else None} if as_json else result.text() + plotted)

@@ -20,6 +20,7 @@ commands.add_typer(tap, name="tap")
 
 @tap.command("fit", epilog="Example: palpate tap fit tap-1.txt tap-2.txt --taps taps.csv")
 def fit(
+    context: typer.Context,
     recordings: Annotated[
         list[Path],
         typer.Argument(
@@ -31,6 +32,10 @@ def fit(
         Path | None,
         typer.Option("--taps", help="CSV file with the columns file,surface,stiffness_n_m,speed_m_s, for L, D and f."),
     ] = None,
+    encoding: options.Encoding = None,
+    decimal: options.Decimal = None,
+    time_unit: options.TimeUnit = None,
+    time_column: options.TimeColumn = None,
     as_json: Json = False,
 ) -> None:
     """Fit a decaying sinusoid to each recorded tap.
@@ -43,12 +48,14 @@ def fit(
     from dataclasses import asdict
 
     from palpate.experiment.recordings import tap_fit
+    from palpate.experiment.settings.delimited import Stated
 
-    table = tap_fit.read_taps(taps) if taps is not None else None
-    rings = [tap_fit.of_file(path, channel=channel) for path in recordings]
+    stated = Stated(encoding, decimal, time_unit, time_column, options.command_line(context))
+    table = tap_fit.read_taps(taps, stated) if taps is not None else None
+    rings = [tap_fit.of_file(path, channel=channel, stated=stated) for path in recordings]
     made = tap_fit.of_taps(rings, table) if table is not None else None
     if as_json:
-        options.put({"recordings": [asdict(one) for one in rings], "set": asdict(made) if made else None})
+        options.put({"recordings": [one.as_dict() for one in rings], "set": asdict(made) if made else None})
     else:
         typer.echo("\n".join([*(one.text() for one in rings), *([made.text()] if made else [])]))
     if any(one.misfit for one in rings):

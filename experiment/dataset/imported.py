@@ -21,6 +21,8 @@ from palpate.experiment.dataset.trial_files import Layout, Row, Trials, read_tri
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import software
 from palpate.experiment.records.events import NO_ANSWER
+from palpate.experiment.settings.characters import quoted, skeleton
+from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood
 
 TASK = "identification"
 """Id of the task where no column tells tasks apart."""
@@ -31,14 +33,32 @@ KEPT = ("participant", "task", "trial", "file", "line", "presented", "answered",
 
 @dataclass(frozen=True)
 class Imported:
-    """A dataset that was made, and what whoever made it should hold against what they know, in sentences."""
+    """A dataset that was made, how each file was read, and sentences for whoever knows what the files should hold."""
 
     root: Path
     sentences: tuple[str, ...]
+    read_as: tuple[tuple[Path, Understood], ...]
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Return how each file was read, a line each."""
+        return tuple(f"{path}: {understood.sentence()}" for path, understood in self.read_as)
+
+    def as_dict(self) -> dict[str, object]:
+        """Return it for JSON."""
+        read_as = [{"file": str(path), **understood.as_dict()} for path, understood in self.read_as]
+        return {"dataset": str(self.root), "sentences": list(self.sentences), "read_as": read_as}
 
 
 def import_trials(
-    paths: Sequence[Path], out: Path, layout: Layout, *, study: str, source: str, materials: Sequence[str] = ()
+    paths: Sequence[Path],
+    out: Path,
+    layout: Layout,
+    *,
+    study: str,
+    source: str,
+    materials: Sequence[str] = (),
+    stated: Stated = NOTHING_STATED,
 ) -> Imported:
     """Build the dataset `out` from files of single trials.
 
@@ -51,10 +71,11 @@ def import_trials(
     if not materials and study in STUDIES:
         materials = tuple(STUDIES[study].materials)
     hashes = _hashes(paths)
-    trials = read_trials(paths, layout, materials)
+    trials = read_trials(paths, layout, materials, stated)
     check_texts(paths[0], {"presented": trials.materials})
     tasks = _tasks(paths, layout, trials.rows)
     check_texts(paths[0], {"presented": tuple(tasks)} if layout.task else {})
+    _refuse_alike(paths, layout, trials.rows, stated)
     labels, kept = _labels(paths, layout, trials.rows)
     sessions = _sessions(trials.rows, layout)
     said = _sentences(trials, labels, layout, kept=kept)
@@ -70,7 +91,7 @@ def import_trials(
         files[held / f"{study}_trials.csv"] = _source_rows(sessions, labels, tasks)
         files[held / "README"] = _sources(hashes, source).encode()
         write(files)
-    return Imported(out, said)
+    return Imported(out, said, tuple(zip(paths, trials.read_as, strict=True)))
 
 
 def _hashes(paths: Sequence[Path]) -> tuple[str, ...]:
@@ -106,6 +127,30 @@ def _tasks(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> dict[s
             )
         found[row.task] = label
     return found
+
+
+def _refuse_alike(paths: Sequence[Path], layout: Layout, rows: Sequence[Row], stated: Stated) -> None:
+    """Refuse two spellings that look like one person: P01 and p01, 01 and P01, or letters of two alphabets."""
+    known: dict[str, str] = {}
+    for row in rows:
+        name = skeleton(row.participant)
+        looks = {name: name}
+        # Two prefixes may be two groups, and a number alone may be of either.
+        if number := re.fullmatch(r"(\D*?)0*([0-9]{1,6})", name):
+            bare, prefixed = f"bare {number[2]}", f"prefixed {number[2]}"
+            looks |= {prefixed: bare} if number[1] else {bare: prefixed}
+        other = next(
+            (one for look in looks.values() if (one := known.get(look, row.participant)) != row.participant), ""
+        )
+        if other:
+            raise DatasetError(
+                paths[row.file - 1],
+                f"line {row.line}, column {layout.participant}: got {quoted(row.participant)} and {quoted(other)}, "
+                "which look like one person",
+                stated.remedy("if they are, say so", "--map-participant", f"{row.participant}={other}"),
+                allowed="one spelling of a participant",
+            )
+        known |= {look: known.get(look, row.participant) for look in looks}
 
 
 def _labels(paths: Sequence[Path], layout: Layout, rows: Sequence[Row]) -> tuple[dict[str, str], bool]:

@@ -4,8 +4,6 @@ Counts that a laboratory measured are labeled as imported. Others, integer count
 are labeled as a reconstruction throughout: it has no times, no order of trials and no link between tasks.
 """
 
-import csv
-import io
 import re
 import textwrap
 from collections import Counter
@@ -15,11 +13,11 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids
-from palpate.experiment.dataset.trial_files import text_of
-from palpate.experiment.errors import DatasetError, ProtocolError
+from palpate.experiment.errors import DatasetError, PalpateError, ProtocolError
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.records.software import Software, this
 from palpate.experiment.settings.characters import quoted
+from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Table, Understood, read_table
 from palpate.experiment.settings.load import MISSING, Confined, Name, Text, checked
 
 COLUMNS = ("participant", "presented", "answered", "count")
@@ -42,46 +40,52 @@ def parse_task(text: str) -> tuple[str, Path]:
     return task, Path(file)
 
 
-def read_counts(path: Path, materials: Sequence[str]) -> Counts:
-    """Return the counts in a CSV file with the header of `COLUMNS`; answers are `materials` or `NO_ANSWER`.
+def read_counts(path: Path, materials: Sequence[str], stated: Stated = NOTHING_STATED) -> Counts:
+    """Return the counts in a table with the header of `COLUMNS`; answers are `materials` or `NO_ANSWER`.
 
     Participants are whole numbers, with or without zeros and `sub-`, each spelled in one way. Raises `DatasetError`
     with file and line otherwise.
     """
-    lines = csv.reader(io.StringIO(text_of(path, "counts"), newline=""), strict=True)
     counts: dict[int, dict[tuple[str, str], int]] = {}
     spelt: dict[int, str] = {}
-    try:
-        header = next(lines, [])
-        if tuple(header) != COLUMNS:
-            raise DatasetError(path, f"line 1: got header {','.join(header)!r}", allowed=",".join(COLUMNS))
-        for row in lines:
-            where = f"{path}: line {lines.line_num}"
-            participant, cell, count = _row(row, where, materials)
-            if (spelling := spelt.setdefault(participant, row[0])) != row[0]:
-                raise DatasetError(
-                    where,
-                    f"participant: got {row[0]!r} here and {spelling!r} above",
-                    "keep one",
-                    allowed="one spelling",
-                )
-            if cell in counts.setdefault(participant, {}):
-                raise DatasetError(where, f"got participant {participant}, {cell} twice", "keep one of the lines")
-            counts[participant][cell] = count
-    except csv.Error as error:
-        raise DatasetError(path, str(error), "write plain CSV", line=lines.line_num) from error
+    for row in _table(path, stated).rows:
+        where = f"{path}: line {row.line}"
+        participant, cell, count = _row([one.strip() for one in row.cells], where, materials)
+        if (spelling := spelt.setdefault(participant, row.cells[0])) != row.cells[0]:
+            raise DatasetError(
+                where,
+                f"participant: got {row.cells[0]!r} here and {spelling!r} above",
+                "keep one",
+                allowed="one spelling",
+            )
+        if cell in counts.setdefault(participant, {}):
+            raise DatasetError(where, f"got participant {participant}, {cell} twice", "keep one of the lines")
+        counts[participant][cell] = count
     if not counts:
         raise DatasetError(path, "got no counts below the header", "add them", allowed="one line a cell")
     return counts
 
 
-def materials_of(path: Path) -> tuple[str, ...]:
-    """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
-    rows = csv.DictReader(io.StringIO(text_of(path, "counts"), newline=""))
+def _table(path: Path, stated: Stated) -> Table:
     try:
-        found = tuple(dict.fromkeys(row["presented"] for row in rows if row.get("presented")))
-    except csv.Error as error:
-        raise DatasetError(path, str(error), "write plain CSV", line=rows.line_num) from error
+        table = read_table(path, COLUMNS, (), stated)
+    except PalpateError as error:
+        raise DatasetError.of(error) from error
+    if table.header != COLUMNS:
+        raise DatasetError(path, f"line 1: got header {','.join(table.header)!r}", allowed=",".join(COLUMNS))
+    return table
+
+
+def read_as(path: Path, stated: Stated) -> Understood:
+    """Return how a counts file is read."""
+    return _table(path, stated).understood
+
+
+def materials_of(path: Path, stated: Stated) -> tuple[str, ...]:
+    """Return every material that a counts file presents, in its order. Raises `DatasetError` if it cannot be read."""
+    at = COLUMNS.index("presented")
+    cells = (row.cells[at].strip() for row in _table(path, stated).rows if len(row.cells) > at)
+    found = tuple(dict.fromkeys(cell for cell in cells if cell))
     check_texts(path, {"presented": found})
     return found
 
@@ -213,7 +217,12 @@ def check_study_id(study: str) -> None:
 
 
 def study_text(
-    study: str, counts: Mapping[str, Path], source: str | None = None, *, measured: bool = False
+    study: str,
+    counts: Mapping[str, Path],
+    source: str | None = None,
+    *,
+    measured: bool = False,
+    stated: Stated = NOTHING_STATED,
 ) -> StudyText:
     """Return the texts of a study in `STUDIES`, or what the counts files of another tell.
 
@@ -230,7 +239,7 @@ def study_text(
         raise DatasetError(
             f"no texts are held for study {study}", remedy="say with --source where its counts come from"
         )
-    materials = {material: material for path in counts.values() for material in materials_of(path)}
+    materials = {material: material for path in counts.values() for material in materials_of(path, stated)}
     # Only measured counts of a known study come this far: its titles are known, and the order of its materials.
     if known is not None and set(materials) <= set(known.materials):
         materials = dict(known.materials)
@@ -249,7 +258,14 @@ def study_text(
     )
 
 
-def import_counts(counts: Mapping[str, Path], out: Path, *, study: StudyText, software: Software | None = None) -> Path:
+def import_counts(
+    counts: Mapping[str, Path],
+    out: Path,
+    *,
+    study: StudyText,
+    software: Software | None = None,
+    stated: Stated = NOTHING_STATED,
+) -> Path:
     """Build the dataset `out` from one counts file a task, and return its folder.
 
     `counts` maps task ids, in the order of the tables, to files. Raises `DatasetError` for a bad file, fewer than two
@@ -264,7 +280,7 @@ def import_counts(counts: Mapping[str, Path], out: Path, *, study: StudyText, so
         raise DatasetError(
             f"no such tasks in {study.id}: {sorted(unknown)}", remedy="name those", allowed=f"{list(study.tasks)}"
         )
-    tables = {task: read_counts(path, tuple(study.materials)) for task, path in counts.items()}
+    tables = {task: read_counts(path, tuple(study.materials), stated) for task, path in counts.items()}
     if len(study.materials) < 2:
         raise DatasetError(
             study.id,

@@ -4,24 +4,19 @@ Rows whose column of materials is empty (instructions, breaks) are passed over a
 holds what; a bad cell is refused with its line and column.
 """
 
-import csv
-import io
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from palpate.experiment import storage
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.settings.characters import quoted, skeleton
+from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Table, Understood, read_table
 
 ABSENT = ("", "None", "null", "NA")
 """Cells in which nothing stands: empty, and as PsychoPy and OpenSesame, jsPsych, and R write it."""
-
-DELIMITERS = (",", ";", "\t")
-"""What may stand between cells; spreadsheets of some countries write semicolons."""
 
 MOST_MATERIALS = 64
 """More different cells than this are no materials: the column is another one."""
@@ -34,8 +29,8 @@ TOLD = 12
 class Layout:
     """Which column holds what.
 
-    `answers` and `materials` translate cells of `answered` and `presented`; `where` gives the cells that make a row a
-    trial. At most one of `time_s` and `time_ms` names the column of response times.
+    `answers`, `materials` and `people` translate cells of `answered`, `presented` and `participant`; `where` gives the
+    cells that make a row a trial. At most one of `time_s` and `time_ms` names the column of response times.
     """
 
     presented: str
@@ -48,6 +43,7 @@ class Layout:
     answers: Mapping[str, str] = field(default_factory=dict)
     materials: Mapping[str, str] = field(default_factory=dict)
     where: Mapping[str, str] = field(default_factory=dict)
+    people: Mapping[str, str] = field(default_factory=dict)
 
     def columns(self) -> tuple[str, ...]:
         """Return every column that must be there, once."""
@@ -71,11 +67,14 @@ class Row:
 
 @dataclass(frozen=True)
 class Trials:
-    """Trials, the materials in the order of the tables, and what stands for the material in each row `passed_over`."""
+    """Trials, the materials in the order of the tables, what stands for the material in each row `passed_over`, and how
+    each file was read.
+    """
 
     rows: tuple[Row, ...]
     materials: tuple[str, ...]
     passed_over: tuple[str, ...]
+    read_as: tuple[Understood, ...]
 
 
 def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
@@ -90,7 +89,9 @@ def pairs(option: str, texts: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] = ()) -> Trials:
+def read_trials(
+    paths: Sequence[Path], layout: Layout, materials: Sequence[str] = (), stated: Stated = NOTHING_STATED
+) -> Trials:
     """Return the trials in these files, in the order of files and lines.
 
     `materials` may be presented and answered, by default those presented, in alphabetical order. Raises `DatasetError`
@@ -106,8 +107,9 @@ def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] 
             "name that of the answers",
             allowed="another one",
         )
-    for number, path in enumerate(paths, start=1):
-        for row in _rows(path, number, layout, materials):
+    tables = [_table(path, layout, stated) for path in paths]
+    for number, (path, table) in enumerate(zip(paths, tables, strict=True), start=1):
+        for row in _rows(path, number, layout, materials, table):
             if isinstance(row, Row):
                 rows.append(row)
             else:
@@ -127,39 +129,40 @@ def read_trials(paths: Sequence[Path], layout: Layout, materials: Sequence[str] 
                 f"give --map {row.answered}=MATERIAL, or --material for what was never presented",
             )  # fmt: skip
     _refuse_twice(paths, layout, rows)
-    return Trials(tuple(rows), known, tuple(passed_over))
+    return Trials(tuple(rows), known, tuple(passed_over), tuple(table.understood for table in tables))
 
 
-def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str]) -> Iterator[Row | str]:
-    """Yield each row below the header as a trial, or its material where it is none; blank lines do not count."""
-    text = text_of(path, "trials").removeprefix("\ufeff")
-    if not text.strip():
-        raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
-    # Cells are parted by the first sign under which the header names most of the columns.
-    first, columns = text.partition("\n")[0], set(layout.columns())
-    found = {one: columns & {cell.strip().strip('"') for cell in first.split(one)} for one in DELIMITERS}
-    delimiter = max(DELIMITERS, key=lambda one: len(found[one]))
-    lines = csv.reader(io.StringIO(text, newline=""), strict=True, delimiter=delimiter)
+def _table(path: Path, layout: Layout, stated: Stated) -> Table:
+    times = [name for name in (layout.time_s, layout.time_ms) if name is not None]
     try:
-        header = [name.strip() for name in next(lines, [])]
-        _check_header(path, layout, header)
-        places = {name: header.index(name) for name in layout.columns()}
-        line = lines.line_num + 1
-        for cells in lines:
-            if any(cell.strip() for cell in cells):
-                yield _row(path, number, line, layout, materials, _Cells(places, cells, len(header)))
-            line = lines.line_num + 1
-    except csv.Error as error:
-        raise DatasetError(path, str(error), "write plain CSV", line=lines.line_num) from error
+        table = read_table(path, layout.columns(), times, stated)
+    except PalpateError as error:
+        raise DatasetError.of(error) from error
+    if not table.header:
+        raise DatasetError(path, "got an empty file", "name another file", allowed="a header, and a row for each trial")
+    _check_header(path, layout, table)
+    return table
+
+
+def _rows(path: Path, number: int, layout: Layout, materials: Sequence[str], table: Table) -> Iterator[Row | str]:
+    """Yield each row below the header as a trial, or its material where it is none."""
+    places = {name: table.header.index(name) for name in layout.columns()}
+    for row in table.rows:
+        yield _row(path, number, row.line, layout, materials, _Cells(places, row.cells, table))
 
 
 @dataclass(frozen=True)
 class _Cells:
-    """The cells of a row under the header's `width` columns; a row that is too short ends in empty cells."""
+    """The cells of a row of a table; a row that is too short ends in empty cells."""
 
     places: Mapping[str, int]
     cells: Sequence[str]
-    width: int
+    table: Table
+
+    @property
+    def width(self) -> int:
+        """Return how many columns the header has."""
+        return len(self.table.header)
 
     def of(self, column: str) -> str:
         place = self.places[column]
@@ -193,7 +196,7 @@ def _row(path: Path, file: int, line: int, layout: Layout, materials: Sequence[s
             path, line, layout.presented, shown, _listed(dict.fromkeys((*layout.materials, *allowed))),
             f"give --map-presented {shown}=MATERIAL",
         )  # fmt: skip
-    participant = cells.of(layout.participant)
+    participant = layout.people.get(cell := cells.of(layout.participant), cell)
     if participant in ABSENT:
         raise _refused(path, line, layout.participant, participant, "who took part", "fill it in")
     task = "" if layout.task is None else cells.of(layout.task)
@@ -216,8 +219,8 @@ def _time_s(path: Path, line: int, layout: Layout, cells: _Cells) -> float | Non
     column = layout.time_s or layout.time_ms
     if column is None or (cell := cells.of(column)) in ABSENT:
         return None
-    value = float(cell) if re.fullmatch(r"[0-9]{1,12}(\.[0-9]*)?([eE][-+]?[0-9]{1,3})?", cell) else math.nan
-    if not math.isfinite(value):
+    value = cells.table.number(cell)
+    if not (math.isfinite(value) and value >= 0):
         raise _refused(path, line, column, cell, "a number from 0, or nothing", "mend it")
     return value if layout.time_s else value / 1000
 
@@ -232,24 +235,15 @@ def _listed(values: Sequence[str] | Mapping[str, None]) -> str:
     return ", ".join(named[:TOLD]) + more
 
 
-def text_of(path: Path, rows: str) -> str:
-    """Return the text of a CSV file, which is to hold such rows. Raises `DatasetError` if it cannot be read."""
-    try:
-        return storage.read_text(path)
-    except (OSError, ValueError) as error:
-        raise DatasetError(
-            path, f"cannot be read ({storage.why(error)})", f"give a CSV file of {rows} in UTF-8"
-        ) from error
-
-
-def _check_header(path: Path, layout: Layout, header: Sequence[str]) -> None:
+def _check_header(path: Path, layout: Layout, table: Table) -> None:
+    header = table.header
     for column in layout.columns():
         if (times := header.count(column)) != 1:
             got = "no such column" if not times else f"{times} such columns"
             there = _listed(dict.fromkeys(name for name in header if name))
             raise DatasetError(
                 path,
-                f"line 1, column {column}: got {got}",
+                f"line {table.understood.heading_lines[0]}, column {column}: got {got}",
                 "name it as the header does",
                 allowed=f"one of {there or 'a header'}",
             )

@@ -13,25 +13,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment import storage
-from palpate.experiment.errors import RecordingError
+from palpate.experiment.errors import Finding, PalpateError, RecordingError, Remedy
+from palpate.experiment.recordings.columns import RowLines, read_columns
+from palpate.experiment.recordings.units import SECONDS, Heading, heading, is_clock, is_counter, likely_unit, time_unit
 from palpate.experiment.recordings.wav import wav_samples
+from palpate.experiment.settings import delimited
+from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood, number
 
 LARGEST_STEP_ERROR = 0.5
 """How far a time step may be from the median step, and a sample from its place on an even grid, in steps."""
 
-LARGEST = 64 * 2**20
-"""No recording is read that is larger, bytes: 11 minutes of 16 bits at 48 kHz. Its samples take eight times that."""
+SLOWEST_HZ, FASTEST_HZ = 20.0, 1e7
+"""Nobody records a vibration at rates outside of these: another unit of time is more likely."""
 
+COUNTER = "a counter of samples"
 _LVM_TAG = re.compile(r"(?!nan$|inf$|infinity$)[A-Za-z]\w*", re.IGNORECASE)
-_DIALECTS = [(separator, decimal) for separator in ("\t", ";", ",", None) for decimal in ".," if separator != decimal]
-# No match begins inside of blanks, so that many of them take no longer than as many letters.
-_COMMENT = re.compile(r"(?<!\s)\s*(#|%|;|//)")
-_UNIT = re.compile(r"(?P<name>.*?)(?<!\s)\s*[\(\[](?P<unit>[^()\[\]]*)[\)\]]\s*")
-_SECONDS = {"s": 1.0, "sec": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
-_TIME = re.compile(r"(?:t|(?:.*[\s_.-])?(?:times?|timestamp|zeit|x_value))(?:[\s_.-].*)?", re.IGNORECASE)
-_UNIT_SUFFIX = re.compile(r".*[\s_](s|ms|us|ns)", re.IGNORECASE)
-_SAYS_NOTHING = ("", "x", "s", "sec", "seconds", "untitled")
+_SAYS_NOTHING = ("", "x", "untitled")
 """Headings under which a rising first column may be taken for times; LabVIEW calls nameless channels Untitled."""
 
 
@@ -41,7 +38,8 @@ class Recording:
 
     `channels` are all with samples, in order. `samples` are finite, float64, shape (n,), in `unit`, empty if unknown.
     `rate_source` is where the rate is from, `header_rate_hz` what a header claims beside a column of times. `jitter` is
-    the largest departure from the even grid, in steps; 0 without times. The first of `segments` is read.
+    the largest departure from the even grid, in steps; 0 without times. The first of `segments` is read. `read_as` is
+    how a text was read, and `doubts` what is not plausible.
     """
 
     file: str
@@ -54,6 +52,8 @@ class Recording:
     header_rate_hz: float | None = None
     jitter: float = 0.0
     segments: int = 1
+    read_as: Understood | None = None
+    doubts: tuple[Finding, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ class _Column:
 
     name: str
     unit: str
-    values: NDArray[np.float64]
-    lines: Sequence[int]
+    values: NDArray[Any]
+    lines: Sequence[int] | RowLines
     step: float = np.nan
     dimension: str = "Time"
 
@@ -71,35 +71,32 @@ class _Column:
 _Rows = list[tuple[int, list[str]]]
 """Each row's line, from 1, and its cells."""
 
-_Table = tuple[list[_Column], Sequence[_Column | None], int]
-"""Channels, the column of times of each (None where it has none), and the number of segments."""
+
+@dataclass(frozen=True)
+class _Table:
+    """Channels, the column of times of each (None where it has none), the number of segments, and how it was read."""
+
+    signals: Sequence[_Column]
+    times: Sequence[_Column | None]
+    segments: int = 1
+    understood: Understood | None = None
 
 
-def read(path: Path, *, channel: str | None = None) -> Recording:
-    """Return one channel of a recording: the one of this name or number (from 1), or the first.
+def read(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STATED) -> Recording:
+    """Return one channel of a recording: the one of this name or number (from 1), or the first that counts no samples.
 
     Raises `RecordingError`, with a line if any, for an unreadable file, a missing channel, samples that are not finite,
-    and times that are missing or uneven.
+    and times that are missing, uneven, or in a unit that neither the file nor `stated` says.
     """
     try:
-        content = storage.read_bytes(path, LARGEST)
-    except OSError as error:
-        raise RecordingError(
-            path,
-            f"cannot be read ({error.strerror})",
-            "cut it, or name another file",
-            allowed=f"a WAV, .lvm or text file of at most {LARGEST // 2**20} MiB",
-        ) from error
-    if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
-        return _from_wav(path, *wav_samples(content, file=str(path)), channel)
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")
-    table = _from_lvm if text.startswith("LabVIEW Measurement") else _from_columns
-    try:
-        return _recording(str(path), channel, *table(text.splitlines()))
-    except RecordingError as error:
+        content = delimited.content(path)
+        if content[:4] in (b"RIFF", b"RIFX", b"RF64"):
+            return _from_wav(path, *wav_samples(content, file=str(path)), channel)
+        text, encoding = delimited.decoded(content, path, stated)
+        lvm = text.startswith("LabVIEW Measurement")
+        table = _from_lvm(text.splitlines()) if lvm else _from_columns(text, encoding, stated)
+        return _recording(str(path), channel, table, stated)
+    except PalpateError as error:
         raise RecordingError.at(replace(error.finding, where=path)) from None
 
 
@@ -125,7 +122,7 @@ def _from_wav(path: Path, rate_hz: int, stored: NDArray[Any], channel: str | Non
 def _chosen(names: tuple[str, ...], channel: str | None) -> int:
     if channel is None:
         return 0
-    if channel in names:
+    if names.count(channel) == 1:
         return names.index(channel)
     if channel.isdecimal() and 1 <= int(channel) <= len(names):
         return int(channel) - 1
@@ -136,93 +133,57 @@ def _chosen(names: tuple[str, ...], channel: str | None) -> int:
     )
 
 
-def _number(cell: str, decimal: str) -> float:
-    """Return the finite number in a cell, which may have a Fortran exponent; NaN where there is none."""
-    if "_" in cell or (decimal == "," and "." in cell):
-        return np.nan
-    try:
-        value = float(cell.replace(decimal, ".").lower().replace("d", "e"))
-    except ValueError:
-        return np.nan
-    return value if isfinite(value) else np.nan
-
-
-def _name_and_unit(heading: str) -> tuple[str, str]:
-    """Return `("time", "s")` for `# time (s)`; the unit is empty where the heading gives none."""
-    text = _COMMENT.sub("", heading).strip().strip('"')
-    match = _UNIT.fullmatch(text)
-    return (match["name"].strip(), match["unit"].strip()) if match else (text, "")
-
-
-def _from_columns(lines: list[str]) -> _Table:
-    headings, decimal, rows = _rows_below(lines)
+def _from_columns(text: str, encoding: str, stated: Stated) -> _Table:
+    read_as = read_columns(text, encoding, stated)
     columns = [
-        _Column(name, unit, *_values(rows, place, name or f"{place + 1}", decimal))
-        for place, (name, unit) in enumerate(_named(headings, len(rows[0][1])))
+        _Column(name or f"column {place}", unit, values, read_as.lines)
+        for place, ((name, unit), values) in enumerate(zip(read_as.headings, read_as.values, strict=True), start=1)
     ]
-    at = next((place for place, column in enumerate(columns) if _TIME.fullmatch(column.name)), None)
-    if at is None:
-        _look_like_times(columns[0])
-    signals = [replace(column, name=column.name or f"column {i}") for i, column in enumerate(columns, start=1)]
-    del signals[at or 0]
-    return signals, [columns[at or 0]] * len(signals), 1
-
-
-def _rows_below(lines: list[str]) -> tuple[list[str], str, _Rows]:
-    """Return the headings of a file of columns, its decimal point, and its rows of cells."""
-    headings: list[str] = []
-    dialect: tuple[str | None, str] | None = None
-    rows: _Rows = []
-    for place, line in enumerate(lines, start=1):
-        comment = bool(_COMMENT.match(line))
-        if not line.strip() or (dialect and comment):
-            continue
-        dialect = dialect or (None if comment else _dialect(line))
-        if dialect is None:
-            headings.append(line)
-            continue
-        cells = _split(line, dialect[0])
-        filled = sum(bool(cell.strip()) for cell in cells)
-        if rows and filled != len(rows[0][1]):
-            raise RecordingError(
-                f"got {filled} numbers",
-                remedy="correct or remove the line",
-                allowed=f"{len(rows[0][1])}, as in line {rows[0][0]}",
-                line=place,
-            )
-        rows.append((place, cells))
-    if dialect is None:
+    named = [place for place, one in enumerate(read_as.headings) if _names_times(one)]
+    clocks = _clocks(named, columns, stated)
+    if not clocks:
+        _look_like_times(replace(columns[0], name=read_as.headings[0].name), stated)
+        clocks = [0]
+    signals = [place for place in range(len(columns)) if place not in (*clocks, *named)]
+    if not signals:
         raise RecordingError(
-            "got no line of two or more numbers",
-            remedy="name another file",
-            allowed="WAV, LabVIEW .lvm, or text columns with a column of times",
+            "got no column but those of times", remedy="name another file", allowed="a column of samples"
         )
-    return headings, dialect[1], rows
+    if len({_step_s(columns[place], stated) for place in clocks}) > 1:
+        times = [_clock_of(place, clocks, columns, stated) for place in signals]
+    else:
+        times = [columns[clocks[0]]] * len(signals)
+    return _Table([columns[place] for place in signals], times, 1, read_as.understood)
 
 
-def _split(line: str, separator: str | None) -> list[str]:
-    cells = line.strip().split(separator)
-    # A separator that ends every line makes no further column.
-    return cells[:-1] if len(cells) > 1 and not cells[-1].strip() else cells
+def _names_times(one: Heading) -> bool:
+    return is_clock(one.name) if one.name else bool(time_unit(one))
 
 
-def _dialect(line: str) -> tuple[str | None, str] | None:
-    for separator, decimal in _DIALECTS:
-        cells = _split(line, separator)
-        if len(cells) >= 2 and all(isfinite(_number(cell, decimal)) for cell in cells):
-            return separator, decimal
-    return None
+def _clocks(named: Sequence[int], columns: Sequence[_Column], stated: Stated) -> list[int]:
+    """Return the places of the columns of times: the one that is stated, or of those named so, those with a unit."""
+    if stated.time_column is not None:
+        return [_chosen(tuple(column.name for column in columns), stated.time_column)]
+    return [at for at in named if time_unit(Heading(columns[at].name, columns[at].unit))] or list(named)
 
 
-def _named(headings: list[str], columns: int) -> list[tuple[str, str]]:
-    """Return names and units from the last heading line that has as many cells as there are columns."""
-    for line in reversed(headings):
-        bare = _COMMENT.sub("", line).strip()
-        for pattern in (r"\t", ";", ",", r"\s{2,}", r"\s+"):
-            cells = [cell.strip(" \t,;") for cell in re.split(pattern, bare) if cell.strip(" \t,;")]
-            if len(cells) == columns:
-                return [_name_and_unit(cell) for cell in cells]
-    return [("", "")] * columns
+def _step_s(clock: _Column, stated: Stated) -> float:
+    """Return the mean step of a clock, s, to four digits."""
+    span = (float(clock.values[-1]) - float(clock.values[0])) / max(clock.values.size - 1, 1)
+    return float(f"{span * _unit_s(clock, stated):.3e}")
+
+
+def _clock_of(place: int, clocks: Sequence[int], columns: Sequence[_Column], stated: Stated) -> _Column:
+    """Return the clock of a channel, where clocks differ: the one to its left, if channels follow each of them."""
+    follow = all(clock + 1 not in clocks and clock + 1 < len(columns) for clock in clocks)
+    if clocks[0] == 0 and follow:
+        return columns[max(clock for clock in clocks if clock < place)]
+    names = [columns[clock].name for clock in clocks]
+    raise RecordingError(
+        f"got several columns of times that differ: {', '.join(names)}",
+        remedy=stated.remedy("state which one counts", "--time-column", names[0]),
+        allowed="one, or one to the left of the channels that it is of",
+    )
 
 
 @dataclass
@@ -245,15 +206,15 @@ def _from_lvm(lines: list[str]) -> _Table:
             allowed="rows below a line that begins with X_Value",
         )
     signals, times = found[0]
-    split = [_name_and_unit(signal.name) for signal in signals]
-    at = next((place for place, (name, _) in enumerate(split) if _TIME.fullmatch(name)), None)
+    split = [heading(signal.name) for signal in signals]
+    at = next((place for place, (name, _) in enumerate(split) if is_clock(name)), None)
     if at is None and times[0] is None and _rises_evenly(signals[0]):
         at = 0
     if at is not None and len(signals) > 1:
         # The unit of a channel stands in its tag, but that of a time often in its name alone.
-        own = replace(signals.pop(at), name=split[at][0], unit=split[at][1])
+        own = replace(signals.pop(at), name=split[at].name, unit=time_unit(split[at]) or "s")
         times = [own] * len(signals)
-    return signals, times, len(found)
+    return _Table(signals, times, len(found))
 
 
 def _lvm_header(lines: list[str]) -> tuple[str, str, int]:
@@ -296,7 +257,7 @@ def _lvm_segments(lines: list[str], header: int, separator: str, decimal: str) -
         else:
             if in_rows:
                 current, in_rows, header_at = _Segment(), False, place
-            if isfinite(_number(cells[0], decimal)):
+            if isfinite(number(cells[0], decimal)):
                 raise RecordingError(
                     "got numbers in a header",
                     remedy="correct the file",
@@ -326,14 +287,15 @@ def _lvm_channels(segment: _Segment, decimal: str) -> tuple[list[_Column], list[
     for place, name in enumerate(headings):
         values, lines = _values(segment.rows, place, name, decimal)
         if name == "X_Value":
-            clock = _Column(name, "", values, lines) if lines else None
+            # The format has no other unit for times.
+            clock = _Column(name, "s", values, lines) if lines else None
         elif lines:
             # A tag stands above the column that it describes.
             unit, step, dimension = (
                 cells[place] if place < len(cells := segment.tags.get(tag, [])) else ""
                 for tag in ("Y_Unit_Label", "Delta_X", "X_Dimension")
             )
-            signals.append(_Column(name, unit, values, lines, _number(step, decimal), dimension or "Time"))
+            signals.append(_Column(name, unit, values, lines, number(step, decimal), dimension or "Time"))
             times.append(clock)
     return signals, times
 
@@ -347,7 +309,7 @@ def _values(rows: _Rows, place: int, name: str, decimal: str) -> tuple[NDArray[n
         if not cell:
             empty_at = empty_at or line
             continue
-        values.append(_number(cell, decimal))
+        values.append(number(cell, decimal))
         if np.isnan(values[-1]) or empty_at:
             wrong = f"{cell[:40]!r} in column {name!r}"
             got = wrong if np.isnan(values[-1]) else f"column {name!r} empty in line {empty_at}"
@@ -360,18 +322,18 @@ def _values(rows: _Rows, place: int, name: str, decimal: str) -> tuple[NDArray[n
     return np.array(values), [line for line, _ in rows[: len(values)]]
 
 
-def _recording(
-    file: str, channel: str | None, signals: list[_Column], times: Sequence[_Column | None], segments: int
-) -> Recording:
+def _recording(file: str, channel: str | None, table: _Table, stated: Stated) -> Recording:
     """Return the channel asked for, at the rate of its column of times, or of its header where it has none."""
-    names = tuple(signal.name for signal in signals)
-    place = _chosen(names, channel)
-    chosen, clock = signals[place], times[place]
+    names = tuple(signal.name for signal in table.signals)
+    first = next((place for place, signal in enumerate(table.signals) if not _counts(signal)), 0)
+    place = first if channel is None else _chosen(names, channel)
+    chosen, clock = table.signals[place], table.times[place]
     if chosen.dimension.lower() != "time":
         raise RecordingError(
             f"channel {chosen.name!r} stands over {chosen.dimension}", remedy="choose another channel", allowed="Time"
         )
     claimed_hz = 1 / chosen.step if chosen.step > 0 and isfinite(1 / chosen.step) else None
+    doubts: tuple[Finding, ...] = ()
     if clock is not None:
         count = chosen.values.size
         if clock.values.size < count:
@@ -381,8 +343,10 @@ def _recording(
                 allowed="a time in every row",
                 line=chosen.lines[clock.values.size],
             )
-        rate_hz, jitter = _even(replace(clock, values=clock.values[:count]))
-        source = f"time column {clock.name!r}" if clock.name else "first column"
+        clock = replace(clock, values=clock.values[:count])
+        rate_hz, jitter = _even(clock, _unit_s(clock, stated))
+        doubts = _doubts(file, rate_hz, stated)
+        source = f"time column {clock.name!r}"
     elif claimed_hz is not None:
         rate_hz, jitter, claimed_hz = claimed_hz, 0.0, None
         source = "header (Delta_X), no time column to check it against"
@@ -392,49 +356,90 @@ def _recording(
             remedy="export the measurement with X_Columns One",
             allowed="a column of times",
         )
-    of_channel = (file, chosen.name, names, chosen.values, chosen.unit)
-    return Recording(*of_channel, rate_hz, source, claimed_hz, jitter, segments)
+    of_channel = (file, chosen.name, names, chosen.values.astype(np.float64), chosen.unit)
+    return Recording(*of_channel, rate_hz, source, claimed_hz, jitter, table.segments, table.understood, doubts)
+
+
+def _counts(signal: _Column) -> bool:
+    """Return whether a column numbers the samples."""
+    values = signal.values
+    numbers = values.dtype.kind in "iu" and values.size > 1 and bool(np.all(np.diff(values) == 1))
+    return numbers or is_counter(signal.name)
+
+
+def _unit_s(clock: _Column, stated: Stated) -> float:
+    """Return the unit of a column of times, s, which the file or its user states."""
+    unit = stated.time_unit or time_unit(Heading(clock.name, clock.unit))
+    if unit in SECONDS:
+        return SECONDS[unit]
+    with np.errstate(over="ignore"):
+        spans = np.diff(clock.values)
+    likely = likely_unit(float(np.median(spans)) if spans.size else 0.0, float(clock.values[0]))
+    told = f"in {clock.unit!r}" if clock.unit else "without a unit"
+    raise RecordingError(
+        f"got times {told} in {clock.name!r}" if stated.time_unit is None else f"got the unit {unit!r} of time",
+        remedy=stated.remedy("state their unit", "--time-unit", likely),
+        allowed=f"a unit in the heading, or one that is stated: {', '.join(SECONDS)}",
+    )
+
+
+def _doubts(file: str, rate_hz: float, stated: Stated) -> tuple[Finding, ...]:
+    if SLOWEST_HZ <= rate_hz <= FASTEST_HZ:
+        return ()
+    likely = likely_unit(1 / rate_hz, 0.0)
+    return (
+        Finding(
+            f"got a rate of {rate_hz:.4g} Hz, which is implausible for a vibration",
+            where=file,
+            allowed=f"{SLOWEST_HZ:g} Hz to {FASTEST_HZ / 1e6:g} MHz",
+            remedy=stated.remedy(f"if its times are in {likely}, state it", "--time-unit", likely),
+            verdict="warns",
+            check="rate",
+        ),
+    )
 
 
 def _rises_evenly(column: _Column) -> bool:
     try:
         _look_like_times(column)
-        _even(column)
+        _even(column, 1.0)
     except RecordingError:
         return False
     return True
 
 
-def _look_like_times(first: _Column) -> None:
+def _look_like_times(first: _Column, stated: Stated = NOTHING_STATED) -> None:
     """Refuse a first column that no heading calls a time and that does not look like times."""
     with np.errstate(over="ignore"):
         steps = np.diff(first.values)
     what = ""
-    if first.name.lower() not in _SAYS_NOTHING and first.unit.lower() not in _SECONDS:
+    if first.name.lower() not in _SAYS_NOTHING or first.unit:
         what = f"{first.name!r}"
     elif np.any(steps <= 0):
         what = "values that do not rise"
     elif steps.size and np.all(steps == 1):
-        what = "a counter of samples"
+        what = COUNTER
     if what:
+        heading_alone: Remedy | str = "write a heading such as 'time (s), acceleration (g)'"
+        options = ("--time-column", "1", "--time-unit", likely_unit(1.0, float(first.values[0])))
+        counts = what == COUNTER
         raise RecordingError(
             f"got {what} in the first column and no column named time",
-            remedy="write a heading such as 'time (s), acceleration (g)'",
+            remedy=stated.remedy("if it holds the times, state it", *options) if counts else heading_alone,
             allowed="a column of times",
             line=first.lines[0],
         )
 
 
-def _even(times: _Column) -> tuple[float, float]:
+def _even(times: _Column, unit_s: float) -> tuple[float, float]:
     """Return the sampling rate in Hz of a column of times, and the largest departure from an even grid in steps."""
-    suffix = _UNIT_SUFFIX.fullmatch(times.name)
-    unit = (times.unit or (suffix[1] if suffix else "s")).lower()
-    if unit not in _SECONDS:
-        raise RecordingError(f"got times in {unit!r}", remedy="correct the heading", allowed=", ".join(_SECONDS))
-    t = times.values * _SECONDS[unit]
-    if t.size < 2:
-        raise RecordingError(f"got {t.size} rows", remedy="record longer", allowed="two or more, for a sampling rate")
+    if times.values.size < 2:
+        raise RecordingError(
+            f"got {times.values.size} rows", remedy="record longer", allowed="two or more, for a sampling rate"
+        )
     with np.errstate(over="ignore", invalid="ignore"):
+        # Times since 1970 in nanoseconds have more digits than a float.
+        t = (times.values - times.values[0]).astype(np.float64) * unit_s
         steps = np.diff(t)
         median = float(np.median(steps))
         worst = int(np.argmax(np.abs(steps - median)))
@@ -445,8 +450,8 @@ def _even(times: _Column) -> tuple[float, float]:
                 allowed=f"within {LARGEST_STEP_ERROR:.0%} of the median step, {median:g} s",
                 line=times.lines[worst + 1],
             )
-        mean = float((t[-1] - t[0]) / steps.size)
-        off = np.abs(t - (t[0] + mean * np.arange(t.size))) / mean
+        mean = float(t[-1] / steps.size)
+        off = np.abs(t - mean * np.arange(t.size)) / mean
     at = int(np.argmax(off))
     if not off[at] <= LARGEST_STEP_ERROR:
         raise RecordingError(

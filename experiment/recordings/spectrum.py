@@ -21,6 +21,7 @@ from scipy import fft, optimize, signal
 
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.recordings.readers import Recording, read
+from palpate.experiment.settings.delimited import NOTHING_STATED, Stated
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -78,6 +79,8 @@ class AmplitudeSpectrum:
             "header_rate_hz": recording.header_rate_hz,
             "jitter_steps": recording.jitter,
             "segments": recording.segments,
+            "read_as": recording.read_as.as_dict() if recording.read_as else None,
+            "doubts": [doubt.sentence() for doubt in recording.doubts],
             "resolution_hz": recording.rate_hz / recording.samples.size,
             "peaks_hz": [peak.frequency_hz for peak in self.peaks],
             "peak_amplitudes": [peak.amplitude for peak in self.peaks],
@@ -93,6 +96,8 @@ class AmplitudeSpectrum:
             f"sampling rate {recording.rate_hz:.6g} Hz, from the {recording.rate_source}",
             f"resolution {1 / seconds:.4g} Hz",
         ]
+        if recording.read_as is not None:
+            lines.insert(1, recording.read_as.sentence())
         if len(recording.channels) > 1:
             lines.insert(1, f"channels: {', '.join(recording.channels)}")
         if recording.segments > 1:
@@ -102,14 +107,15 @@ class AmplitudeSpectrum:
             lines.append(f"the header claims {claimed:.6g} Hz, which is not used")
         if recording.jitter > 1e-3:
             lines.append(f"samples lie up to {recording.jitter:.2g} steps off an even grid")
+        lines += [f"CAUTION: {doubt.clause()}" for doubt in recording.doubts]
         lines.append("peaks:" if self.peaks else "no peak stands out")
         lines += [f"  {peak.frequency_hz:10.2f} Hz  {peak.amplitude:.4g}{unit}" for peak in self.peaks]
         return "\n".join(lines)
 
 
-def of_file(path: Path, *, channel: str | None = None) -> AmplitudeSpectrum:
+def of_file(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STATED) -> AmplitudeSpectrum:
     """Return the spectrum of one channel of a file. Raises `RecordingError` as `read` and `amplitude_spectrum` do."""
-    return amplitude_spectrum(read(path, channel=channel))
+    return amplitude_spectrum(read(path, channel=channel, stated=stated))
 
 
 def amplitude_spectrum(recording: Recording) -> AmplitudeSpectrum:

@@ -8,10 +8,8 @@ Least squares cover the largest sample until the envelope falls to `UNTIL`, with
 A ring with more than one mode, or none, is a misfit.
 """
 
-import csv
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
-from io import StringIO
 from math import isfinite, log, pi
 from pathlib import Path
 
@@ -19,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, optimize
 
-from palpate.experiment import storage
-from palpate.experiment.errors import RecordingError
+from palpate.experiment.errors import Finding, PalpateError, RecordingError
 from palpate.experiment.recordings.readers import Recording, read
+from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood, read_table
 from palpate.experiment.synthesis.tap import Exponential, Scaling, frequency_curve, scaling
 
 UNTIL = 0.25
@@ -66,11 +64,20 @@ class Ring:
     f_drift_hz: float | None = None
     r2: float | None = None
     misfit: str = ""
+    read_as: Understood | None = None
+    doubts: tuple[Finding, ...] = ()
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the fit for JSON."""
+        read_as = self.read_as.as_dict() if self.read_as else None
+        return {**asdict(self), "read_as": read_as, "doubts": [doubt.sentence() for doubt in self.doubts]}
 
     def text(self) -> str:
         """Return the fit in a few lines."""
         unit = f" {self.unit}" if self.unit else ""
         lines = [f"{self.file}: {self.channel}, {self.rate_hz:.6g} Hz"]
+        lines += [f"  {self.read_as.sentence()}"] if self.read_as else []
+        lines += [f"  CAUTION: {doubt.clause()}" for doubt in self.doubts]
         if self.misfit:
             lines.append(f"  MISFIT: {self.misfit}")
         else:
@@ -106,9 +113,9 @@ class _Fit:
     r2: float
 
 
-def of_file(path: Path, *, channel: str | None = None) -> Ring:
+def of_file(path: Path, *, channel: str | None = None, stated: Stated = NOTHING_STATED) -> Ring:
     """Return the fit of one channel of a file. Raises `RecordingError` as `readers.read` does."""
-    return ring(read(path, channel=channel))
+    return ring(read(path, channel=channel, stated=stated))
 
 
 def ring(recording: Recording) -> Ring:
@@ -125,6 +132,8 @@ def ring(recording: Recording) -> Ring:
         recorded_peak=float(np.abs(y[largest])),
         clipped_samples=int(np.count_nonzero(clipped)),
         clipped_at=tuple(sorted(set(y[clipped].tolist()))),
+        read_as=recording.read_as,
+        doubts=recording.doubts,
     )
 
     def misfit(why: str) -> Ring:
@@ -319,39 +328,35 @@ class Tapped:
     speed_m_s: float
 
 
-def read_taps(path: Path) -> tuple[Tapped, ...]:
-    """Return a CSV table of taps with `COLUMNS`, its files relative to it. Raises `RecordingError` for bad cells."""
+def read_taps(path: Path, stated: Stated = NOTHING_STATED) -> tuple[Tapped, ...]:
+    """Return a table of taps with `COLUMNS`, its files relative to it. Raises `RecordingError` for bad cells."""
     try:
-        reader = csv.DictReader(StringIO(storage.read_bytes(path).decode("utf-8-sig")))
-        rows, header = list(reader), reader.fieldnames or ()
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        why = storage.why(error)
-        raise RecordingError(path, f"cannot be read ({why})", "name another file", allowed="a CSV file") from error
-    if set(header) != set(COLUMNS):
+        table = read_table(path, COLUMNS, COLUMNS[2:], stated)
+    except PalpateError as error:
+        raise RecordingError.of(error) from None
+    if sorted(table.header) != sorted(COLUMNS):
         raise RecordingError(
             path,
-            f"got the columns {', '.join(header) or '(none)'}",
+            f"got the columns {', '.join(table.header) or '(none)'}",
             "correct the heading",
             allowed=f"{', '.join(COLUMNS)}, with a row for each recording",
         )
-    if not rows or any(None in row for row in rows):
-        got = "a row with more cells than the heading" if rows else "no row below the heading"
+    if not table.rows or any(len(row.cells) > len(COLUMNS) for row in table.rows):
+        got = "a row with more cells than the heading" if table.rows else "no row below the heading"
         raise RecordingError(path, f"got {got}", "correct the table", allowed="a row for each recording")
     taps = []
-    for line, row in enumerate(rows, start=2):
-        try:
-            stiffness, speed = float(row["stiffness_n_m"] or ""), float(row["speed_m_s"] or "")
-        except (TypeError, ValueError):
-            stiffness = speed = float("nan")
+    for row in table.rows:
+        cells = dict.fromkeys(COLUMNS, "") | dict(zip(table.header, map(str.strip, row.cells), strict=False))
+        stiffness, speed = (table.number(cells[name]) for name in COLUMNS[2:])
         if not (0 < stiffness < float("inf") and 0 < speed < float("inf")):
             raise RecordingError(
                 path,
-                f"got {row['stiffness_n_m']!r} N/m and {row['speed_m_s']!r} m/s",
+                f"got {cells['stiffness_n_m']!r} N/m and {cells['speed_m_s']!r} m/s",
                 "correct the line",
                 allowed="finite numbers above zero",
-                line=line,
+                line=row.line,
             )
-        taps.append(Tapped(row["file"], row["surface"], stiffness, speed))
+        taps.append(Tapped(cells["file"], cells["surface"], stiffness, speed))
     return tuple(taps)
 
 

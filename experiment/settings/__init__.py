@@ -1,1 +1,1 @@
-"""Settings files: TOML read as frozen, strict models; all errors are reported at once, each with its line."""
+"""Files that people write: TOML read as frozen, strict models with all errors at once, and delimited text as tables."""

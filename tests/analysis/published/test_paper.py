@@ -198,6 +198,12 @@ def test_a_csv_file_of_another_delimiter(tmp_path: Path, delimiter: str) -> None
     assert _read(tmp_path, text, Stated(), "tables.csv").printed.tests[0].df == 11
 
 
+def test_decimal_commas_are_read(tmp_path: Path) -> None:
+    text = "name;t;df;p\nease;2,50;11;0,0296\n"
+    (test,) = _read(tmp_path, text, Stated(), "tables.csv").printed.tests
+    assert (test.t.text, test.p.text if test.p else "") == ("2.50", "0.0296")
+
+
 def test_a_cell_over_several_rows_and_columns(tmp_path: Path) -> None:
     page = (
         '<table><tr><td rowspan="2">name<td colspan="2">test<td rowspan="2">p<tr><td>t<td>df'

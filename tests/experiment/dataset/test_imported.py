@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from palpate.experiment.dataset.bids import LABELS
 from palpate.experiment.dataset.imported import Imported, import_trials
 from palpate.experiment.dataset.reconstruction import import_counts, study_text
 from palpate.experiment.dataset.status import status
-from palpate.experiment.dataset.trial_files import Layout
+from palpate.experiment.dataset.trial_files import Layout, pairs, read_trials
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER
 
@@ -151,3 +152,25 @@ def test_a_material_that_tables_read_as_missing_is_refused_and_a_row_with_it_is_
     file.write_text("participant,presented,answered,count\n1,NA,NA,3\n1,felt,felt,4\n", "utf-8")
     with pytest.raises(DatasetError, match="got a material 'NA'"):
         study_text("lab", {"one": file}, "here", measured=True)
+
+
+@pytest.mark.parametrize("other", ["p01", "01", "\u04201"])
+def test_two_spellings_that_look_like_one_person_are_asked_about(tmp_path: Path, other: str) -> None:
+    """The remedy says that they are one, and works."""
+    body = f"P01,a,1,felt,felt,1\nP01,a,2,cork,cork,1\n{other},a,3,felt,felt,1\n"
+    if other == "\u04201":
+        body = body.replace("P01", "P1")
+    with pytest.raises(DatasetError) as refused:
+        _made(tmp_path, body)
+    option, mapping = str(refused.value.finding.remedy).split()[-2:]
+    assert option == "--map-participant"
+    made = _made(tmp_path, body, replace(LAYOUT, people=pairs(option, [mapping])))
+    assert made.sentences[0].startswith("Participants: 1.")
+
+
+def test_cells_of_any_length_and_response_times_with_commas(tmp_path: Path) -> None:
+    text = "who;task;n;shown;said;rt;voice\n1;a;1;felt;felt;812,5;{0}\n1;a;2;cork;cork;,5;{0}\n".format("A" * 200_000)
+    file = tmp_path / "trials.csv"
+    file.write_bytes(text.encode("utf-16"))
+    times = [row.response_time_s for row in read_trials([file], LAYOUT).rows]
+    assert times == [0.8125, 0.0005]

@@ -170,11 +170,15 @@ def test_an_error_names_line_and_column(tmp_path: Path, text: str, change: dict[
 
 
 def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
-    with pytest.raises(DatasetError, match=r"none.csv: cannot be read \(No such file or directory\); give a CSV file"):
+    with pytest.raises(
+        DatasetError, match=r"none.csv: cannot be read \(No such file or directory\); allowed: a text file"
+    ):
         read_trials([tmp_path / "none.csv"], PLAIN)
-    (tmp_path / "utf16.csv").write_bytes("who,shown,said\n".encode("utf-16"))
-    with pytest.raises(DatasetError, match=r"cannot be read \(byte 1 is not valid UTF-8\); give"):
-        read_trials([tmp_path / "utf16.csv"], PLAIN)
+    (tmp_path / "old.csv").write_bytes("who,shown,said\n1,Löschpapier,Filz\n".encode("cp1252"))
+    with pytest.raises(DatasetError) as refused:
+        read_trials([tmp_path / "old.csv"], PLAIN)
+    assert refused.value.finding.line == 2
+    assert "--encoding cp1252" in str(refused.value.finding.remedy)
 
 
 def test_pairs_of_an_option() -> None:

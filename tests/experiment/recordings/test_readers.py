@@ -12,11 +12,13 @@ from hypothesis import strategies as st
 from scipy.io import wavfile
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.errors import RecordingError
-from palpate.experiment.recordings.readers import LARGEST, read
+from palpate.experiment.errors import RecordingError, Remedy
+from palpate.experiment.recordings.readers import read
+from palpate.experiment.settings.delimited import LARGEST, NOTHING_STATED, Stated
 from tests.approved import Refuses
 
 ON_DISK = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+IN_SECONDS = Stated(time_unit="s")
 SAMPLES = st.lists(st.floats(-1e6, 1e6), min_size=2, max_size=30)
 
 
@@ -154,7 +156,7 @@ def test_written_columns_come_back(
 ) -> None:
     separator, decimal = dialect
     rows = (f"{i / rate_hz!r}{separator}{value!r}".replace(".", decimal) for i, value in enumerate(samples))
-    made = read(written(tmp_path, heading + "\n".join(rows)))
+    made = read(written(tmp_path, heading + "\n".join(rows)), stated=NOTHING_STATED if heading else IN_SECONDS)
     assert made.samples.tolist() == samples
     assert made.rate_hz == pytest.approx(rate_hz, rel=1e-9)
     assert made.jitter < 1e-6
@@ -181,7 +183,7 @@ def test_any_bytes_give_a_recording_or_one_error(tmp_path: Path, content: bytes)
     [
         ("time (ms), a (g)", 1000.0),
         ("time_ms, a", 1000.0),
-        ("t, a", 1.0),
+        ("t/s, a", 1.0),
         ("Time [us], a", 1e6),
         ("Elapsed Time (s), a", 1.0),
     ],
@@ -199,7 +201,7 @@ def test_the_time_column_may_stand_anywhere(tmp_path: Path) -> None:
 def test_rounded_times_are_tolerated_and_the_jitter_is_reported(tmp_path: Path) -> None:
     """3 kHz in microseconds: steps of 333 and 334; the mean step gives the rate, the median one would be 0.1 % off."""
     rows = "\n".join(f"{i / 3000:.6f} {i % 7}" for i in range(3001))
-    made = read(written(tmp_path, rows))
+    made = read(written(tmp_path, rows), stated=IN_SECONDS)
     assert made.rate_hz == pytest.approx(3000, rel=1e-6)
     assert 0 < made.jitter < 0.01
 
@@ -213,7 +215,6 @@ def test_rounded_times_are_tolerated_and_the_jitter_is_reported(tmp_path: Path) 
         ("0 1\n1 2\n2 2\n", "got a counter of samples"),
         ("frequency (Hz), gain\n10, 1\n20, 2\n", "got 'frequency' in the first column and no column named time"),
         ("position, force\n10, 1\n20, 2\n", "got 'position' in the first column"),
-        ("time (fortnights), a\n0,1\n1,2\n", "got times in 'fortnights'"),
         ("0 1\n0.1 two\n", "line 2: got 'two' in column '2'; allowed: a number in every row"),
         ("0 1\n0.1 nan\n", "line 2: got 'nan'"),
         ("0 1\n0.1 1e999\n", "line 2: got '1e999'"),
@@ -226,7 +227,47 @@ def test_rounded_times_are_tolerated_and_the_jitter_is_reported(tmp_path: Path) 
 )
 def test_columns_that_are_no_recording_are_refused(tmp_path: Path, text: str, message: str) -> None:
     with pytest.raises(RecordingError, match=message):
-        read(written(tmp_path, text))
+        read(written(tmp_path, text), stated=IN_SECONDS)
+
+
+@pytest.mark.parametrize("heading", ["t, a", "time (fortnights), a", "timestamp, a"])
+def test_times_in_no_known_unit_are_asked_for(tmp_path: Path, heading: str) -> None:
+    """The remedy is the command with the likely unit, and works."""
+    path = written(tmp_path, f"{heading}\n0,1\n5,2\n10,1\n")
+    with pytest.raises(RecordingError) as refused:
+        read(path, stated=Stated(command=("palpate", "spectrum", str(path))))
+    remedy = refused.value.finding.remedy
+    assert isinstance(remedy, Remedy)
+    assert remedy.command == ("palpate", "spectrum", str(path), "--time-unit", "ms")
+    assert read(path, stated=Stated(time_unit="ms")).rate_hz == pytest.approx(200)
+
+
+def test_an_implausible_rate_is_doubted_and_the_likely_unit_named(tmp_path: Path) -> None:
+    doubts = read(written(tmp_path, "time (s), a\n0,1\n5,2\n10,1\n")).doubts
+    assert [(doubt.check, doubt.verdict) for doubt in doubts] == [("rate", "warns")]
+    assert "--time-unit ms" in str(doubts[0].remedy)
+
+
+def test_a_name_that_two_channels_have_is_asked_about(tmp_path: Path) -> None:
+    path = written(tmp_path, "time (s), a, a\n0.1,1,4\n0.2,2,5\n0.3,1,4\n")
+    made = read(path, channel="2")
+    assert (made.samples.tolist(), made.read_as.repeated if made.read_as else ()) == ([4, 5, 4], ("a",))
+    with pytest.raises(RecordingError):
+        read(path, channel="a")
+
+
+def test_channels_have_the_clock_to_their_left_where_clocks_differ(tmp_path: Path) -> None:
+    text = "t1 (s),a,t2 (ms),b\n0.00,1,0,4\n0.01,2,1,5\n0.02,1,2,4\n"
+    assert read(written(tmp_path, text)).rate_hz == pytest.approx(100)
+    assert read(written(tmp_path, text), channel="b").rate_hz == pytest.approx(1000)
+
+
+def test_clocks_that_differ_side_by_side_are_asked_about(tmp_path: Path) -> None:
+    path = written(tmp_path, "t1 (s),t2 (s),b\n0.00,0.0,4\n0.01,0.1,5\n0.02,0.2,4\n")
+    with pytest.raises(RecordingError) as refused:
+        read(path)
+    assert "--time-column t1" in str(refused.value.finding.remedy)
+    assert read(path, stated=Stated(time_column="t2")).rate_hz == pytest.approx(10)
 
 
 def test_a_rate_that_drifts_is_refused(tmp_path: Path, refuses: Refuses) -> None:
@@ -234,7 +275,7 @@ def test_a_rate_that_drifts_is_refused(tmp_path: Path, refuses: Refuses) -> None
     times = np.cumsum(np.linspace(0.8, 1.2, 101))
     rows = "\n".join(f"{t:.6f} 1" for t in times)
     with refuses(RecordingError):
-        read(written(tmp_path, rows))
+        read(written(tmp_path, rows), stated=IN_SECONDS)
 
 
 @pytest.mark.parametrize("name", ["nothing_here.txt", "."])
