@@ -3,7 +3,7 @@
 import math
 import tomllib
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from itertools import combinations
 from pathlib import Path
@@ -70,7 +70,9 @@ def from_file(path: Path, materials: Sequence[str]) -> Dissimilarities:
     try:
         table = read_table(path, COLUMNS, COLUMNS[2:])
     except PalpateError as error:
-        raise DatasetError.of(error) from error
+        # The command that this file is handed to states nothing of how it is written.
+        remedy = "save it as CSV in UTF-8, with decimal points"
+        raise DatasetError.at(replace(error.finding, remedy=remedy)) from error
     pairs: dict[frozenset[str], float] = {}
     rows = [(row.line, dict(zip(table.header, map(str.strip, row.cells), strict=False))) for row in table.rows]
     for line, row in rows:
