@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Pedal, Servo, Tracker
+from palpate.experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Pedal, Tracker
 from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
@@ -232,50 +232,6 @@ def servo_of(rig: Rig) -> ServoRig:
             allowed="one, for virtual surfaces need it",
         )
     return rig.servo
-
-
-def open_servo(
-    rig: Rig,
-    *,
-    rate_hz: int,
-    limit_n: float,
-    fastest_mm_s: float,
-    clock: Clock,
-    port: str | None = None,
-    address: str | None = None,
-    clock_map: ClockMap | None = None,
-) -> Servo:
-    """Open the rig's tracker and force device together: in a process of their own, unless time is simulated.
-
-    Forces go out `rate_hz` times a second, up to `limit_n`; a lamp is lit above `fastest_mm_s`. Other arguments are as
-    in `open_tracker`. Raises `RigError` without a force device, or for a simulated one, and `ServoError`.
-    """
-    from palpate.experiment.apparatus.servo.link import ServoHere, ServoProcess
-    from palpate.experiment.apparatus.servo.process import Orders
-
-    device = servo_of(rig)
-    where, hand = address or device.address, port or rig.tracker.port
-    if REHEARSAL in (where, hand):
-        raise RigError.at(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
-    along = rig.tracker.along_calibration or ()
-    orders = Orders(
-        port=hand,
-        baud=rig.tracker.baud,
-        tracker_hz=rig.tracker.rate_hz,
-        stall_ms=rig.tracker.stall_ms,
-        counts=tuple(float(point.counts) for point in rig.tracker.calibration),
-        mm=tuple(point.mm for point in rig.tracker.calibration),
-        along_counts=tuple(float(point.counts) for point in along),
-        along_mm=tuple(point.mm for point in along),
-        address=where,
-        answer_ms=device.answer_ms,
-        limit_n=limit_n,
-        rate_hz=rate_hz,
-        fastest_mm_s=fastest_mm_s,
-    )
-    if not clock.simulated:
-        return ServoProcess(orders, clock)
-    return ServoHere(orders, open_tracker(rig, clock=clock, port=port, clock_map=clock_map))
 
 
 def open_actuator(

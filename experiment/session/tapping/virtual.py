@@ -15,6 +15,7 @@ from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_dr
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
+from palpate.experiment.apparatus.servo.opening import open_servo
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
@@ -82,7 +83,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     }
     force = ends.force(opened)
     port, clock_map = ends.tracker(opened)
-    servo = opening.open_servo(
+    servo = open_servo(
         rig,
         rate_hz=virtual.rate_hz,
         limit_n=limit_n,

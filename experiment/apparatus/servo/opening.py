@@ -1,0 +1,51 @@
+"""Opens the force device of a rig, and its tracker with it."""
+
+from palpate.experiment.apparatus.opening import open_tracker, servo_of, simulated_only
+from palpate.experiment.apparatus.ports import Servo
+from palpate.experiment.apparatus.rig import REHEARSAL, Rig
+from palpate.experiment.apparatus.servo.link import ServoHere, ServoProcess
+from palpate.experiment.apparatus.servo.process import Orders
+from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.clock import Clock
+from palpate.experiment.errors import RigError
+
+
+def open_servo(
+    rig: Rig,
+    *,
+    rate_hz: int,
+    limit_n: float,
+    fastest_mm_s: float,
+    clock: Clock,
+    port: str | None = None,
+    address: str | None = None,
+    clock_map: ClockMap | None = None,
+) -> Servo:
+    """Open the rig's tracker and force device together: in a process of their own, unless time is simulated.
+
+    Forces go out `rate_hz` times a second, up to `limit_n`; a lamp is lit above `fastest_mm_s`. Other arguments are as
+    in `opening.open_tracker`. Raises `RigError` without a force device, or for a simulated one, and `ServoError`.
+    """
+    device = servo_of(rig)
+    where, hand = address or device.address, port or rig.tracker.port
+    if REHEARSAL in (where, hand):
+        raise RigError.at(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
+    along = rig.tracker.along_calibration or ()
+    orders = Orders(
+        port=hand,
+        baud=rig.tracker.baud,
+        tracker_hz=rig.tracker.rate_hz,
+        stall_ms=rig.tracker.stall_ms,
+        counts=tuple(float(point.counts) for point in rig.tracker.calibration),
+        mm=tuple(point.mm for point in rig.tracker.calibration),
+        along_counts=tuple(float(point.counts) for point in along),
+        along_mm=tuple(point.mm for point in along),
+        address=where,
+        answer_ms=device.answer_ms,
+        limit_n=limit_n,
+        rate_hz=rate_hz,
+        fastest_mm_s=fastest_mm_s,
+    )
+    if not clock.simulated:
+        return ServoProcess(orders, clock)
+    return ServoHere(orders, open_tracker(rig, clock=clock, port=port, clock_map=clock_map))
