@@ -32,7 +32,12 @@ def main() -> None:
     try:
         import atexit
         import gc
+        import io
 
+        for stream in (sys.stdout, sys.stderr):
+            # A pipe on Windows has a code page, which holds few letters: the others leave as their codes.
+            if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+                stream.reconfigure(errors="backslashreplace")
         # For workers that libraries start, too; the parts of palpate are started by `storage.python_command`.
         os.environ["PYTHONSAFEPATH"] = "1"
         # Threads of linear algebra gain nothing with matrices of a study's size, and spin while they wait.

@@ -175,9 +175,9 @@ def room() -> typer.Typer:
 
 
 def put(found: object) -> None:
-    """Print words as they are, and a document as JSON: in ASCII if it holds characters that do not leave as they are.
+    """Print words as they are, and a document as JSON.
 
-    A command with `--json` gives the one or the other.
+    JSON is in ASCII if it holds characters that do not leave as they are, or if the stream is in a code page.
     """
     import json
 
@@ -185,7 +185,8 @@ def put(found: object) -> None:
         typer.echo(found)
         return
     text = json.dumps(found, indent=2, ensure_ascii=False, allow_nan=False)
-    typer.echo(json.dumps(found, indent=2, allow_nan=False) if hidden(text, "\n") else text)
+    ascii_alone = hidden(text, "\n") or not (sys.stdout.encoding or "").lower().startswith("utf")
+    typer.echo(json.dumps(found, indent=2, allow_nan=False) if ascii_alone else text)
 
 
 NARROWEST = 40

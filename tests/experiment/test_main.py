@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import builtins
+import os
 import re
 import subprocess
 import sys
@@ -211,3 +212,15 @@ def test_a_closed_output_is_told_in_words_and_a_closed_error_stream_changes_noth
     assert done.returncode == code
     said = "palpate: standard output is closed; open it, into /dev/null if nobody reads it\n"
     assert done.stderr == (said if code else "")
+
+
+def test_letters_that_a_code_page_lacks_leave_as_their_codes(tmp_path: Path, repository_root: Path) -> None:
+    """A pipe on Windows has a code page; a title there may be in another alphabet."""
+    protocol = tmp_path / "study.toml"
+    text = (repository_root / "protocols" / "okamoto2012.toml").read_text("utf-8")
+    protocol.write_text(re.sub('(?m)^title = ".*"$', 'title = "Fußtritte 触覚"', text, count=1), "utf-8")
+    command = [sys.executable, "-m", "palpate.experiment", "check", str(protocol)]
+    environment = {**os.environ, "PYTHONIOENCODING": "cp1252", "PYTHONUTF8": "0"}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, check=False, timeout=60)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert "Fußtritte \\u89e6\\u899a" in done.stdout.decode("cp1252")
