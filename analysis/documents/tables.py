@@ -184,6 +184,17 @@ def span(low: float | None, high: float | None, decimals: int = 3) -> str:
     return "-" if low is None or high is None else f"{low:.{decimals}f} to {high:.{decimals}f}"
 
 
+def bounds(limits: Limits | None, decimals: int = 3) -> str:
+    """Return both limits at fixed decimals, or what a value is at least, or at most, where the other end is open."""
+    if limits is None or (limits.low is None and limits.high is None):
+        return "-"
+    if limits.low is None:
+        return f"at most {limits.high:.{decimals}f}"
+    if limits.high is None:
+        return f"at least {limits.low:.{decimals}f}"
+    return span(limits.low, limits.high, decimals)
+
+
 def ends(limits: Limits | None, name: str = "") -> dict[str, float | None]:
     """Return an interval as values of a record: `low` and `high`, behind the name of what it is of."""
     low, high = (limits.low, limits.high) if limits is not None else (None, None)

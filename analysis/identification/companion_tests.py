@@ -21,6 +21,7 @@ from palpate.analysis.statistics import mixed_logit
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Statements
 from palpate.analysis.statistics.inference import CONFIDENCE, EffectSize, TTest, cohens_d, holm, t_against_chance
 from palpate.analysis.statistics.participants import Equivalence, Repeated, equivalence, repeated
+from palpate.analysis.statistics.shares import Limits, difference_limits
 from palpate.analysis.statistics.sign_flips import SignFlip, sign_flip
 
 LEAST = 6
@@ -34,13 +35,17 @@ LINKED = (
 
 @dataclass(frozen=True)
 class Paired:
-    """Two tasks over the participants who did both with every material: paired t, d, sign flips; first - second."""
+    """Two tasks over the participants who did both with every material: paired t, d, sign flips; first - second.
+
+    `interval` is that of the mean difference; it allows for participants unlike these where shares are near 0 or 1.
+    """
 
     first: str
     second: str
     test: TTest
     d: EffectSize | None
     flip: SignFlip
+    interval: Limits
 
 
 @dataclass(frozen=True)
@@ -125,7 +130,24 @@ def _paired(first: str, second: str, tasks: Mapping[str, Confusion], rng: np.ran
     right = [[matrix.ratios(i, i) for i in places] for matrix in pair]
     gaps = [sum((a[who] - b[who] for a, b in zip(*right, strict=True)), Fraction(0)) / len(places) for who in people]
     test = t_against_chance(gaps, 0)
-    return Paired(first, second, test, None if test.t is None else cohens_d(test.t, test.df), sign_flip(gaps, 0, rng))
+    return Paired(
+        first,
+        second,
+        test,
+        None if test.t is None else cohens_d(test.t, test.df),
+        sign_flip(gaps, 0, rng),
+        difference_limits(*_pooled(pair, people, places), np.array(gaps, dtype=np.float64)),
+    )
+
+
+def _pooled(tasks: Sequence[Confusion], people: Sequence[str], places: Sequence[int]) -> tuple[Integers, Integers]:
+    """Return right answers and trials of these participants with these materials, each of shape (tasks, people)."""
+    right, trials = [], []
+    for matrix in tasks:
+        rows = [matrix.participants.index(label) for label in people]
+        right.append(np.diagonal(matrix.counts[rows, :, :-1], axis1=1, axis2=2)[:, places].sum(axis=1))
+        trials.append(matrix.trials[rows][:, places].sum(axis=1))
+    return np.array(right), np.array(trials)
 
 
 def right_answers(tasks: Mapping[str, Confusion]) -> tuple[tuple[str, ...], Integers, Integers]:

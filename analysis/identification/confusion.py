@@ -15,9 +15,12 @@ from statistics import mean, variance
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import entr, stdtrit
 
 from palpate.analysis.reading.study import Study
 from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.inference import CONFIDENCE
+from palpate.analysis.statistics.participants import Jackknife
 from palpate.experiment.errors import DatasetError
 
 
@@ -180,6 +183,44 @@ def information(counts: NDArray[np.int64]) -> Information:
     estimated = sum(likely_answers(row[column > 0]) - 1 for row in occurring) - (possible - 1)
     unit = 1 / (2 * trials * math.log(2))
     return Information(trials, float(_entropy(rows[None])[0]), bits, bits - naive * unit, bits - estimated * unit)
+
+
+RIGHT = 0.9
+"""Where more are right, few errors say little of how they spread, and Fano's bound counts."""
+
+
+def information_limits(counts: NDArray[np.int64], found: Information, right: tuple[float, float]) -> Jackknife:
+    """Return the jackknife over participants of counts, shape (P, presented, answered), with its interval.
+
+    Its error is at least that of trials; `right` are the limits of the share of right answers. Value and limits lie
+    from 0 to the bits presented. Raises `NotDefined` below two participants.
+    """
+    people, trials = len(counts), found.trials
+    if people < 2:
+        raise NotDefined(f"a jackknife needs 2 participants, got {people}")
+    pooled = counts.sum(axis=0)
+    left_out = transmitted(pooled - counts)
+    materials = int(np.count_nonzero(pooled.sum(axis=1)))
+    shares = pooled[pooled > 0] / trials
+    alone = np.outer(pooled.sum(axis=1), pooled.sum(axis=0))[pooled > 0] / trials**2
+    logs = np.log2(shares / alone)
+    spread = float((shares * logs**2).sum() - (shares * logs).sum() ** 2) / trials
+    spread += 2 * (materials - 1) ** 2 / (2 * trials * math.log(2)) ** 2
+    error = max(math.sqrt((people - 1) * float(left_out.var())), math.sqrt(max(spread, 0.0)))
+    value = people * found.transmitted - (people - 1) * float(left_out.mean())
+    reach = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) * error
+    low, high = value - reach, value + reach
+    if np.trace(pooled[:, : len(pooled)]) > RIGHT * trials:
+        bounds = [fano(max(share, 1 / materials), materials, found.presented) for share in right]
+        low, high = min(low, *bounds), max(high, *bounds)
+    value, low, high = (min(max(one, 0.0), found.presented) for one in (value, low, high))
+    return Jackknife(value, error, low, high, CONFIDENCE)
+
+
+def fano(share: float, materials: int, presented: float) -> float:
+    """Return the fewest bits that a share of right answers transmits, of so many presented (Fano 1961)."""
+    wrong = 1 - share
+    return presented - float(entr([share, wrong]).sum()) / math.log(2) - wrong * math.log2(materials - 1)
 
 
 def transmitted(counts: NDArray[np.int64]) -> NDArray[np.float64]:

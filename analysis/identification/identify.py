@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import partial
 from statistics import mean
 
 import numpy as np
@@ -14,6 +15,7 @@ from palpate.analysis.identification.maps import Choice, Mantel, Scaling
 from palpate.analysis.statistics import inference, lapses
 from palpate.analysis.statistics.exact import NotDefined, Statements, defined
 from palpate.analysis.statistics.participants import Jackknife, jackknife
+from palpate.analysis.statistics.shares import Limits, modelled, share_limits
 
 CHOICE_RESAMPLES = 999
 CHOICE_TOLERANCE = 1e-3
@@ -22,7 +24,7 @@ CHOICE_TOLERANCE = 1e-3
 
 @dataclass(frozen=True)
 class Cell:
-    """Intervals of one cell: of `count` in `trials`, pooled, and of the mean ratio among participants."""
+    """Intervals of one cell: of `count` in `trials`, pooled, and `interval`, of the mean ratio among participants."""
 
     presented: str
     answered: str
@@ -30,18 +32,21 @@ class Cell:
     trials: int
     wilson: inference.ConfidenceInterval | None
     clopper_pearson: inference.ConfidenceInterval | None
-    bootstrap: inference.ConfidenceInterval | None
+    interval: Limits | None
     statement: str
 
 
 @dataclass(frozen=True)
 class Detection:
-    """d' of the mean share of correct answers (`proportion`); `moved` had a share of 0 or 1 moved by half a trial."""
+    """d' of the mean share of correct answers (`proportion`); `moved` had a share of 0 or 1 moved by half a trial.
+
+    The interval is the share's, transformed, and not that of the mean d'.
+    """
 
     alternatives: int
     proportion: float
     d_prime: float | None
-    interval: inference.ConfidenceInterval | None
+    interval: Limits | None
     by_participant: Mapping[str, float]
     moved: tuple[str, ...]
     statement: str
@@ -97,15 +102,15 @@ def identify(
     return Identification(
         task=task,
         information=bits,
-        jackknife=said.told("information interval", lambda: _jackknife(counts, bits)) if bits else None,
+        jackknife=said.told("information interval", lambda: _information(matrix, counts, bits)) if bits else None,
         choice=said.told("choice", lambda: _choice(_whole(matrix), rng)),
         lapses=said.told("lapses", lambda: _lapses(_whole(matrix))),
         scaling=said.told("scaling", lambda: maps.classical(maps.from_confusions(_whole(matrix).means()[:, :-1]))),
         mantel=said.told("mantel", lambda: maps.mantel(dissimilarities, _confusing(_whole(matrix)), rng))
         if dissimilarities is not None
         else None,
-        cells=tuple(_cells(matrix, rng)),
-        detection=said.told("d'", lambda: _detection(_whole(matrix), rng)),
+        cells=tuple(_cells(matrix)),
+        detection=said.told("d'", lambda: _detection(_whole(matrix))),
         statements=said,
     )
 
@@ -147,10 +152,9 @@ def _limits(observed: float, left_out: NDArray[np.float64]) -> Jackknife | None:
         return None
 
 
-def _cells(matrix: confusions.Confusion, rng: np.random.Generator) -> list[Cell]:
+def _cells(matrix: confusions.Confusion) -> list[Cell]:
     pooled = matrix.counts.sum(axis=0)
     cells = []
-    draws: dict[int, NDArray[np.int64]] = {}
     for i in matrix.presented:
         presented = matrix.materials[i]
         for j, answered in enumerate(matrix.materials):
@@ -158,26 +162,18 @@ def _cells(matrix: confusions.Confusion, rng: np.random.Generator) -> list[Cell]
             if not trials:
                 cells.append(Cell(presented, answered, 0, 0, None, None, None, "nobody was presented this material"))
                 continue
-            values = list(matrix.ratios(i, j).values())
-            drawn, statement = None, ""
-            try:
-                if len(values) not in draws:
-                    draws[len(values)] = inference.resamples(len(values), inference.RESAMPLES, rng)
-                drawn = inference.mean_interval(values, draws[len(values)])
-            except NotDefined as reason:
-                statement = str(reason)
+            limits, why = defined(partial(share_limits, matrix.counts[:, i, j], matrix.trials[:, i]))
             exact = inference.wilson(count, trials), inference.clopper_pearson(count, trials)
-            cells.append(Cell(presented, answered, count, trials, *exact, drawn, statement))
+            cells.append(Cell(presented, answered, count, trials, *exact, limits, why))
     return cells
 
 
-def _jackknife(counts: NDArray[np.int64], found: confusions.Information) -> Jackknife:
-    if len(counts) == 1:
-        raise NotDefined("a jackknife needs 2 participants, got 1")
-    return jackknife(found.transmitted, confusions.transmitted(counts.sum(axis=0) - counts))
+def _information(matrix: confusions.Confusion, counts: NDArray[np.int64], found: confusions.Information) -> Jackknife:
+    right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
+    return confusions.information_limits(counts, found, modelled(right, matrix.trials.sum(axis=1)))
 
 
-def _detection(matrix: confusions.Confusion, rng: np.random.Generator) -> Detection:
+def _detection(matrix: confusions.Confusion) -> Detection:
     trials = matrix.trials.sum(axis=1)
     right = np.trace(matrix.counts[:, :, :-1], axis1=1, axis2=2)
     count = len(matrix.materials)
@@ -188,19 +184,24 @@ def _detection(matrix: confusions.Confusion, rng: np.random.Generator) -> Detect
         if total > 1
     }
     proportion = float(mean(shares))
-    said, value, interval = "", None, None
-    try:
-        value = confusions.d_prime(proportion, count)
-        drawn = inference.mean_interval(shares, inference.resamples(len(shares), inference.RESAMPLES, rng))
-        interval = inference.ConfidenceInterval(
-            confusions.d_prime(drawn.low, count), confusions.d_prime(drawn.high, count), inference.CONFIDENCE
-        )
-    except NotDefined as reason:
-        said = str(reason)
+    value, why = defined(partial(confusions.d_prime, proportion, count))
+    limits, missing = defined(partial(share_limits, right, trials))
     values = {share: confusions.d_prime(share, count) for share in set(known.values())}
     by_participant = {label: values[share] for label, share in known.items()}
     moved = tuple(label for label, n, total in zip(matrix.participants, right, trials, strict=True) if n in (0, total))
-    return Detection(count, proportion, value, interval, by_participant, moved, said)
+    return Detection(
+        count,
+        proportion,
+        value,
+        limits and Limits(_transformed(limits.low, count), _transformed(limits.high, count)),
+        by_participant,
+        moved,
+        "; ".join(filter(None, (why, missing))),
+    )
+
+
+def _transformed(share: float | None, count: int) -> float | None:
+    return None if share is None else confusions.d_prime(share, count)
 
 
 def _choice(matrix: confusions.Confusion, rng: np.random.Generator) -> ChoiceIntervals:

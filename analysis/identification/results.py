@@ -189,7 +189,7 @@ def compute(
     matrices = {task.task.id: task.confusion for task in tasks}
 
     def models() -> tuple[tuple[Marginal | None, str], TrialLevel, TimeCourse]:
-        return defined(partial(marginal, study, matrices)), trial_level(study), course_of(study, SEED)
+        return defined(partial(marginal, study, matrices)), trial_level(study), course_of(study)
 
     # These take half of the time.
     with forked(models) as modelled:

@@ -5,6 +5,7 @@ Trials without an answer are not right. Timing counts every attempt.
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -12,8 +13,9 @@ from numpy.typing import NDArray
 
 from palpate.analysis.documents.tables import plural
 from palpate.analysis.reading.study import Study
-from palpate.analysis.statistics.exact import NotDefined
-from palpate.analysis.statistics.inference import RESAMPLES, ConfidenceInterval, bca, resamples, wilson
+from palpate.analysis.statistics.exact import defined
+from palpate.analysis.statistics.inference import ConfidenceInterval, wilson
+from palpate.analysis.statistics.shares import Limits, share_limits
 
 QUANTITIES = {
     "contact, predicted minus actual": "prediction_error_s",
@@ -89,7 +91,7 @@ class Window:
     last: int
     right: int
     trials: int
-    interval: ConfidenceInterval | None
+    interval: Limits | None
     statement: str
 
 
@@ -137,13 +139,12 @@ class TimeCourse:
     statements: Mapping[tuple[str, str], str]
 
 
-def course_of(study: Study, seed: int) -> TimeCourse:
-    """Return the course of the included trials of a study; `seed` names the draws."""
-    tasks = {task.id: (place, study.trials(task.id)) for place, task in enumerate(study.tasks)}
-    tasks = {task: (place, trials) for task, (place, trials) in tasks.items() if not trials.empty}
+def course_of(study: Study) -> TimeCourse:
+    """Return the course of the included trials of a study."""
+    tasks = {task.id: trials for task in study.tasks if not (trials := study.trials(task.id)).empty}
     said: dict[tuple[str, str], str] = {}
     known: dict[str, dict[str, pd.DataFrame]] = {name: {} for name in COLUMNS}
-    for task, (_, trials) in tasks.items():
+    for task, trials in tasks.items():
         if not study.ordered:
             what = "a reconstruction has" if study.origin == "RECONSTRUCTION" else "counts have"
             said[task, LEARNING] = f"{what} no order of trials"
@@ -156,11 +157,7 @@ def course_of(study: Study, seed: int) -> TimeCourse:
     timed = timing(study)
     said |= {(task, TIMING): "no part of the timing was measured" for task in tasks if task not in timed}
     return TimeCourse(
-        {
-            task: _learning(trials, np.random.default_rng([seed, place, 1]))
-            for task, (place, trials) in tasks.items()
-            if (task, LEARNING) not in said
-        },
+        {task: _learning(trials) for task, trials in tasks.items() if (task, LEARNING) not in said},
         {task: _speed(trials) for task, trials in known[SPEED].items()},
         {task: _onsets(trials) for task, trials in known[ONSET].items()},
         {task: _masker(trials) for task, trials in known[MASKER].items()},
@@ -169,43 +166,25 @@ def course_of(study: Study, seed: int) -> TimeCourse:
     )
 
 
-def _learning(trials: pd.DataFrame, rng: np.random.Generator) -> tuple[Window, ...]:
-    """Return the share right in every run of `WINDOW` trial numbers, with a BCa interval over participants."""
+def _learning(trials: pd.DataFrame) -> tuple[Window, ...]:
+    """Return the share right in every run of `WINDOW` trial numbers, with its interval over participants."""
     right, done = _by_trial(trials)
-    people, last = done.shape
-    width = min(WINDOW, last)
+    width = min(WINDOW, done.shape[1])
     runs = (np.lib.stride_tricks.sliding_window_view(part, width, axis=1) for part in (right, done))
     numerators, denominators = (run.sum(axis=2) for run in runs)
-    try:
-        drawn = resamples(people, RESAMPLES, rng).astype(np.float64)
-        reason = ""
-    except NotDefined as why:
-        drawn, reason = np.ones((1, people)), str(why)
-    with np.errstate(invalid="ignore"):
-        shares = (drawn @ numerators) / (drawn @ denominators)
-        left_out = (numerators.sum(axis=0) - numerators) / (denominators.sum(axis=0) - denominators)
     windows = []
-    for place in range(numerators.shape[1]):
-        count, total = int(numerators[:, place].sum()), int(denominators[:, place].sum())
-        if not total:
-            continue
-        interval, statement = None, reason
-        if not reason:
-            try:
-                if not (np.isfinite(shares[:, place]).all() and np.isfinite(left_out[:, place]).all()):
-                    raise NotDefined("some resamples hold nobody who did these trials")
-                interval = bca(count / total, shares[:, place], left_out[:, place])
-            except NotDefined as why:
-                statement = str(why)
-        windows.append(Window(place + 1, place + width, count, total, interval, statement))
+    for place, (hits, total) in enumerate(zip(numerators.T, denominators.T, strict=True)):
+        if total.any():
+            limits, why = defined(partial(share_limits, hits, total))
+            windows.append(Window(place + 1, place + width, int(hits.sum()), int(total.sum()), limits, why))
     return tuple(windows)
 
 
-def _by_trial(trials: pd.DataFrame) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _by_trial(trials: pd.DataFrame) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return right answers, and trials done, by participant and trial number, each of shape (P, last number)."""
     rows, labels = pd.factorize(trials["participant"])
     columns = trials["trial"].to_numpy(dtype=np.int64) - 1
-    done = np.zeros((len(labels), int(columns.max()) + 1))
+    done = np.zeros((len(labels), int(columns.max()) + 1), dtype=np.int64)
     right = np.zeros_like(done)
     done[rows, columns] = 1
     right[rows, columns] = trials["presented"].to_numpy() == trials["answered"].to_numpy()

@@ -180,7 +180,9 @@ def learning(axes: Axes, curves: Mapping[str, Sequence[Window]], chances: Mappin
         axes.plot(x, [one.right / one.trials for one in windows], line, color=hue, label=task, marker=dot)
         known = [(place, one.interval) for place, one in zip(x, windows, strict=True) if one.interval]
         if known:
-            places, lows, highs = zip(*((place, limits.low, limits.high) for place, limits in known), strict=True)
+            places = [place for place, _ in known]
+            lows = [0.0 if limits.low is None else limits.low for _, limits in known]
+            highs = [1.0 if limits.high is None else limits.high for _, limits in known]
             axes.fill_between(places, lows, highs, color=hue, alpha=0.2, linewidth=0)
     _ratios(axes, chances)
     axes.set_xlabel("trial number, middle of the window")
@@ -458,7 +460,7 @@ def _course(results: Results, label: str, *, titles: bool) -> Iterator[drawing.S
         of = plural(window, "successive trial")
         said = (
             f"Share of right answers in {of}, of all participants together ({_people(results.tasks)}). Bands are 95 % "
-            "BCa intervals over participants, and the dashed line is chance."
+            "intervals over participants, and the dashed line is chance."
         )
         yield drawing.Sheet("learning", "course", said, figure)
     if found.speed:

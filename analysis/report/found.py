@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from palpate.analysis.documents.tables import (
     Section,
     Table,
+    bounds,
     ends,
     interval,
     joined,
@@ -19,9 +20,7 @@ from palpate.analysis.identification.identify import Cell, Identification
 from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report.plan import FOUND, TWO_WAY, Standing, T, alpha, asked
-
-ENOUGH = 10
-"""Of fewer participants BCa intervals held the truth in 82 to 93 % only (identification_sections.py)."""
+from palpate.analysis.statistics.shares import Limits
 
 
 def found_section(study: Study, results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
@@ -33,17 +32,17 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     paragraphs += [" ".join(_between(results, level))] * bool(list(_between(results, level)))
     tested = [(task, test, cell) for task, one in both for test, cell in zip(task.tests, _right(one), strict=True)]
     rows = tuple(
-        (task.task.id, test.material, str(test.result.n), number(test.result.mean), interval(cell.bootstrap),
+        (task.task.id, test.material, str(test.result.n), number(test.result.mean), bounds(limits_of(cell)),
          probability(test.p_holm if task.correction else test.result.p), probability(task.flip(test)), task.stars(test))
         for task, test, cell in tested
     )  # fmt: skip
     adjusted = {task.correction is not None for task in results.tasks}
     how = {True: "adjusted by Holm", False: "not adjusted"}
     said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
-    few = any(cell.bootstrap is not None and test.result.n < ENOUGH for _, test, cell in tested)
-    short = ", which are too short with so few" if few else ""
+    alone = any(test.result.n == 1 for _, test, _ in tested)
+    single = " Of one participant they are Clopper and Pearson's, of that participant's trials." if alone else ""
     notes = (
-        f"Correct answer ratios with BCa intervals over participants{short}. P is of t against chance, {said}; ours is "
+        f"Correct answer ratios with intervals over participants.{single} P is of t against chance, {said}; ours is "
         f"that of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
     )
     header = ("task", "presented", "n", "correct", "95 % CI", "P", "ours: P", "")
@@ -56,7 +55,7 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
 def _record(task: TaskResult, test: MaterialTest, cell: Cell) -> dict[str, object]:
     return {
         "quantity": "correct answer ratio", "task": task.task.id, "of": test.material, "n": test.result.n,
-        "value": test.result.mean, **ends(cell.bootstrap), "statistic": test.result.t, "p": test.result.p,
+        "value": test.result.mean, **ends(limits_of(cell)), "statistic": test.result.t, "p": test.result.p,
         "p_holm": test.p_holm, "p_sign_flip_ours": test.flip and test.flip.p, "stars": task.stars(test),
         "also_in": "tests.csv",
     }  # fmt: skip
@@ -74,13 +73,21 @@ def _further(results: Results) -> Iterator[dict[str, object]]:
                "df2": results.two_way[1].residual.df, "p": effect.p, "also_in": "anova.csv"}  # fmt: skip
     for pair in results.beside.paired:
         yield {"quantity": "paired difference (ours)", "of": f"{pair.first} - {pair.second}", "n": pair.test.n,
-               "value": pair.test.mean, "statistic": pair.test.t, "df1": pair.test.df, "p": pair.test.p,
-               "p_sign_flip_ours": pair.flip.p, "also_in": "beside.csv"}  # fmt: skip
+               "value": pair.test.mean, **ends(pair.interval), "statistic": pair.test.t, "df1": pair.test.df,
+               "p": pair.test.p, "p_sign_flip_ours": pair.flip.p, "also_in": "beside.csv"}  # fmt: skip
     for task, lines in results.beside.materials.items():
         for line in lines:
             yield {"quantity": "repeated measures (ours), F", "task": task, "of": line.effect, "n": line.n,
                    "statistic": line.f, "df1": line.df1, "df2": line.df2, "p": line.p,
                    "also_in": "beside.csv"}  # fmt: skip
+
+
+def limits_of(cell: Cell) -> Limits | None:
+    """Return the interval of a cell over participants, or that of the trials of a single one."""
+    if cell.interval or cell.clopper_pearson is None:
+        return cell.interval
+    low, high = cell.clopper_pearson.low, cell.clopper_pearson.high
+    return Limits(low if cell.count else None, high if cell.count < cell.trials else None)
 
 
 def _right(one: Identification) -> list[Cell]:
@@ -155,9 +162,12 @@ def _untested(task: TaskResult, cells: dict[str, Cell], level: float) -> Iterato
 def _listed(tests: Sequence[MaterialTest], cells: dict[str, Cell]) -> str:
     parts = []
     for place, test in enumerate(tests):
-        limits = interval(cells[test.material].bootstrap, 2)
-        shown = f", {'' if place else '95 % CI '}{limits}" if limits != "-" else ""
-        parts.append(f"{test.material} ({number(test.result.mean, 2)}{shown})")
+        limits = limits_of(cells[test.material])
+        shown = number(test.result.mean, 2)
+        if limits is not None:
+            whole = "all wrong" if limits.low is None else "all right" if limits.high is None else shown
+            shown = f"{whole}, {'' if place else '95 % CI '}{bounds(limits, 2)}"
+        parts.append(f"{test.material} ({shown})")
     return joined(parts)
 
 
@@ -172,7 +182,8 @@ def _between(results: Results, level: float) -> Iterator[str]:
         if mean is not None and p is not None:
             yield (
                 f"Ours, over the {one.test.n} who did both: {one.first} less {one.second} is {mean:.3f} "
-                f"(t({one.test.df}) = {one.test.t:.2f}, {p_is(p)}; sign flips, {p_is(one.flip.p)})."
+                f"(95 % CI {interval(one.interval)}; t({one.test.df}) = {one.test.t:.2f}, {p_is(p)}; sign flips, "
+                f"{p_is(one.flip.p)})."
             )
             if one.flip.least >= level:
                 yield f"With so few participants who differ, P of sign flips is at least {one.flip.least:.3g}."

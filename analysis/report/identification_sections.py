@@ -13,6 +13,7 @@ from palpate.analysis.documents.tables import (
     Record,
     Section,
     Table,
+    bounds,
     count_of,
     ends,
     interval,
@@ -28,8 +29,8 @@ from palpate.analysis.identification.results import Results
 from palpate.analysis.identification.time_course import WINDOW, TimeCourse
 from palpate.analysis.identification.trial_models import Term, TrialLevel, TrialModel
 from palpate.analysis.report.plan import ABOUT
-from palpate.analysis.statistics.inference import RESAMPLES, ConfidenceInterval
 from palpate.analysis.statistics.participants import Jackknife
+from palpate.analysis.statistics.shares import Limits
 
 ARBITRARY = (
     "In a reconstruction it is arbitrary which rows form one participant. Values by participant, and intervals that "
@@ -41,7 +42,7 @@ INTERVALS = (
     Column("presented", left=True), Column("answered", left=True), Column(("count", "trials"), "count", show=count_of),
     Column("ratio"), Column(("wilson_low", "wilson_high"), "Wilson"),
     Column(("clopper_pearson_low", "clopper_pearson_high"), "Clopper-Pearson"),
-    Column(("bootstrap_low", "bootstrap_high"), "BCa bootstrap"),
+    Column(("low", "high"), "over participants", show=lambda *limits: bounds(Limits(*limits))),
 )  # fmt: skip
 
 
@@ -53,19 +54,19 @@ def intervals_section(results: Results) -> Section:
             {"task": found.task, "presented": cell.presented, "answered": cell.answered, "count": cell.count,
              "trials": cell.trials, "ratio": cell.count / cell.trials if cell.trials else None,
              **ends(cell.wilson, "wilson_"), **ends(cell.clopper_pearson, "clopper_pearson_"),
-             **ends(cell.bootstrap, "bootstrap_"), "statement": cell.statement}
+             **ends(cell.interval), "statement": cell.statement}
             for cell in found.cells
         ]  # fmt: skip
         missing = {cell.statement: cell for cell in found.cells[::-1] if cell.statement}
         notes = [
-            f"Some ratios have no bootstrap interval, such as {cell.presented} answered as {cell.answered}: {why}."
+            f"Some have no interval over participants, such as {cell.presented} answered as {cell.answered}: {why}."
             for why, cell in missing.items()
         ]
         tables.append(tabulate(task.task.title, INTERVALS, records, notes))
         right = [record for record in records if record["presented"] == record["answered"]]
         where = "The report and intervals.csv give all answers."
         brief.append(tabulate(f"{task.task.title}: correct answers", INTERVALS, right, (*notes, where)))
-    about = ABOUT["intervals"].substitute(resamples=RESAMPLES)
+    about = ABOUT["intervals"].substitute()
     return Section("intervals", "Intervals of the answer ratios", (about,), tuple(tables), brief=tuple(brief))
 
 
@@ -126,7 +127,7 @@ def _detection(found: tuple[Identification, ...]) -> Table:
         values = list(d.by_participant.values())
         among = f"{statistics.mean(values):.2f}" if values else "-"
         spread = f" ± {statistics.stdev(values):.2f}" if len(values) > 1 else ""
-        cells = (number(d.proportion), number(d.d_prime, 2), interval(d.interval, 2), f"{among}{spread}")
+        cells = (number(d.proportion), number(d.d_prime, 2), bounds(d.interval, 2), f"{among}{spread}")
         rows.append((one.task, str(d.alternatives), *cells))
         if d.statement:
             notes.append(f"{one.task}: {d.statement}.")
@@ -233,7 +234,7 @@ def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[st
 Ends = tuple[float | None, float | None]
 
 
-def _ends(limits: ConfidenceInterval | Jackknife | None) -> Ends:
+def _ends(limits: Limits | Jackknife | None) -> Ends:
     return (None, None) if limits is None else (limits.low, limits.high)
 
 
@@ -319,7 +320,7 @@ def _tested(term: Term) -> str:
 
 def course_section(found: TimeCourse) -> Section:
     """Return tables of what the dataset holds, and a statement on each thing that it lacks."""
-    paragraphs = [ABOUT["course"].substitute(window=WINDOW, resamples=RESAMPLES)] * bool(found.learning or found.speed)
+    paragraphs = [ABOUT["course"].substitute(window=WINDOW)] * bool(found.learning or found.speed)
     lacking: dict[tuple[str, str], list[str]] = {}
     for (task, what), why in found.statements.items():
         lacking.setdefault((what, why), []).append(task)

@@ -46,7 +46,6 @@ from palpate.analysis.report.identification_sections import (
 from palpate.analysis.report.played_section import left_out, played_sections
 from palpate.analysis.statistics.anova import Anova
 from palpate.analysis.statistics.icc import NAMES
-from palpate.analysis.statistics.inference import RESAMPLES
 from palpate.analysis.statistics.sign_flips import DRAWS
 from palpate.experiment.records.events import NO_ANSWER
 
@@ -378,6 +377,6 @@ def _never(task: TaskResult) -> Iterator[str]:
 def methods() -> tuple[tuple[str, str], ...]:
     """Return the name and formula of everything that these sections hold."""
     course = {"window": WINDOW, "widths": ", ".join(map(str, BIN_WIDTHS_MM_S)), "most_bins": MOST_BINS}
-    drawn = {"seed": SEED, "resamples": RESAMPLES, "choice_resamples": CHOICE_RESAMPLES, "orders": ORDERS,
+    drawn = {"seed": SEED, "choice_resamples": CHOICE_RESAMPLES, "orders": ORDERS,
              "draws": f"{DRAWS:,}"}  # fmt: skip
     return formulas(Path(__file__).with_name("methods.md"), **course, **drawn, most_materials=MOST)

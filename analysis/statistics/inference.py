@@ -1,7 +1,7 @@
 """Samples of answer ratios: tests against chance, effect sizes, a Bayes factor, and intervals.
 
-Wilson's and Clopper and Pearson's intervals take trials as independent; the BCa bootstrap resamples participants (Efron
-1987, J. Am. Stat. Assoc. 82, 171-185). Effect sizes: Steiger and Fouladi (1997; Steiger 2004, Psychol. Methods 9,
+Wilson's and Clopper and Pearson's intervals take trials as independent; those over participants are in `shares.py`.
+Effect sizes: Steiger and Fouladi (1997; Steiger 2004, Psychol. Methods 9,
 164-182). JZS Bayes factor: Rouder et al. (2009, Psychon. Bull. Rev. 16, 225-237, equation (1)).
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
-from scipy.special import betaincinv, ncfdtr, nctdtr, ndtr, ndtri, stdtr
+from scipy.special import betaincinv, ncfdtr, nctdtr, ndtri, stdtr
 
 from palpate.analysis.statistics import exact
 
@@ -225,13 +225,8 @@ def _check(count: int, trials: int) -> None:
         raise ValueError(f"got {count} of {trials}; allowed: a count from 0 to the trials, of at least one trial")
 
 
-RESAMPLES = 4999
 LEAST = 3
 """The fewest participants that can be resampled."""
-
-
-WHOLE = 2**53
-"""Whole numbers below this are exact in float64."""
 
 
 def resamples(participants: int, count: int, rng: np.random.Generator) -> exact.Integers:
@@ -241,38 +236,3 @@ def resamples(participants: int, count: int, rng: np.random.Generator) -> exact.
     return np.asarray(
         rng.multinomial(participants, np.full(participants, 1 / participants), size=count), dtype=np.int64
     )
-
-
-def bca(
-    observed: float, drawn: exact.Floats, left_out: exact.Floats, confidence: float = CONFIDENCE
-) -> ConfidenceInterval:
-    """Return the BCa interval from values in the resamples, shape (B,), and with each participant left out, shape (P,).
-
-    Raises `NotDefined`: the resamples do not vary, or all lie on one side of the observed value.
-    """
-    if np.ptp(drawn) <= 1e-12 * np.abs(drawn).max():
-        raise exact.NotDefined("no variance among participants: the bootstrap has no interval")
-    below = (np.count_nonzero(drawn < observed) + np.count_nonzero(drawn <= observed)) / (2 * drawn.size)
-    if not 0 < below < 1:
-        raise exact.NotDefined("every resample lies on one side of the value: the bootstrap has no BCa interval")
-    differences = left_out.mean() - left_out
-    scale = float((differences**2).sum()) ** 1.5
-    acceleration = float((differences**3).sum()) / (6 * scale) if scale else 0.0
-    bias = float(ndtri(below))
-    normal = bias + ndtri(np.array([(1 - confidence) / 2, (1 + confidence) / 2]))
-    shares = ndtr(bias + normal / (1 - acceleration * normal))
-    low, high = np.quantile(drawn, shares)
-    return ConfidenceInterval(float(low), float(high), confidence)
-
-
-def mean_interval(values: Sequence[exact.Number], weights: exact.Integers) -> ConfidenceInterval:
-    """Return the BCa interval of the mean of values, shape (P,), from resamples, (B, P); errors as `bca`.
-
-    Quotients of whole numbers are rounded once, so that equal means stay equal.
-    """
-    whole, common = exact.integers(values)
-    people, total = len(whole), sum(whole)
-    small = people * max(max(map(abs, whole)), common) < WHOLE
-    counts, drawn = (weights, np.array(whole)) if small else (weights.astype(object), np.array(whole, dtype=object))
-    left_out = [(total - value) / ((people - 1) * common) for value in whole]
-    return bca(total / (people * common), exact.floats(counts @ drawn / (people * common)), np.array(left_out))

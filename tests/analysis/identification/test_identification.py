@@ -9,8 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.analysis.identification.confusion import Confusion
+from palpate.analysis.identification.confusion import Confusion, proportion_correct
 from palpate.analysis.identification.identify import Identification, identify
+from palpate.analysis.statistics.shares import share_limits
 
 MATERIALS = ("glass", "sand", "snow")
 
@@ -41,13 +42,16 @@ def test_the_same_generator_gives_the_same_intervals() -> None:
 def test_every_interval_encloses_its_value() -> None:
     found = identify("real", _matrix(), None, np.random.default_rng(5))
     for cell in found.cells:
-        for limits in (cell.wilson, cell.clopper_pearson, cell.bootstrap):
+        for limits in (cell.wilson, cell.clopper_pearson, cell.interval):
             assert limits is not None
-            assert limits.low <= cell.count / cell.trials <= limits.high
+            assert (limits.low or 0) <= cell.count / cell.trials <= (limits.high or 1)
     assert found.detection is not None
     assert found.detection.interval is not None
     assert found.detection.d_prime is not None
-    assert found.detection.interval.low < found.detection.d_prime < found.detection.interval.high
+    low, high = found.detection.interval.low, found.detection.interval.high
+    assert low is not None
+    assert high is not None
+    assert low < found.detection.d_prime < high
     assert found.choice is not None
     assert found.choice.similarities is not None
     assert (found.choice.similarities[..., 0] <= found.choice.model.similarities + 1e-3).all()
@@ -64,14 +68,14 @@ def test_confusions_are_compared_with_dissimilarities() -> None:
 
 def test_one_participant(approved: SnapshotAssertion) -> None:
     found = _of([[[5, 2, 1, 0], [1, 6, 1, 0], [0, 3, 5, 0]]])
-    assert {cell.bootstrap for cell in found.cells} == {None}
+    assert {cell.interval for cell in found.cells} == {None}
     assert {cell.statement for cell in found.cells} == approved
     assert found.information is not None
     assert found.jackknife is None
     assert list(found.statements) == ["information interval"]
     assert list(found.statements.values()) == approved
     assert found.choice is not None
-    assert {found.choice.statement} == {cell.statement for cell in found.cells}
+    assert found.choice.similarities is None
 
 
 def test_constant_answers(approved: SnapshotAssertion) -> None:
@@ -86,7 +90,7 @@ def test_constant_answers(approved: SnapshotAssertion) -> None:
     assert found.detection.statement == approved
 
 
-def test_perfect_answers(approved: SnapshotAssertion) -> None:
+def test_perfect_answers() -> None:
     found = _of([[[4, 0, 0, 0], [0, 4, 0, 0], [0, 0, 4, 0]]] * 4)
     assert found.detection is not None
     assert found.detection.d_prime is None
@@ -94,13 +98,20 @@ def test_perfect_answers(approved: SnapshotAssertion) -> None:
     assert found.detection.moved == ("0", "1", "2", "3")
     assert found.choice is not None
     assert found.choice.model.biases is None
-    assert found.statements["information interval"] == approved
+    assert found.jackknife is not None
+    assert (found.jackknife.value, found.jackknife.high) == (np.log2(3), np.log2(3))
+    assert 0 < found.jackknife.low < np.log2(3)
+    assert found.detection.interval is not None
+    assert found.detection.interval.high is None
+    assert proportion_correct(found.detection.interval.low or 0, 3) == pytest.approx(
+        share_limits(np.full(4, 12), np.full(4, 12)).low
+    )
 
 
 def test_a_material_that_was_never_presented(approved: SnapshotAssertion) -> None:
     found = _of([[[4, 0, 0, 0], [1, 3, 0, 0], [0, 0, 0, 0]]] * 4)
     assert found.cells[-1].statement == approved
-    assert set(found.statements) == {"information interval", "choice", "lapses", "scaling"}
+    assert set(found.statements) == {"choice", "lapses", "scaling"}
 
 
 def test_trials_without_an_answer_are_one_more_answer() -> None:

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy import stats
 
-from palpate.analysis.identification.confusion import information, likely_answers, transmitted
+from palpate.analysis.identification.confusion import information, information_limits, likely_answers, transmitted
 from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.participants import Jackknife
 from tests.analysis.reference import printed
 
 TEXTBOOK = np.array(printed("cover_thomas")["counts"])
@@ -72,3 +73,37 @@ def test_likely_answers_lie_between_those_that_occurred_and_all() -> None:
 def test_fewer_than_two_materials_are_not_defined(counts: list[list[int]]) -> None:
     with pytest.raises(NotDefined, match="two materials"):
         information(np.array(counts))
+
+
+def _limits(counts: NDArray[np.int64], right: tuple[float, float]) -> Jackknife:
+    return information_limits(counts, information(counts.sum(axis=0)), right)
+
+
+def test_the_interval_is_the_jackknifes_where_participants_differ() -> None:
+    """Each of six leaves the others' table; Student's t on 5 df."""
+    counts = np.array([(6 - k) * np.ones((3, 3), dtype=np.int64) + 3 * k * np.eye(3, dtype=np.int64) for k in range(6)])
+    whole = information(counts.sum(axis=0)).transmitted
+    apart = 6 * whole - 5 * np.array([transmitted(np.delete(counts, k, axis=0).sum(axis=0)) for k in range(6)])
+    found = _limits(counts, (0.2, 0.5))
+    reach = stats.t.ppf(0.975, 5) * stats.sem(apart)
+    assert found.value == pytest.approx(max(apart.mean(), 0))
+    assert (found.low, found.high) == pytest.approx((max(apart.mean() - reach, 0), apart.mean() + reach))
+
+
+def test_participants_who_do_not_differ_have_the_error_of_trials() -> None:
+    """Of two materials, shares of p and 1 - p have the logarithms log2 2p and log2 2(1 - p)."""
+    counts = np.array([[[8, 2], [2, 8]]] * 5)
+    spread = 0.8 * 0.2 * np.log2(0.8 / 0.2) ** 2 / 100 + 2 / (200 * np.log(2)) ** 2
+    assert _limits(counts, (0.7, 0.9)).error == pytest.approx(np.sqrt(spread))
+
+
+def test_near_perfect_answers_are_bounded_by_fano_and_nothing_leaves_0_to_the_bits_presented() -> None:
+    counts = np.array([10 * np.eye(4, dtype=np.int64)] * 4)
+    found = _limits(counts, (0.8, 1.0))
+    wrong = stats.entropy([0.8, 0.2], base=2) + 0.2 * np.log2(3)
+    assert (found.value, found.high) == (2, 2)
+    assert found.low == pytest.approx(2 - wrong)
+    alone = np.array([[[2, 1, 1, 0]] * 4, [[0, 1, 1, 2]] * 4])
+    assert 0 <= _limits(alone, (0.1, 0.4)).low <= _limits(alone, (0.1, 0.4)).high <= 2
+    with pytest.raises(NotDefined):
+        _limits(counts[:1], (0.8, 1.0))

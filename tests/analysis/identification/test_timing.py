@@ -55,7 +55,7 @@ def test_attempts_done_again_count_and_those_who_withdrew_do_not(tmp_path: Path,
     assert (name, found.attempts) == ("real", 2)
     assert found.quantity == approved
     assert (found.median_ms, found.largest_ms) == pytest.approx((-4.0, 9.0))
-    section = course_section(course_of(study, 1))
+    section = course_section(course_of(study))
     (table,) = [table for table in section.tables if table.title == "Timing"]
     assert table.rows == approved
     assert [r["largest"] for r in section.records if "largest" in r] == pytest.approx([9.0])

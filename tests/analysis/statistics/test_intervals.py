@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 from statsmodels.stats.proportion import proportion_confint
 
-from palpate.analysis.statistics.inference import clopper_pearson, wilson
+from palpate.analysis.statistics.exact import NotDefined
+from palpate.analysis.statistics.inference import LEAST, clopper_pearson, resamples, wilson
 from tests.analysis.reference import printed
 
 
@@ -42,3 +44,14 @@ def test_impossible_counts_are_refused(count: int, trials: int) -> None:
     for interval in (wilson, clopper_pearson):
         with pytest.raises(ValueError, match="allowed: a count"):
             interval(count, trials)
+
+
+def test_a_resample_has_as_many_participants() -> None:
+    weights = resamples(7, 100, np.random.default_rng(0))
+    assert set(weights.sum(axis=1).tolist()) == {7}
+
+
+@pytest.mark.parametrize("count", [0, 1, LEAST - 1])
+def test_too_few_participants_cannot_be_resampled(count: int) -> None:
+    with pytest.raises(NotDefined):
+        resamples(count, 99, np.random.default_rng(0))

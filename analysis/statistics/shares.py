@@ -1,0 +1,156 @@
+"""Intervals of shares over participants who differ: of a mean share, and of the difference of two.
+
+Counts are beta-binomial, with Jeffreys's prior of the mean and a flat one of the intraclass correlation; such an
+interval is short where participants are alike, or very unlike, so it is widened to that of Clopper and Pearson and to
+Student's on the logit. Differences: Newcombe (1998, Stat. Med. 17, 2635-2650), Zou and Donner (2008, Stat. Med. 27,
+1693-1702). At the ends: Brown, Cai and DasGupta (2001, Stat. Sci. 16, 101-133).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.special import expit, logit, stdtrit
+
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
+from palpate.analysis.statistics.inference import CONFIDENCE, clopper_pearson
+
+ANGLES, ROOTS, COARSE = 400, 64, 48
+"""Points of the mean's angle and of the correlation's root; fewer suffice to find where they matter."""
+
+DEPTH = 35.0
+"""Logarithms below the greatest density at which it no longer counts."""
+
+LINKED = 1 - 1e-12
+"""The largest correlation, either way, that Fisher's z takes."""
+
+EDGE = 0.1
+"""Within so much of 0 or 1 a difference is squared and added."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """An interval over participants at `confidence`; an end that answers all right, or all wrong, leave open is None.
+
+    Where all are right, `low` is the share that can be shown, and `high` None.
+    """
+
+    low: float | None
+    high: float | None
+    confidence: float = CONFIDENCE
+
+
+def share_limits(right: Integers, trials: Integers) -> Limits:
+    """Return the interval of the mean share of participants, from right answers and trials, shape (participants,).
+
+    Those without a trial do not count. Raises `NotDefined` below two participants.
+    """
+    right, trials = right[trials > 0], trials[trials > 0]
+    people = right.size
+    if people < 2:
+        raise NotDefined(f"an interval over participants needs two, got {people}")
+    low, high = modelled(right, trials)
+    shares = right / trials
+    mean = float(shares.mean())
+    if 0 < mean < 1:
+        error = float(shares.std(ddof=1)) / (math.sqrt(people) * mean * (1 - mean))
+        reach = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) * error
+        low = min(low, float(expit(logit(mean) - reach))) if mean <= 0.5 else low
+        high = max(high, float(expit(logit(mean) + reach))) if mean >= 0.5 else high
+    return Limits(low if right.any() else None, high if (right < trials).any() else None)
+
+
+def modelled(right: Integers, trials: Integers) -> tuple[float, float]:
+    """Return the limits of the beta-binomial model, widened to those of all trials and to the mean share."""
+    pooled = clopper_pearson(int(right.sum()), int(trials.sum()))
+    mean = float((right / trials).mean())
+    low, high = _credible(right, trials)
+    low = min(low, pooled.low, mean) if right.any() else 0.0
+    high = max(high, pooled.high, mean) if (right < trials).any() else 1.0
+    return low, high
+
+
+def _credible(right: Integers, trials: Integers) -> tuple[float, float]:
+    """Return the central credible interval of the mean m of a beta-binomial distribution.
+
+    With m = sin(angle)^2 the prior is flat in the angle; the correlation is the square of the root.
+    """
+    most = int(trials.max())
+    steps = np.arange(most)
+    # How many have a factor (m c + step), ((1 - m) c + step) and (c + step), with c = 1 / correlation - 1.
+    ups, downs, both = (
+        counts.size - np.cumsum(np.bincount(counts, minlength=most)[:most])
+        for counts in (right, trials - right, trials)
+    )
+
+    def density(angles: Floats, roots: Floats) -> Floats:
+        """Return the logarithm of the density of angle and root, shape (angles, roots)."""
+        alike, unlike = 1 - roots**2, roots**2
+        found = np.log(2 * roots) - both @ np.log(alike + steps[:, None] * unlike)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            for often, part in ((ups, np.sin(angles) ** 2), (downs, np.cos(angles) ** 2)):
+                own = part[:, None] * alike
+                for step in np.flatnonzero(often):
+                    found = found + often[step] * np.log(own + step * unlike)
+        return np.asarray(found)
+
+    box = np.array([[0.0, math.pi / 2], [0.0, 1.0]])
+    while True:
+        cell = np.diff(box, axis=1)[:, 0] / COARSE
+        grid = box[:, :1] + cell[:, None] * (np.arange(COARSE) + 0.5)
+        logs = density(*grid)
+        places = np.nonzero(logs > logs.max() - DEPTH)
+        ends = np.array([[axis[place.min()], axis[place.max()]] for axis, place in zip(grid, places, strict=True)])
+        smaller = np.clip(ends + 1.5 * cell[:, None] * [-1, 1], box[:, :1], box[:, 1:])
+        shrunk = np.diff(smaller, axis=1) / np.diff(box, axis=1)
+        box = smaller
+        if shrunk.min() > 0.7:
+            break
+    nodes, weights = np.polynomial.legendre.leggauss(ROOTS)
+    roots = box[1, 0] + (nodes + 1) / 2 * (box[1, 1] - box[1, 0])
+    angles = np.linspace(box[0, 0], box[0, 1], ANGLES)
+    logs = density(angles, roots)
+    marginal = np.exp(logs - logs.max()) @ weights
+    below = CubicSpline(angles, marginal).antiderivative()
+    total = float(below(angles[-1]))
+    low, high = (
+        float(np.sin(below.solve(tail * total, extrapolate=False)[0]) ** 2)
+        for tail in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
+    )
+    return low, high
+
+
+def difference_limits(right: Integers, trials: Integers, gaps: Floats) -> Limits:
+    """Return the interval of the mean of `gaps`, the share of one task less that of the other, shape (participants,).
+
+    `right` and `trials` have shape (2, participants). In the middle it is Student's, but never shorter than trials
+    allow; else the distances to the limits of both shares are squared and added, less what goes together. Raises
+    `NotDefined` below two participants.
+    """
+    people = gaps.size
+    if people < 2:
+        raise NotDefined(f"an interval over participants needs two, got {people}")
+    shares: Floats = right / trials
+    means: Floats = shares.mean(axis=1)
+    gap = float(gaps.mean())
+    if means.min() >= EDGE and means.max() <= 1 - EDGE:
+        total, all_right = trials.sum(axis=1), right.sum(axis=1)
+        smoothed = (all_right + 1) / (total + 2)
+        by_trials = math.sqrt(float((smoothed * (1 - smoothed) * (1 / trials).sum(axis=1)).sum())) / people
+        error = max(float(gaps.std(ddof=1)) / math.sqrt(people), by_trials)
+        reach = float(stdtrit(people - 1, (1 + CONFIDENCE) / 2)) * error
+        return Limits(max(gap - reach, -1.0), min(gap + reach, 1.0))
+    spreads = shares.std(axis=1)
+    linked = 0.0
+    if spreads.min() > 0:
+        observed = float((shares[0] * shares[1]).mean() - means.prod()) / float(spreads.prod())
+        linked = max(
+            0.0, math.tanh(math.atanh(min(max(observed, -LINKED), LINKED)) - 1 / math.sqrt(max(people - 3, 0.5)))
+        )
+    (low, high), (other_low, other_high) = (modelled(*counts) for counts in zip(right, trials, strict=True))
+    down, up = float(means[0]) - low, high - float(means[0])
+    other_down, other_up = float(means[1]) - other_low, other_high - float(means[1])
+    below = math.sqrt(down**2 + other_up**2 - 2 * linked * down * other_up)
+    above = math.sqrt(up**2 + other_down**2 - 2 * linked * up * other_down)
+    return Limits(gap - below, gap + above)
