@@ -19,6 +19,7 @@ from scipy import fft, optimize
 
 from palpate.experiment.errors import Finding, PalpateError, RecordingError
 from palpate.experiment.recordings.readers import Recording, read
+from palpate.experiment.recordings.units import in_unit
 from palpate.experiment.settings.delimited import NOTHING_STATED, Stated, Understood, read_table
 from palpate.experiment.synthesis.tap import Exponential, Scaling, frequency_curve, scaling
 
@@ -283,7 +284,7 @@ def _covariance(
 
 @dataclass(frozen=True)
 class TapSet:
-    """Taps at several speeds: L and D of each surface, in order, and f over stiffness (`curve`).
+    """Taps at several speeds: L, in `unit`, and D of each surface, in order, and f over stiffness (`curve`).
 
     `unscaled` has a sentence for each surface without L and D, `no_curve` says why there is no `curve`.
     """
@@ -295,16 +296,17 @@ class TapSet:
     unscaled: tuple[str, ...]
     curve: Exponential | None
     no_curve: str
+    unit: str
 
     def text(self) -> str:
         """Return the same for a reader."""
+        unit = f" {self.unit}" if self.unit else ""
         lines = ["Amplitude A = L D V, L being that at 0.2 m/s:"]
         for name, made in zip(self.surfaces, self.scalings, strict=True):
             if made:
                 worst = max(map(abs, made.misfits))
-                lines.append(
-                    f"  {name}: L {made.amplitude:.4g}, D {made.per_speed_s_m:.4g} s/m, off by up to {worst:.1%} of L"
-                )
+                found = f"L {made.amplitude:.4g}{unit}, D {made.per_speed_s_m:.4g} s/m"
+                lines.append(f"  {name}: {found}, off by up to {worst:.1%} of L")
         lines += [f"  {sentence}" for sentence in self.unscaled]
         if self.curve is None:
             return "\n".join([*lines, self.no_curve])
@@ -363,11 +365,12 @@ def read_taps(path: Path, stated: Stated = NOTHING_STATED) -> tuple[Tapped, ...]
 def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
     """Return L, D and f over stiffness as the paper derives them. Raises `RecordingError` if files and table differ."""
     found = _by_surface(rings, taps)
+    unit = rings[0].unit if rings else ""
     whole = {name: group for name, group in found.items() if group}
     scalings: list[Scaling | None] = []
     unscaled = [f"{name}: no recording of it was fitted." for name in found if name not in whole]
     for name, group in whole.items():
-        speeds, peaks = [tap.speed_m_s for tap, _ in group], [one.peak or 0.0 for _, one in group]
+        speeds, peaks = [tap.speed_m_s for tap, _ in group], [_peak(one, unit) for _, one in group]
         if len(set(speeds)) < 2:
             unscaled.append(f"{name}: L and D take two speeds or more; tap on it at another one.")
             scalings.append(None)
@@ -383,8 +386,22 @@ def of_taps(rings: Sequence[Ring], taps: Sequence[Tapped]) -> TapSet:
         scalings=tuple(scalings),
         unscaled=tuple(unscaled),
         curve=frequency_curve(stiffness, f_hz) if enough else None,
+        unit=unit,
         no_curve="" if enough else "A curve of frequency over stiffness takes surfaces of two stiffnesses or more.",
     )
+
+
+def _peak(one: Ring, unit: str) -> float:
+    """Return the peak of a ring in the unit of the first recording. Raises `RecordingError` where none is known."""
+    peak = in_unit(one.peak or 0.0, one.unit, unit)
+    if peak is None:
+        raise RecordingError(
+            one.file,
+            f"got a peak in {one.unit or 'no unit'}, and others in {unit or 'no unit'}",
+            "name the unit in the heading, or fit them apart",
+            allowed="recordings in one unit, or in units of acceleration",
+        )
+    return peak
 
 
 def _by_surface(rings: Sequence[Ring], taps: Sequence[Tapped]) -> dict[str, list[tuple[Tapped, Ring]]]:

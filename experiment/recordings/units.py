@@ -10,6 +10,7 @@ from typing import NamedTuple
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0}
 """Seconds in a unit of time."""
 
+_M_S2 = {"g": 9.80665, "mg": 9.80665e-3, "m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "m s^-2": 1.0}
 _SPELT = {
     "s": "s sec secs second seconds sek sekunde sekunden segundo segundos secondi seconde secondes 秒",
     "ms": "ms msec msecs millis millisec millisecs millisecond milliseconds millisekunde millisekunden msek",
@@ -104,6 +105,13 @@ def likely_unit(step: float, first: float) -> str:
             if least <= rate <= most:
                 return unit
     return "s"
+
+
+def in_unit(value: float, of: str, unit: str) -> float | None:
+    """Return a value of one unit in another; None where palpate knows no factor between them."""
+    if of == unit:
+        return value
+    return value * _M_S2[of] / _M_S2[unit] if {of, unit} <= set(_M_S2) else None
 
 
 def _words(name: str) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -135,6 +136,17 @@ def test_a_set_at_several_speeds_gives_l_d_and_the_curve(approved: SnapshotAsser
     assert found.curve.at(4500.0) == pytest.approx(50.0, rel=1e-6)
     assert found.curve.per_n_m == pytest.approx(14_500 / np.log(1.5), rel=1e-6)
     assert [line for line in found.text().splitlines() if " N/m, " in line] == approved
+
+
+def test_recordings_are_brought_to_the_unit_of_the_first() -> None:
+    taps, recordings = rings_and_taps()
+    in_g = [replace(one, samples=one.samples / 9.80665, unit="g") for one in recordings]
+    mixed = [in_g[0], *(replace(one, unit="m/s^2") for one in recordings[1:])]
+    found = of_taps([ring(one) for one in mixed], taps)
+    assert found.unit == "g"
+    assert [one.amplitude * 9.80665 for one in found.scalings if one] == pytest.approx([1.0, 3.0], rel=1e-5)
+    with pytest.raises(RecordingError):
+        of_taps([ring(one) for one in (in_g[0], replace(recordings[1], unit="mV"), *recordings[2:])], taps)
 
 
 def test_a_set_that_is_too_small_says_what_it_takes(approved: SnapshotAssertion) -> None:
