@@ -114,7 +114,8 @@ def shared(tasks: Iterable[Confusion]) -> tuple[int, ...]:
 
 def in_every(tasks: Sequence[Confusion]) -> list[str]:
     """Return the participants who did every one of these tasks with each of its materials."""
-    return [label for label in tasks[0].complete if all(label in task.complete for task in tasks[1:])]
+    others = [set(task.complete) for task in tasks[1:]]
+    return [label for label in tasks[0].complete if all(label in complete for complete in others)]
 
 
 def most_confused(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
