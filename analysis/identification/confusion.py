@@ -11,6 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
+from itertools import combinations
 from statistics import mean, variance
 
 import numpy as np
@@ -98,13 +99,14 @@ class Confusion:
         cells = [[self.mean(i, j) for j in range(len(self.materials) + 1)] for i in range(len(self.materials))]
         return np.array(cells, dtype=np.float64)
 
-    def most_confused(self) -> tuple[str, str] | None:
-        """Return the two of the task most often taken for one another, or None where none was taken for another."""
-        if len(self.presented) < 2:
-            return None
-        means = np.nan_to_num(self.means()[np.ix_(self.presented, self.presented)])
-        first, second = (self.presented[int(index[0])] for index in most_confused(means[..., None]))
-        return None if first == second else (self.materials[first], self.materials[second])
+    def most_confused(self) -> tuple[tuple[str, str], ...]:
+        """Return the pairs of the task most often taken for one another, exactly as often; none where none was."""
+        pairs = {
+            (a, b): sum((mean(of) for i, j in ((a, b), (b, a)) if (of := self.ratios(i, j).values())), Fraction(0))
+            for a, b in combinations(self.presented, 2)
+        }
+        most = max(pairs.values(), default=Fraction(0))
+        return tuple((self.materials[a], self.materials[b]) for (a, b), both in pairs.items() if both == most > 0)
 
 
 def shared(tasks: Iterable[Confusion]) -> tuple[int, ...]:

@@ -287,7 +287,8 @@ def _pairs(task: TaskResult, published: tuple[str, str] | None, study: Study) ->
     planned = [tuple(plan.materials) for plan in study.plans() if plan.materials and task.task.id in plan.tasks]
     reasons = [("published", published), *(("planned", pair) for pair in planned)]
     wanted: dict[frozenset[str], tuple[tuple[str, ...], list[str]]] = {}
-    for reason, pair in (*reasons, ("most confused", matrix.most_confused())):
+    most = matrix.most_confused()
+    for reason, pair in (*reasons, ("most confused", most[0] if len(most) == 1 else None)):
         if pair and set(pair) <= set(task.task.presented):
             wanted.setdefault(frozenset(pair), (pair, []))[1].append(reason)
     tests = []

@@ -104,8 +104,10 @@ def _task(task: TaskResult, one: Identification, level: float) -> Iterator[str]:
             "Sign flips, which are ours, cannot show it: with so few who differ from chance, their P is at least "
             f"{least:.3g}."
         )
-    if pair := task.confusion.most_confused():
-        yield f"Most often taken for one another were {pair[0]} and {pair[1]}."
+    if len(pairs := task.confusion.most_confused()) == 1:
+        yield f"Most often taken for one another were {joined(pairs[0])}."
+    elif pairs:
+        yield f"{len(pairs)} pairs were taken for one another most often, and equally often; none is most."
     if one.jackknife and one.information:
         bits, limits = one.jackknife, interval(one.jackknife, 2)
         yield f"Answers transmitted {bits.value:.2f} of {one.information.presented:.2f} bits a trial ({limits}; ours)."

@@ -257,7 +257,7 @@ def _one_way(task: str, plan: PlannedTest, results: Results) -> str:
     return f"{task} run of {tested}, which were confused most, and which the plan does not name: {outcome}"
 
 
-NEVER = "no two materials that it presents were taken for one another"
+NEVER = "no two materials that it presents were taken for one another more often than any others"
 """Why a task has no one-way ANOVA."""
 
 

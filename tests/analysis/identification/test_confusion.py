@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -77,11 +79,18 @@ def test_the_most_confused_pair_counts_both_directions() -> None:
     answers = [("glass", "sand")] * 3 + [("glass", "glass")] + [("snow", "glass")] * 2 + [("glass", "snow")] * 2
     answers += [("sand", "sand")] * 4 + [("snow", "snow")] * 2
     shown, said = zip(*answers, strict=True)
-    assert confusion(["1"] * len(answers), shown, said, MATERIALS).most_confused() == ("glass", "snow")
+    assert confusion(["1"] * len(answers), shown, said, MATERIALS).most_confused() == (("glass", "snow"),)
 
 
 def test_without_any_confusion_no_pair_is_the_most_confused() -> None:
-    assert confusion(["1"] * 3, MATERIALS, MATERIALS, MATERIALS).most_confused() is None
+    assert confusion(["1"] * 3, MATERIALS, MATERIALS, MATERIALS).most_confused() == ()
+
+
+def test_pairs_that_are_confused_as_often_are_all_returned() -> None:
+    """Each material is taken once for each other one, by three participants with different trials."""
+    shown, said = zip(*((a, b) for a in MATERIALS for b in MATERIALS), strict=True)
+    found = confusion(["1"] * 9 + ["2"] * 18, shown * 3, said * 3, MATERIALS)
+    assert found.most_confused() == tuple(combinations(MATERIALS, 2))
 
 
 def test_an_unknown_material_is_refused() -> None:
