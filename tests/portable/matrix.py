@@ -98,9 +98,6 @@ COMMANDS = (
 )
 
 FAULTS = {
-    (WINDOWS, "check other-script.toml"): (
-        "a title in another script does not fit the code page of redirected output, which is not UTF-8 there"
-    ),
     (WINDOWS, "new device.toml --yes --id aux"): (
         "a study may have the id of a device, though no file that is named after it can be made there"
     ),
