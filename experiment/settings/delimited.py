@@ -187,7 +187,7 @@ def decoded(data: bytes, where: Path | str, stated: Stated = NOTHING_STATED) -> 
         ) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise PalpateError(where, "got a zero byte", "export it as text", allowed="text", line=line)
+        raise PalpateError(where, "got U+0000, a zero byte", "export it as text", allowed="text", line=line)
     return text.removeprefix("\ufeff"), _NAMES.get(encoding, f"{encoding}, as stated")
 
 
