@@ -10,7 +10,7 @@ import json
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 from pydantic import TypeAdapter
 
@@ -72,15 +72,15 @@ def _plain(schema: Any) -> Any:
 
 
 def _dataset() -> Description:
-    kinds: tuple[Literal["footstep", "comparison", "further", "imported", "participants"], ...]
-    kinds = "footstep", "comparison", "further", "imported", "participants"
+    # Pairs are described as they were before their kind was called tapping: their columns are the same.
+    kinds = {name: name for name in ("footstep", "further", "imported", "participants")} | {"comparison": "tapping"}
     with tempfile.TemporaryDirectory() as folder:
         root = _compared(Path(folder))
         files = {path.relative_to(root).as_posix(): path for path in sorted(root.rglob("*.json"))}
         keys = {name: sorted(json.loads(path.read_text("utf-8"))) for name, path in files.items()}
         palpate = sorted(json.loads(files["dataset_description.json"].read_text("utf-8"))["Palpate"])
     return {
-        "columns": {kind: list(events.columns_of(kind)) for kind in kinds},
+        "columns": {name: list(events.columns_of(kind)) for name, kind in kinds.items()},
         "keys": {**keys, "Palpate": palpate},
         "read": {end: list(read) for end, read in tables.READ.items()},
         "plan.json": schema(Plan),

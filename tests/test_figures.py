@@ -119,11 +119,12 @@ def test_texts_that_are_multiplied_by_a_condition() -> None:
         "if study.answers is not None: ...",
         "if self._view.pairs: ...",
         'if task.kind == "footstep": ...',
-        'if _kind(task) != "comparison": ...',
+        'if _kind(task) != "tapping": ...',
         "if isinstance(entry, FootStep | Note): ...",
         "if isinstance(entry, tapping.Tapped): ...",
         "match entry:\n    case FootStep(): ...",
-        'OPENS = {"footstep": one,\n"comparison": two}',
+        'if task.design == "comparison": ...',
+        'OPENS = {"footstep": one,\n"tapping": two}',
     ],
 )
 def test_a_decision_by_kind_counts_outside_of_the_kinds_rooms(decision: str) -> None:

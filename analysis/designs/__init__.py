@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.analysis.documents.tables import Section
 from palpate.analysis.published.numbers import Published
-from palpate.analysis.reading.study import LAYOUTS, Study, nothing_left
+from palpate.analysis.reading.study import Study, nothing_left
 from palpate.experiment.errors import DatasetError
 
 if TYPE_CHECKING:
@@ -69,8 +69,8 @@ def design_of(study: Study) -> AnalysisDesign:
 
 
 def planned_design(protocol: Protocol) -> AnalysisDesign:
-    """Return the design of a protocol's tasks, which has a table of its name there; identification needs none."""
-    return named(next((name for name in LAYOUTS if getattr(protocol, name, None) is not None), "identification"))
+    """Return the design of a protocol's tasks."""
+    return named(protocol.tasks[0].design)
 
 
 def optional(module: str) -> Any:

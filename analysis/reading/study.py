@@ -169,13 +169,13 @@ class Task:
 class Layout:
     """How a table of events is read: the `kind` of its columns, and those that say what was `presented`."""
 
-    kind: Literal["footstep", "comparison"]
+    kind: Literal["footstep", "tapping"]
     presented: tuple[str, ...]
 
 
 LAYOUTS: Mapping[str, Layout] = {
     "identification": Layout("footstep", ("presented",)),
-    "comparison": Layout("comparison", ("first", "second")),
+    "comparison": Layout("tapping", ("first", "second")),
 }
 """The tables of each design; `analysis/designs` has what is made of them."""
 

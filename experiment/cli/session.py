@@ -158,12 +158,13 @@ def run(
 def _first_view(protocol: "Protocol", participant: str, folder: Path, *, practice: bool) -> "View":
     from palpate.experiment import storage
     from palpate.experiment.desk.messages import View
+    from palpate.experiment.protocol.kinds import kind_of
     from palpate.experiment.study import enrolment
 
     label = "PRACTICE" if practice else ""
     if not practice and storage.seed_path(folder).exists() and enrolment.purpose_of(folder) == "PILOT":
         label = "PILOT"
-    at_will = any(protocol.kind_table(task).AT_WILL for task in protocol.tasks)
+    at_will = any(kind_of(task.kind).at_will for task in protocol.tasks)
     return View(label=label, study=protocol.study.id, at_will=at_will, participant=participant)
 
 

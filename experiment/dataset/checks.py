@@ -368,6 +368,8 @@ def _check_header(path: Path, header: Header, study: Dataset) -> None:
         "protocol_sha256": approval.sha256(study.protocol),
         "seed": study.seed,
         "task_position": known.index(task) + 1,
+        "task_kind": study.protocol.task(task).kind,
+        "design": study.protocol.task(task).design,
         "block_trials": schedule.block_trials(study.protocol, task),
         **({"rig_sha256": plan.rig_sha256} if plan else {}),
         **({"session_id": header.rehearsed_id(plan.control)} if plan and plan.label == "REHEARSAL" else {}),

@@ -9,6 +9,7 @@ from typing import get_args
 
 from palpate.experiment.desk.messages import ENTER, Asked, Label, Prompt, Show, View
 from palpate.experiment.desk.questions import DEBRIEFING
+from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.rules import HEARD_KEY, LOUDER_KEY, PROBE_KEY, SOFTER_KEY
 
@@ -45,7 +46,7 @@ def shown_answers(protocol: Protocol) -> tuple[str, ...]:
     """Return the answers that a protocol shows the participant at their screen, in every trial; none unless it does."""
     if not protocol.answers.on_screen:
         return ()
-    return protocol.kind_table(protocol.tasks[0]).shown_answers(protocol.materials)
+    return design_of(protocol.tasks[0].design).shown(protocol)
 
 
 def prompt(view: View, answers: tuple[str, ...]) -> Prompt:

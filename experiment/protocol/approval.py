@@ -21,7 +21,7 @@ from pydantic import Field
 from palpate.experiment import storage
 from palpate.experiment.errors import Finding, PalpateError, ProtocolError, Remedy, mismatch, other_format
 from palpate.experiment.protocol import rules
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.models import OLDER, Protocol, older
 from palpate.experiment.settings import load
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import Confined, Line, Rules, Text, written
@@ -43,6 +43,8 @@ FORMAT: Literal[1] = 1
 def canonical(protocol: Protocol) -> bytes:
     """Return the RFC 8785 JSON of `protocol`, UTF-8: exactly the keys of its format; dates are ISO 8601 text."""
     document = protocol.model_dump(mode="json")
+    if protocol.format in OLDER:
+        older().restore(document)
     for *tables, key in load.younger(protocol, protocol.format):
         table: Any = document
         for part in tables:

@@ -5,18 +5,24 @@ What must hold between fields stands in `rules`; each model names its own. The w
 `protocols/README.md` says of each key.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from datetime import date
 from fractions import Fraction
+from importlib import import_module
 from itertools import combinations_with_replacement
-from typing import Annotated, ClassVar, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import Field
 
 from palpate.experiment.errors import ProtocolError, mismatch
 from palpate.experiment.protocol import rules
+from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE
 from palpate.experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
+from palpate.experiment.storage import Place
+
+OLDER = (2, 3)
+"""Formats in which the design was a part of the kind; `older` reads them."""
 
 
 class Study(Confined):
@@ -149,12 +155,9 @@ class Material(Confined):
 
     Attributes:
         id: names the material in orders, journals and tables.
-        key: the experimenter's key for this answer; with `[footstep]` alone.
-        spoken: what participants may call it; the first is shown to the experimenter; with `[footstep]` alone.
+        key: the experimenter's key for this answer; of the design `identification` alone.
+        spoken: what participants may call it; the first is shown to the experimenter; as `key`.
         description: what the object is: make, size, weight.
-        attack_hz: the frequency at which a tap on it rings, where it is rendered: f of Wellman and Howe.
-        amplitude: how strongly it rings at 200 mm/s, as a part of `comparison.virtual.full_m_s2`: L of Wellman and
-            Howe.
     """
 
     RULES: ClassVar[Rules] = rules.material
@@ -163,8 +166,6 @@ class Material(Confined):
     key: Key | None = None
     spoken: tuple[Name, ...] = ()
     description: Text
-    attack_hz: Annotated[float, Field(gt=0, le=20_000)] | None = None
-    amplitude: Annotated[float, Field(ge=0, le=1)] | None = None
 
 
 SLOWEST_MM_S, FASTEST_MM_S = 10.0, 10_000.0
@@ -234,40 +235,8 @@ class Step(Confined):
     contact_mm: Annotated[float, Field(ge=0)]
 
 
-class Virtual(Confined):
-    """How surfaces are rendered: one block for all of them, and a vibration at the touch that is each one's own.
-
-    Attributes:
-        switch_key: the experimenter's key for the participant's change to the other surface.
-        rate_hz: forces a second.
-        stiffness_n_m: K of the block, along its normal.
-        damping_n_s_m: C of the block.
-        mass_kg: M of the block; left out, the block is held.
-        full_m_s2: the amplitude of a material with an `amplitude` of 1, at 200 mm/s.
-        decay_per_s: B, how fast every vibration fades.
-        fastest_mm_s: a lamp says when the hand is faster.
-    """
-
-    switch_key: Key
-    rate_hz: Annotated[int, Field(ge=500, le=5000)]
-    stiffness_n_m: Annotated[float, Field(ge=0, le=1e6)]
-    damping_n_s_m: Annotated[float, Field(ge=0, le=1e4)]
-    mass_kg: Annotated[float, Field(gt=0, le=1000)] | None = None
-    full_m_s2: Annotated[float, Field(gt=0, le=1000)]
-    decay_per_s: Annotated[float, Field(ge=20, le=10_000)]
-    fastest_mm_s: Annotated[float, Field(gt=0, le=1000)]
-
-
 class KindTable(Confined):
-    """Base of the table of a kind of trial, which says how many materials a trial presents."""
-
-    INTERVALS: ClassVar[int] = 1
-    AT_WILL: ClassVar[bool] = False
-    """Whether what a trial presents is felt at will, until the answer."""
-
-    def shown_answers(self, materials: Sequence[Material]) -> tuple[str, ...]:
-        """Return the answers that the participant's screen names."""
-        return tuple(material.spoken[0] for material in materials)
+    """Base of the table of a kind of trial."""
 
     @property
     def gate(self) -> Step | None:
@@ -275,7 +244,7 @@ class KindTable(Confined):
         return None
 
     @property
-    def surface(self) -> Virtual | None:
+    def surface(self) -> "Tapping | None":
         """How surfaces are rendered; None where none is."""
         return None
 
@@ -298,32 +267,64 @@ class Footstep(KindTable):
         return self.step
 
 
-class Comparison(KindTable):
-    """What trials of the kind `comparison` need: in each, a participant names one of two materials.
+class VirtualSurface(Confined):
+    """How a virtual surface vibrates at a tap, as a material rings.
+
+    Attributes:
+        material: whose surface it is.
+        attack_hz: the frequency at which a tap on it rings: f of Wellman and Howe.
+        amplitude: how strongly it rings at 200 mm/s, as a part of `tapping.full_m_s2`: L of Wellman and Howe.
+    """
+
+    material: Name
+    attack_hz: Annotated[float, Field(gt=0, le=20_000)]
+    amplitude: Annotated[float, Field(ge=0, le=1)]
+
+
+class Tapping(KindTable):
+    """How surfaces are rendered: one block for all of them, and a vibration at the touch that is each one's own.
+
+    Attributes:
+        switch_key: the experimenter's key for the participant's change to the other surface.
+        rate_hz: forces a second.
+        stiffness_n_m: K of the block, along its normal.
+        damping_n_s_m: C of the block.
+        mass_kg: M of the block; left out, the block is held.
+        full_m_s2: the amplitude of a surface with an `amplitude` of 1, at 200 mm/s.
+        decay_per_s: B, how fast every vibration fades.
+        fastest_mm_s: a lamp says when the hand is faster.
+        surfaces: how the surface of each material vibrates.
+    """
+
+    switch_key: Key
+    rate_hz: Annotated[int, Field(ge=500, le=5000)]
+    stiffness_n_m: Annotated[float, Field(ge=0, le=1e6)]
+    damping_n_s_m: Annotated[float, Field(ge=0, le=1e4)]
+    mass_kg: Annotated[float, Field(gt=0, le=1000)] | None = None
+    full_m_s2: Annotated[float, Field(gt=0, le=1000)]
+    decay_per_s: Annotated[float, Field(ge=20, le=10_000)]
+    fastest_mm_s: Annotated[float, Field(gt=0, le=1000)]
+    surfaces: tuple[VirtualSurface, ...] = ()
+
+    @property
+    def surface(self) -> "Tapping":
+        return self
+
+
+class Comparison(Confined):
+    """What trials of the design `comparison` need: in each, a participant names one of two materials.
 
     Attributes:
         quality: what is compared, such as hardness; the materials stand in the file from the least of it to the most.
         first_key: the experimenter's key for the material that was presented first.
         second_key: the key for the one that was presented second.
         tie_key: the key for neither of them; left out, participants have to choose.
-        virtual: how surfaces are rendered, in a study with a task whose stimuli are virtual.
     """
 
     quality: Name
     first_key: Key
     second_key: Key
     tie_key: Key | None = None
-    virtual: Virtual | None = None
-
-    INTERVALS: ClassVar[int] = 2
-    AT_WILL: ClassVar[bool] = True
-
-    def shown_answers(self, materials: Sequence[Material]) -> tuple[str, ...]:  # noqa: ARG002
-        return tuple(self.answers.values())
-
-    @property
-    def surface(self) -> Virtual | None:
-        return self.virtual
 
     @property
     def answers(self) -> dict[str, str]:
@@ -332,7 +333,7 @@ class Comparison(KindTable):
         return {self.first_key: FIRST, self.second_key: SECOND, **ties}
 
 
-Table = TypeVar("Table", bound=KindTable)
+Table = TypeVar("Table", bound=Confined)
 
 
 class Familiarisation(Confined):
@@ -367,12 +368,14 @@ class Order(Confined):
 
 
 class Task(Confined):
-    """One task: which kind of trial, which stimuli, how often, in which order, for how many participants.
+    """One task: its kind and design of trial, which stimuli, how often, in which order, for how many participants.
 
     Attributes:
         id: names the task in commands, files and tables.
         title: what the task is called.
-        kind: the kind of trial.
+        kind: the kind of trial: what sets a stimulus off, and what plays it.
+        design: what a trial presents and asks: which material it is, or which of two has more of a quality. A file of
+            format 2 or 3 has none: `footstep` stands for identification there, and the kind `comparison` for tapping.
         stimulus: what the rig makes: synthesised vibration, or rendered surfaces; or real objects that the
             experimenter lays out.
         instruction: what the participant is told.
@@ -386,7 +389,8 @@ class Task(Confined):
 
     id: Label
     title: Text
-    kind: Literal["footstep", "comparison"]
+    kind: Literal["footstep", "tapping"]
+    design: Literal["identification", "comparison"] = Field(json_schema_extra={"since": 4})
     stimulus: Literal["virtual", "real"]
     instruction: Text
     participants: Annotated[int, Field(ge=1)]
@@ -519,7 +523,9 @@ class Protocol(Confined):
         masker: the noise on the headphones.
         answers: how answers are given.
         footstep: what trials of the kind `footstep` need, in a study of these.
-        comparison: what trials of the kind `comparison` need, in a study of these.
+        tapping: how virtual surfaces are rendered, in a study with these. A file of format 2 or 3 has it as
+            `[comparison.virtual]`, and `attack_hz` and `amplitude` of each surface in its material.
+        comparison: what trials of the design `comparison` need, in a study of these.
         materials: the materials to tell apart, or to compare.
         task_order: the order of the tasks.
         tasks: the tasks.
@@ -529,7 +535,7 @@ class Protocol(Confined):
 
     RULES: ClassVar[Rules] = rules.protocol
 
-    format: Literal[2, 3]
+    format: Literal[2, 3, 4]
     study: Study
     ethics: Ethics
     eligibility: Eligibility
@@ -539,6 +545,7 @@ class Protocol(Confined):
     masker: Masker
     answers: Answers
     footstep: Footstep | None = None
+    tapping: Tapping | None = Field(None, json_schema_extra={"since": 4})
     comparison: Comparison | None = None
     materials: Annotated[tuple[Material, ...], Field(min_length=2)]
     task_order: TaskOrder
@@ -559,7 +566,7 @@ class Protocol(Confined):
 
     def presentations(self, task: Task) -> tuple[tuple[str, ...], ...]:
         """Return what a task presents: each of its materials, or every pair of two, one with itself included."""
-        return tuple(combinations_with_replacement(self.presented(task), self.kind_table(task).INTERVALS))
+        return tuple(combinations_with_replacement(self.presented(task), design_of(task.design).intervals))
 
     def trials(self, task: Task) -> int:
         """Return how many trials a participant has in a task."""
@@ -572,16 +579,13 @@ class Protocol(Confined):
 
     @property
     def comparisons(self) -> Comparison:
-        """The table `[comparison]`. Raises `ProtocolError` in a study of another kind of trial."""
+        """The table `[comparison]`. Raises `ProtocolError` in a study of another design."""
         return self._table(Comparison)
 
     @property
-    def surfaces(self) -> Virtual:
-        """The table `[comparison.virtual]`. Raises `ProtocolError` in a study that renders none."""
-        found = self.comparisons.virtual
-        if found is None:
-            raise self._lacks("comparison.virtual")
-        return found
+    def surfaces(self) -> Tapping:
+        """The table `[tapping]`. Raises `ProtocolError` in a study that renders none."""
+        return self._table(Tapping)
 
     @property
     def renders(self) -> bool:
@@ -589,7 +593,7 @@ class Protocol(Confined):
         return any(task.stimulus == "virtual" for task in self.tasks)
 
     @property
-    def rendered(self) -> Virtual | None:
+    def rendered(self) -> Tapping | None:
         """How a study's virtual surfaces are rendered; None in a study without any."""
         virtual = (task for task in self.tasks if task.stimulus == "virtual")
         return next((surface for task in virtual if (surface := self.kind_table(task).surface) is not None), None)
@@ -600,16 +604,27 @@ class Protocol(Confined):
         return next((gate for task in self.tasks if (gate := self.kind_table(task).gate) is not None), None)
 
     def kind_table(self, task: Task) -> KindTable:
-        """Return the table of the kind of a task's trials, which has the kind's name."""
-        table: KindTable = getattr(self, task.kind)
-        return table
+        """Return the table of the kind of a task's trials, which has the kind's name; an empty one if left out."""
+        table: KindTable | None = getattr(self, task.kind)
+        return table or KindTable()
 
     def _table(self, model: type[Table]) -> Table:
         for _, value in self:
             if isinstance(value, model):
                 return value
-        raise self._lacks(model.__name__.lower())
+        name = model.__name__.lower()
+        problem = mismatch(name, None, "no such table", f"a study with a table [{name}]; name the protocol of one")
+        raise ProtocolError.in_file(f"study {self.study.id}", [problem])
 
-    def _lacks(self, kind: str) -> ProtocolError:
-        allowed = f"a study whose trials are of the kind '{kind}'; name the protocol of one"
-        return ProtocolError.in_file(f"study {self.study.id}", [mismatch(kind, None, "no such table", allowed)])
+    @classmethod
+    def renewed(cls, document: Mapping[str, Any]) -> Mapping[str, Any]:
+        return older().renewed(document) if document.get("format") in OLDER else document
+
+    @classmethod
+    def stated(cls, place: Place, document: Mapping[str, Any]) -> Place:
+        return older().stated(place) if document.get("format") in OLDER else place
+
+
+def older() -> Any:
+    """Return the module that reads older formats; a file of the newest one brings it nowhere."""
+    return import_module("palpate.experiment.protocol.older")

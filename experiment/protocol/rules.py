@@ -9,7 +9,9 @@ from datetime import date
 from itertools import pairwise
 from math import comb
 
-from palpate.experiment.protocol.kinds import NAMES, is_number, kind_of, list_at, number_at, table_at, tables_at
+from palpate.experiment.protocol import designs, kinds
+from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.protocol.kinds import is_number, kind_of, list_at, number_at, table_at, tables_at
 from palpate.experiment.settings.characters import looks, skeleton
 from palpate.experiment.settings.load import MISSING, Broken, Table, written
 from palpate.experiment.storage import Place
@@ -131,7 +133,7 @@ def planned_test(table: Table) -> Iterator[Broken]:
 
 
 def protocol(table: Table) -> Iterator[Broken]:
-    """All tasks are of one kind of trial, and the file has the table of that kind and not of another.
+    """All tasks are of one kind and one design, and the file has the tables of these and not of others.
 
     Ids are unique among materials, tasks and exclusion rules; so are keys, and phrases of `spoken`: none looks like
     another, whatever its case, blanks and alphabet (of names and phrases: nor by accents, 1 or I for l, or 0 for O),
@@ -147,11 +149,12 @@ def protocol(table: Table) -> Iterator[Broken]:
     `max-run`. Each task of a planned `one-way ANOVA` presents two materials or more, its `materials` among them, those
     of a `two-way ANOVA` or `ICC` have two in common, and those of an `equivalence` one, or two where it is of one task.
 
-    With `[footstep]` every material has `key` and `spoken`. With `[comparison]` none has; a task whose `stimulus` is
-    `virtual` needs `[comparison.virtual]`, `exposure.force_peak_n`, and `attack_hz` and `amplitude` of every material;
-    `repetitions` are even, no order is `max-run`, and no task has `materials`; `masker.probe` is left out;
-    `answers.microphone` is false; exclusion rules judge answers and withdrawals; and the planned tests are
-    `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
+    The kind `footstep` needs `[footstep]` and is of the design `identification`, in which every material has `key` and
+    `spoken`. The kind `tapping` is of the design `comparison`: a task whose `stimulus` is `virtual` needs `[tapping]`
+    with a surface for each material, and `exposure.force_peak_n`; `masker.probe` is left out; exclusion rules judge
+    answers and withdrawals. The design `comparison` needs `[comparison]`: no material has `key` or `spoken`,
+    `repetitions` are even, no order is `max-run`, no task has `materials`, `answers.microphone` is false, and the
+    planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
     """
     yield from _kinds(table)
     for name in ("materials", "tasks", "exclusion"):
@@ -175,37 +178,52 @@ def protocol(table: Table) -> Iterator[Broken]:
         yield Broken(("task_order", "kind"), allowed)
 
 
-def _kind(table: Table) -> str | None:
-    """Return the kind of trial of a study: that of its first task, if it has one."""
-    return next((kind for _, task in tables_at(table, "tasks") if (kind := task.get("kind")) in NAMES), None)
+def _first(table: Table, key: str, names: Sequence[str]) -> str | None:
+    """Return the kind or the design of a study: that of its first task, if it has one."""
+    return next((name for _, task in tables_at(table, "tasks") if (name := task.get(key)) in names), None)
 
 
 def _kinds(table: Table) -> Iterator[Broken]:
-    kind = _kind(table)
-    if kind is None:
-        return
+    """Yield what kind and design ask, and what tells that there is more than one of either."""
+    kind, design = _first(table, "kind", kinds.NAMES), _first(table, "design", designs.NAMES)
+    if kind is not None:
+        yield from _one(table, "kind", kind, kinds.NAMES)
+        yield from kind_of(kind).rules(table)
+    if design is not None:
+        yield from _one(table, "design", design, designs.NAMES)
+        yield from design_of(design).rules(table)
+        yield from _tests(table, design)
+    if kind is not None and design is not None:
+        fit = [name for name in designs.NAMES if design_of(name).intervals in kind_of(kind).intervals]
+        for i, _ in tables_at(table, "tasks") if design not in fit else ():
+            yield Broken(("tasks", i, "design"), f"one of: {', '.join(fit)}, with tasks of the kind '{kind}'")
+
+
+def _one(table: Table, key: str, name: str, names: Sequence[str]) -> Iterator[Broken]:
+    """Yield tasks of another kind or design than the first one, and the tables of others."""
     for i, task in tables_at(table, "tasks"):
-        if task.get("kind") in NAMES and task["kind"] != kind:
-            yield Broken(("tasks", i, "kind"), f"{kind}, as in the first task: a study has one kind of trial")
-    own = kind_of(kind)
-    for other in NAMES:
-        if other == kind and table.get(other) is None:
-            yield Broken((other,), f"a table: tasks of the kind '{kind}' need it")
-        if other != kind and table.get(other) is not None:
-            yield Broken((other,), f"no table: the tasks are of the kind '{kind}'")
-        for i, test in tables_at(table, "analysis"):
-            if (name := test.get("test")) in kind_of(other).tests and name not in own.tests:
-                yield Broken(
-                    ("analysis", i, "test"), f"one of: {', '.join(own.tests)}, with tasks of the kind '{kind}'"
-                )
-    yield from own.rules(table)
+        if task.get(key) in names and task[key] != name:
+            yield Broken(("tasks", i, key), f"{name}, as in the first task: a study has one {key} of trial")
+    for other in names:
+        if other != name and table.get(other) is not None:
+            yield Broken((other,), f"no table: the tasks are of the {key} '{name}'")
+
+
+def _tests(table: Table, design: str) -> Iterator[Broken]:
+    """Yield planned tests of other designs."""
+    foreign = {test for name in designs.NAMES if name != design for test in design_of(name).tests}
+    for i, test in tables_at(table, "analysis"):
+        if test.get("test") in foreign:
+            allowed = f"one of: {', '.join(design_of(design).tests)}, with tasks of the design '{design}'"
+            yield Broken(("analysis", i, "test"), allowed)
 
 
 def _keys(table: Table) -> Iterator[Broken]:
     answers = table_at(table, "answers")
     places: list[tuple[Place, object]] = [
         *((("materials", i, "key"), material.get("key")) for i, material in tables_at(table, "materials")),
-        *(place for name in NAMES for place in kind_of(name).keys(table)),
+        *(place for name in designs.NAMES for place in design_of(name).keys(table)),
+        *(place for name in kinds.NAMES for place in kind_of(name).keys(table)),
         *((("answers", name), answers.get(name)) for name in ("no_answer_key", "redo_key", "pause_key")),
     ]
     yield from _seen_once(places, "a key of its own", lambda key: (skeleton(key),))
@@ -306,7 +324,7 @@ def _task_limits(table: Table) -> Iterator[Broken]:
 def _exclusion_limits(table: Table) -> Iterator[Broken]:
     tasks, exclusion = tables_at(table, "tasks"), tables_at(table, "exclusion")
     of = [(number_at(task, "repetitions"), len(_materials(table, task))) for _, task in tasks]
-    shown = kind_of(kind).table.INTERVALS if (kind := _kind(table)) is not None else 1
+    shown = design_of(design).intervals if (design := _first(table, "design", designs.NAMES)) is not None else 1
     trials = min((n * comb(m + shown - 1, shown) for n, m in of if n is not None), default=0)
     slowest = [number_at(rule, "limit") for _, rule in exclusion if rule.get("when") == "speed-below"]
     for i, rule in exclusion:

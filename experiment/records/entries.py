@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-FORMAT: Literal[7] = 7
+FORMAT: Literal[8] = 8
 """The format of the journal: its models and their meaning."""
 
 Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
@@ -94,12 +94,13 @@ class Header(Entry):
     """What this session is; the first entry.
 
     `software` and `source_sha256` are those of `software.this`. `session_id` are 32 unique hexadecimal digits, which
-    identify copies. `recordings_sha256` is that of the manifest; None without synthesis. `order` falls into blocks of
-    `block_trials`. `roster_sha256` is the hash of the roster's last line at the start; None in a rehearsal.
+    identify copies. `recordings_sha256` is that of the manifest; None without synthesis. `task_kind` and `design` are
+    the task's. `order` falls into blocks of `block_trials`. `roster_sha256` is the hash of the roster's last line at
+    the start; None in a rehearsal.
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[7] = FORMAT
+    format: Literal[8] = FORMAT
     session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
@@ -112,6 +113,8 @@ class Header(Entry):
     seed: int
     participant: str
     task: str
+    task_kind: str
+    design: str
     task_position: int
     purpose: Purpose
     started_utc: Utc

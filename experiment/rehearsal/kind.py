@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, cast
@@ -15,9 +15,6 @@ if TYPE_CHECKING:
     from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
     from palpate.experiment.rehearsal.participant import SimulatedPerson
     from palpate.experiment.rehearsal.voice import Speaker
-
-ROOMS: Mapping[str, str] = {"comparison": "tapping"}
-"""The room of a kind of trial that has another name than the kind; its `participant.py` has `REHEARSAL`."""
 
 
 @dataclass(frozen=True)
@@ -49,5 +46,5 @@ class RehearsalKind:
 
 def rehearsal_kind(task: Task) -> RehearsalKind:
     """Return the kind of a task; no other is imported."""
-    module: Any = import_module(f"palpate.experiment.rehearsal.{ROOMS.get(task.kind, task.kind)}.participant")
+    module: Any = import_module(f"palpate.experiment.rehearsal.{task.kind}.participant")
     return cast("RehearsalKind", module.REHEARSAL)

@@ -1,7 +1,7 @@
 """The seam between a session and its kinds of trial: what a session lends a kind, and what it asks of one.
 
 A session knows trials, attempts, answers and the journal. What happens between arming and the question, and on which
-devices, is the kind's: `footstep/` is one. A kind never imports another.
+devices, is the kind's: `footstep/` is one, named as in a protocol file. A kind never imports another.
 """
 
 from __future__ import annotations
@@ -32,9 +32,6 @@ from palpate.experiment.records.progress import Progress
 if TYPE_CHECKING:
     from palpate.experiment.synthesis.voltages import Drive
     from palpate.experiment.synthesis.waveforms import Basis
-
-ROOMS: Mapping[str, str] = {"comparison": "tapping"}
-"""The room of a kind of trial that has another name than the kind; its `trials.py` has `KIND`."""
 
 
 @dataclass(frozen=True)
@@ -319,5 +316,5 @@ class SessionKind:
 
 def session_kind(task: Task) -> SessionKind:
     """Return the kind of a task; no other is imported."""
-    module = f"palpate.experiment.session.{ROOMS.get(task.kind, task.kind)}.trials"
+    module = f"palpate.experiment.session.{task.kind}.trials"
     return cast("SessionKind", import_module(module).KIND)

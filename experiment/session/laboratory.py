@@ -102,6 +102,8 @@ def header(sitting: Sitting, *, position: int, seed: int, purpose: Purpose, rost
         seed=seed,
         participant=participant,
         task=task_id,
+        task_kind=protocol.task(task_id).kind,
+        design=protocol.task(task_id).design,
         task_position=position,
         purpose=purpose,
         started_utc=utc(sitting.clock.now_ns()),

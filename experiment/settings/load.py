@@ -132,6 +132,16 @@ class Confined(BaseModel):
 
     RULES: ClassVar[Rules] = none
 
+    @classmethod
+    def renewed(cls, document: Table) -> Table:
+        """Return a document as its newest format has it."""
+        return document
+
+    @classmethod
+    def stated(cls, place: Place, document: Table) -> Place:  # noqa: ARG003
+        """Return where a document states what stands at `place` of the renewed one."""
+        return place
+
     @model_validator(mode="after")
     def _rules_hold(self) -> Self:
         broken = tuple(type(self).RULES(self.model_dump()))
@@ -206,7 +216,7 @@ def checked(path: Path, model: type[Model], document: Mapping[str, Any], text: s
     # A file without mistakes needs no lines.
     if find(model, frozen, {}):
         raise ProtocolError.in_file(path, find(model, frozen, locate(text)))
-    return model.model_validate(frozen)
+    return model.model_validate(model.renewed(frozen))
 
 
 def _text(path: Path, most: int) -> str:
@@ -346,7 +356,9 @@ def _number(noun: str, schema: Schema) -> str:
 
 def find(model: type[Confined], document: Table, lines: Mapping[Place, int]) -> tuple[Finding, ...]:
     """Return every problem of `document` as a `model`, in the order of their lines as `locate` returns them."""
-    found = {**dict(_broken_rules(model, document)), **dict(islice(_invalid_fields(model, document), MOST_TOLD))}
+    newest = model.renewed(document)
+    invalid = islice(_invalid_fields(model, newest), MOST_TOLD)
+    found = {model.stated(path, document): words for path, words in (*_broken_rules(model, newest), *invalid)}
     problems = (
         mismatch(written(path), _nearest(lines, path), _shown(_value(document, path)), words)
         for path, words in found.items()

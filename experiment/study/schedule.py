@@ -19,6 +19,7 @@ from math import comb
 from typing import TypeVar
 
 from palpate.experiment.errors import RosterError, ScheduleError
+from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import PlannedTrial
 
@@ -80,7 +81,7 @@ def schedule(*, protocol: Protocol, participant: str, task_id: str, seed: int) -
             # The protocol's rules give `max_run` a value with this kind, which is for single materials.
             counts = {material: task.repetitions for (material,) in presented}
             order = [(material,) for material in constrained(counts, max_run=task.order.max_run or 0, draws=draws)]
-    if protocol.kind_table(task).INTERVALS == 2:
+    if design_of(task.design).intervals == 2:
         order = _in_either_order(order, draws)
     return tuple(PlannedTrial(trial=place, presented=one) for place, one in enumerate(order, start=1))
 

@@ -85,7 +85,7 @@ def write_dataset(
                 stimulus_presentation={"SoftwareName": "palpate"},
                 origin=origin,
                 session_id=(session_ids or {}).get((label, task)),
-                kind="footstep" if answers is None else "comparison",
+                kind="footstep" if answers is None else "tapping",
                 answers={answer: f"the {answer}" for answer in answers or ()},
                 presented=(presented or {}).get(task),
             )

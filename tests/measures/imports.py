@@ -46,6 +46,7 @@ TRUNKS: Mapping[str, Trunk] = {
         ),
         looked_up=(
             "experiment/dataset/kinds/footstep.py",
+            "experiment/protocol/designs/identification.py",
             "experiment/protocol/kinds/footstep.py",
             "experiment/session/footstep/fidelity.py",
             "experiment/session/footstep/trials.py",
@@ -66,8 +67,8 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     "tapping": (
         "experiment/apparatus/doctor/force.py",
         "experiment/apparatus/servo",
-        "experiment/dataset/kinds/comparison.py",
-        "experiment/protocol/kinds/comparison.py",
+        "experiment/dataset/kinds/tapping.py",
+        "experiment/protocol/kinds/tapping.py",
         "experiment/records/kinds/tapping.py",
         "experiment/rehearsal/tapping",
         "experiment/rehearsal/wires/force_device.py",

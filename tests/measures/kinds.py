@@ -2,9 +2,9 @@
 
 Such a decision is a line that
 
-- asks whether a protocol has `comparison` or `footstep`, or a study or task its `answers`, by `is None`,
+- asks whether a protocol has the table of a kind or a design, or a study or task its `answers`, by `is None`,
 - asks with `isinstance` or `case` whether something is of a class from a kind's room,
-- reads `pairs` of a view, or compares a `kind` with the name of a kind of trial,
+- reads `pairs` of a view, or compares a `kind` or `design` with the name of one,
 - or is an entry of a table by the names of the kinds.
 """
 
@@ -22,6 +22,7 @@ ROOMS = (
     "analysis/power/comparisons.py",
     "analysis/report/identification_sections.py",
     "experiment/dataset/kinds",
+    "experiment/protocol/designs",
     "experiment/protocol/kinds",
     "experiment/records/kinds",
     "experiment/rehearsal/footstep",
@@ -31,11 +32,14 @@ ROOMS = (
 )
 """Where a kind of trial, or what is asked in it, is at home."""
 
-NAMES = frozenset({"footstep", "comparison"})
+NAMES = frozenset({"footstep", "tapping"})
 """The kinds of trial as a protocol file names them."""
 
-ABSENT = NAMES | {"answers"}
-"""What is None where a study is of another kind."""
+DESIGNS = frozenset({"identification", "comparison"})
+"""The designs."""
+
+ABSENT = NAMES | DESIGNS | {"answers"}
+"""What is None where a study is of another kind or design."""
 
 
 def decisions(source: Source) -> Iterator[str]:
@@ -66,7 +70,7 @@ def _decision_lines(node: ast.AST, classes: frozenset[str]) -> Iterator[int]:
             if _last_name(left) in ABSENT:
                 yield node.lineno
         case ast.Compare(left=left, ops=[ast.Eq() | ast.NotEq()], comparators=[ast.Constant(value=str(name))]):
-            if name in NAMES and _last_name(left).strip("_") == "kind":
+            if name in {"kind": NAMES, "design": DESIGNS}.get(_last_name(left).strip("_"), ()):
                 yield node.lineno
         case ast.Call(func=ast.Name(id="isinstance"), args=[_, asked]):
             if any(isinstance(each, ast.Name) and each.id in classes for each in ast.walk(asked)):

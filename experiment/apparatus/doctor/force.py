@@ -72,7 +72,7 @@ def answers(waited_ms: NDArray[np.float64], device: ServoRig, *, rate_hz: int) -
             f"{made / ASKS_S:.0f} messages a second were answered",
             allowed=f"{rate_hz} a second, less {100 * MISSED_PART:g} %",
             remedy="close other programs if the answers come in time; otherwise take a faster line to the device, or a "
-            "lower comparison.virtual.rate_hz",
+            "lower tapping.rate_hz",
         ),
     )
 

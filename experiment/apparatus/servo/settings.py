@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from palpate.experiment.errors import RigError
-from palpate.experiment.protocol.models import Virtual
+from palpate.experiment.protocol.models import Tapping
 from palpate.experiment.settings.load import Address, Confined, Rules, port_rules
 
 
@@ -33,7 +33,7 @@ class ServoRig(Confined):
     answer_ms: Annotated[float, Field(gt=0, le=100)]
 
 
-def judged(virtual: Virtual, device: ServoRig) -> tuple[bool, str]:
+def judged(virtual: Tapping, device: ServoRig) -> tuple[bool, str]:
     """Return whether a device may render a protocol's block, and in sentences how stiff it may be, and why."""
     from palpate.experiment.synthesis.stepping import stability
 
@@ -59,7 +59,7 @@ def judged(virtual: Virtual, device: ServoRig) -> tuple[bool, str]:
     )
 
 
-def refuse_beyond(virtual: Virtual, device: ServoRig, *, rig: str) -> None:
+def refuse_beyond(virtual: Tapping, device: ServoRig, *, rig: str) -> None:
     """Refuse, with a `RigError`, a block that the device of that rig does not bear."""
     fits, why = judged(virtual, device)
     if not fits:

@@ -1,7 +1,7 @@
 """What a protocol file says of each kind of trial, and what a board's page says of it; and how rules read plain tables.
 
-A kind is a module that is named as in a protocol file and has a `KIND`; it never imports another. It stands above the
-models, and is imported when it is looked up.
+A kind is what sets a stimulus off and what plays it: a module that is named as in a protocol file and has a `KIND`; it
+never imports another. It stands above the models, and is imported when it is looked up.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,7 +12,7 @@ from typing import Any
 from palpate.experiment.protocol.blocks import Block
 from palpate.experiment.settings.load import Broken, Table
 
-NAMES = ("footstep", "comparison")
+NAMES = ("footstep", "tapping")
 """Every kind."""
 
 
@@ -21,33 +21,25 @@ class ProtocolKind:
     """A kind of trial. What is called with a protocol or a task gets models, the rest plain tables.
 
     Attributes:
-        table: the model of the kind's own table.
-        tests: the planned tests.
+        intervals: how many materials one trial may present.
+        at_will: whether what a trial presents is felt at will, until the answer.
         rules: what a file breaks, beyond what every file must keep.
         keys: places of keys that must be unlike all others, each with its key.
         sources: what the stimuli of a task are, by its `stimulus`.
         recorded: what is recorded of a trial, before what is of any.
-        answers: keys of answers, each with what it stands for.
         stimuli: how stimuli are made, and what starts them.
         felt: how long a task with virtual stimuli is felt.
-        pairs: how what is presented is put together.
-        asked: what is asked about what is presented.
-        ranked: in which order materials are listed.
         odd: legal but odd settings, each as its field, what it is, and what it would be as a rule.
     """
 
-    table: type[Any]
-    tests: tuple[str, ...]
+    intervals: tuple[int, ...]
+    at_will: bool = False
     rules: Callable[[Table], Iterator[Broken]]
     sources: Mapping[str, str]
     recorded: Callable[[Any], str]
-    answers: Callable[[Any], Sequence[tuple[str, str]]]
     stimuli: Callable[[Any], Iterator[Block]]
     felt: Callable[[Any, Any], str]
     keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()
-    pairs: str = ""
-    asked: Callable[[Any], str] = lambda _: ""
-    ranked: Callable[[Any], str] = lambda _: ""
     odd: Callable[[Any], Iterator[tuple[str, str, str]]] = lambda _: iter(())
 
 

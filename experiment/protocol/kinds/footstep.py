@@ -2,8 +2,8 @@
 
 from collections.abc import Iterator
 
-from palpate.experiment.protocol.blocks import Block, Quoted, Said, count, named, number
-from palpate.experiment.protocol.kinds import ProtocolKind, tables_at
+from palpate.experiment.protocol.blocks import Block, Quoted, Said, count, number
+from palpate.experiment.protocol.kinds import ProtocolKind
 from palpate.experiment.protocol.models import Footstep, Protocol, Step, Task
 from palpate.experiment.settings.load import Broken, Table
 
@@ -11,13 +11,8 @@ _AVERAGED = {"magnitude": "magnitudes of their spectra", "signed": "signed coeff
 
 
 def _rules(table: Table) -> Iterator[Broken]:
-    for i, one in tables_at(table, "materials"):
-        if one.get("key") is None:
-            yield Broken(("materials", i, "key"), "one ASCII character: participants of a footstep name the material")
-        if not one.get("spoken", ()):
-            yield Broken(
-                ("materials", i, "spoken"), "an array of at least 1, each one line: participants of a footstep name it"
-            )
+    if table.get("footstep") is None:
+        yield Broken(("footstep",), "a table: tasks of the kind 'footstep' need it")
 
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
@@ -73,15 +68,13 @@ def _odd(protocol: Protocol) -> Iterator[tuple[str, str, str]]:
 
 
 KIND = ProtocolKind(
-    table=Footstep,
-    tests=("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "equivalence"),
+    intervals=(1,),
     rules=_rules,
     sources={
         "virtual": "virtual: vibration of the panel, synthesised from recordings",
         "real": "real: the experimenter lays out the real object before each trial",
     },
     recorded=lambda _: "the height of the foot over time, the speed and time of each step, ",
-    answers=lambda protocol: [(material.key, named(material.id)) for material in protocol.materials],
     stimuli=_stimuli,
     felt=_felt,
     odd=_odd,

@@ -1,4 +1,4 @@
-"""Comparisons of real samples, a kind of trial: have both laid out, ask at once, and say what goes on record."""
+"""Taps on real samples, a kind of trial: have both laid out, ask at once, and say what goes on record."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparisons of virtual surfaces, a kind of trial: the participant taps one, changes to the other, and says which."""
+"""Taps on virtual surfaces, a kind of trial: the participant taps one, changes to the other, and says which."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
 from palpate.experiment.desk.messages import Lamp, Measured
 from palpate.experiment.errors import PalpateError, RigError, TrackerStopped
-from palpate.experiment.protocol.models import Protocol, Virtual
+from palpate.experiment.protocol.models import Protocol, Tapping
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import WORDS, Changed, PairLaidOut, Place
 from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Sitting
@@ -79,7 +79,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     opened.callback(actuator.close)
     rings = {
         name: tap.rings(surface, rate_hz=rig.actuator.rate_hz, aluminum_m_s2=ends.ringing_m_s2(virtual.full_m_s2))
-        for name, surface in surfaces(protocol, virtual).items()
+        for name, surface in surfaces(virtual).items()
     }
     force = ends.force(opened)
     port, clock_map = ends.tracker(opened)
@@ -133,7 +133,7 @@ def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
         carries_hz=actuator.carries_hz,
     )
     shares = {}
-    for name, surface in surfaces(protocol, virtual).items():
+    for name, surface in surfaces(virtual).items():
         rings = tap.rings(surface, rate_hz=actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)
         error, _ = condition(rings.at(tap.REFERENCE_M_S)).budget()
         shares[name] = error.left_out
@@ -142,21 +142,21 @@ def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
     return f"at most {shares[most]:.2%} (rms) of {at} is left out" if shares[most] else ""
 
 
-def surfaces(protocol: Protocol, virtual: Virtual) -> dict[str, Surface]:
+def surfaces(virtual: Tapping) -> dict[str, Surface]:
     """Return the surfaces of a study, by their materials' ids: how each rings; all have one block."""
     return {
-        one.id: Surface(
-            name=one.id,
+        one.material: Surface(
+            name=one.material,
             stiffness_n_m=virtual.stiffness_n_m,
-            amplitude=one.amplitude or 0.0,
-            attack_hz=one.attack_hz or 0.0,
+            amplitude=one.amplitude,
+            attack_hz=one.attack_hz,
             decay_per_s=virtual.decay_per_s,
         )
-        for one in protocol.materials
+        for one in virtual.surfaces
     }
 
 
-def block(virtual: Virtual, *, tracker_hz: int) -> Block:
+def block(virtual: Tapping, *, tracker_hz: int) -> Block:
     """Return the block of a protocol, below height zero, prepared for a tracker's rate, Hz."""
     k, c, m = virtual.stiffness_n_m, virtual.damping_n_s_m, inf if virtual.mass_kg is None else virtual.mass_kg
     return Block((k, k), (c, c), (m, m), into=(-1.0, 0.0), nominal_s=round(1e6 / tracker_hz) * 1e-6)

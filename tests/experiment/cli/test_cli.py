@@ -672,7 +672,7 @@ def test_a_plan_names_its_rig_and_is_for_footsteps(palpate: Palpate, monkeypatch
     assert (code, f"\nRig: {named} (SIMULATED)\n" in out) == (0, True), err
     code, out, err = palpate("plan", "wellman1995")
     assert (code, out, len(lines(err))) == (2, "", 1)
-    assert "'comparison'; allowed: 'footstep'" in err
+    assert "'tapping'; allowed: 'footstep'" in err
 
 
 def test_errors_of_a_rig_file_stand_in_lines_of_their_own(palpate: Palpate, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment.dataset import build, tables
-from palpate.experiment.dataset.kinds.comparison import DATASET
+from palpate.experiment.dataset.kinds.tapping import DATASET
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.messages import Correct
 from palpate.experiment.errors import DatasetError, RigError

@@ -10,7 +10,7 @@ from typing import Any
 from palpate.experiment.protocol.models import Protocol
 
 SMALL = """\
-format = 2
+format = 4
 study = { id = "small", title = "A small study", source = "Nowhere, page 7", participants = 6 }
 consent = { required = true, statement = "You may stop at any moment." }
 eligibility.criteria = ["Grown up.", "Rested."]
@@ -85,6 +85,7 @@ break_min_s = 61
 id = "one"
 title = "The first"
 kind = "footstep"
+design = "identification"
 stimulus = "virtual"
 instruction = "Step."
 participants = 6
@@ -99,6 +100,7 @@ instruction = "Try it."
 id = "two"
 title = "The second"
 kind = "footstep"
+design = "identification"
 stimulus = "real"
 instruction = "Step again."
 participants = 4

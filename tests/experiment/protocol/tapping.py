@@ -22,7 +22,8 @@ def comparing(*, repetitions: int = 2, order: str = "full-random", tie_key: str 
     kept = {key: task[key] for key in ("participants", "familiarisation", "instruction", "title")}
     live = {
         "id": "live",
-        "kind": "comparison",
+        "kind": "tapping",
+        "design": "comparison",
         "stimulus": "real",
         "repetitions": repetitions,
         "order": {"kind": order},
@@ -41,11 +42,8 @@ def rendering() -> dict[str, Any]:
     study["tasks"] = ({**task, "id": "virtual", "stimulus": "virtual"},)
     study["analysis"] = tuple({**one, "tasks": ("virtual",)} for one in study["analysis"])
     rings = ((60.0, 0.1), (200.0, 0.2), (900.0, 0.5))
-    study["materials"] = tuple(
-        {**one, "attack_hz": hz, "amplitude": part} for one, (hz, part) in zip(study["materials"], rings, strict=True)
-    )
     study["exposure"] = {**study["exposure"], "force_peak_n": 2.0}
-    study["comparison"]["virtual"] = {
+    study["tapping"] = {
         "switch_key": "s",
         "rate_hz": 2000,
         "stiffness_n_m": 800.0,
@@ -53,6 +51,10 @@ def rendering() -> dict[str, Any]:
         "full_m_s2": 40.0,
         "decay_per_s": 100.0,
         "fastest_mm_s": 175.0,
+        "surfaces": tuple(
+            {"material": one["id"], "attack_hz": hz, "amplitude": part}
+            for one, (hz, part) in zip(study["materials"], rings, strict=True)
+        ),
     }
     return study
 

@@ -18,7 +18,7 @@ from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import canonical, sha256
 from palpate.experiment.protocol.models import Material, Protocol
 from palpate.experiment.settings.load import Confined
-from tests.experiment.protocol.small import OKAMOTO2012, SMALL, changed, document, leaves, protocol
+from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
 
 
 def loaded(tmp_path: Path, text: str) -> Protocol:
@@ -38,22 +38,15 @@ def plain(value: Any) -> Any:
 
 def test_form_is_that_of_rfc_8785() -> None:
     # For ASCII keys and numbers of few digits, Python's own JSON with sorted keys is the same form.
-    study = protocol().model_copy(update={"format": 3})
+    study = protocol()
     document = plain(json.loads(study.model_dump_json()))
     expected = json.dumps(document, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
     assert canonical(study) == expected.encode()
     assert sha256(study) == hashlib.sha256(expected.encode()).hexdigest()
 
 
-def test_the_forms_of_a_format_2_and_of_its_seal_are_those_of_before_format_3() -> None:
-    # Computed by the last palpate that had no format 3.
-    assert sha256(protocol()) == "4b77d305cf9c2ac3de16e464a3e8b6fa0bb82218e15ee7faa806ac952d9df441"
-    older = files.load(OKAMOTO2012.with_name("wellman1995.toml"))
-    assert (older.format, sha256(older)) == (2, "f3d36fa13aefaf793ef4922506779410a7f3867783b20bcdaea3eca31eedd30d")
-
-
-def test_a_file_of_format_2_names_no_materials_of_a_test(tmp_path: Path) -> None:
-    text = OKAMOTO2012.read_text("utf-8")
+def test_a_file_of_format_2_names_no_materials_of_a_test(tmp_path: Path, reference: Path) -> None:
+    text = (reference / "protocols" / "okamoto2012-3.toml").read_text("utf-8")
     assert loaded(tmp_path, text).analysis[1].materials == ("aluminum foil", "typing paper")
     with pytest.raises(ProtocolError) as refused:
         loaded(tmp_path, text.replace("format = 3", "format = 2"))
@@ -61,27 +54,27 @@ def test_a_file_of_format_2_names_no_materials_of_a_test(tmp_path: Path) -> None
 
 
 class Amplifier(Confined):
-    """A table that format 4 would bring."""
+    """A table that format 5 would bring."""
 
     gain_db: float = 0.0
 
 
 class LaterMaterial(Material):
-    """A material with a key of format 4."""
+    """A material with a key of format 5."""
 
-    color: str | None = Field("white", json_schema_extra={"since": 4})
+    color: str | None = Field("white", json_schema_extra={"since": 5})
 
 
 class LaterStudy(Protocol):
-    """A protocol as format 4 would have it: keys with defaults at the top, and inside the tables of an array."""
+    """A protocol as format 5 would have it: keys with defaults at the top, and inside the tables of an array."""
 
-    format: Literal[2, 3, 4]  # type: ignore[assignment]
+    format: Literal[2, 3, 4, 5]  # type: ignore[assignment]
     materials: tuple[LaterMaterial, ...]
-    amplifier: Amplifier = Field(Amplifier(), json_schema_extra={"since": 4})
+    amplifier: Amplifier = Field(Amplifier(), json_schema_extra={"since": 5})
 
 
 def test_a_key_that_is_added_with_a_default_changes_no_form_of_an_older_format() -> None:
-    older, newer = (LaterStudy.model_validate({**document(), "format": number}) for number in (2, 4))
+    older, newer = (LaterStudy.model_validate({**document(), "format": number}) for number in (4, 5))
     assert canonical(older) == canonical(protocol())
     form = json.loads(canonical(newer))
     assert (form["amplifier"], form["materials"][0]["color"]) == ({"gain_db": 0}, "white")
@@ -100,7 +93,7 @@ def test_a_seal_holds_on_when_a_later_palpate_has_more_keys(tmp_path: Path) -> N
     )
     later = LaterStudy.model_validate(document())
     assert approval.verify(file, later, date(2020, 6, 1)) == sealed
-    louder = later.model_copy(update={"amplifier": Amplifier(gain_db=6.0), "format": 4})
+    louder = later.model_copy(update={"amplifier": Amplifier(gain_db=6.0), "format": 5})
     with pytest.raises(ProtocolError, match="amplifier"):
         approval.verify(file, louder, date(2020, 6, 1))
 
@@ -112,8 +105,8 @@ def test_a_younger_key_is_refused_in_a_file_of_an_older_format(tmp_path: Path, m
         loaded(tmp_path, text)
     (problem,) = refused.value.findings
     assert (problem.field, problem.line) == ("amplifier", SMALL.count("\n") + 2)
-    assert loaded(tmp_path, text.replace("format = 2", "format = 4")).model_dump()["format"] == 4
-    assert loaded(tmp_path, SMALL).format == 2
+    assert loaded(tmp_path, text.replace("format = 4", "format = 5")).model_dump()["format"] == 5
+    assert loaded(tmp_path, SMALL).format == 4
 
 
 def test_every_value_of_the_file_stands_in_the_form() -> None:

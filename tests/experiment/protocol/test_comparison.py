@@ -21,28 +21,33 @@ from tests.experiment.protocol.tapping import comparing, live_alone, protocol, r
 
 LOST = {"id": "lost", "when": "frames-lost", "limit": 0, "action": "repeat-trial", "reason": "x"}
 STEPS = small.document()["footstep"]
+SURFACES = rendering()["tapping"]["surfaces"]
+SECOND = ("tapping", "surfaces", 1, "material")
 
 BROKEN = [
-    (changed(comparing(), ("footstep",), STEPS), "footstep", "no table: the tasks are of the kind 'comparison'"),
+    (changed(comparing(), ("footstep",), STEPS), "footstep", "no table: the tasks are of the kind 'tapping'"),
     (
         {key: table for key, table in comparing().items() if key != "comparison"},
         "comparison",
-        "a table: tasks of the kind 'comparison' need it",
+        "a table: tasks of the design 'comparison' need it",
     ),
     ({key: t for key, t in small.document().items() if key != "footstep"}, "footstep", "tasks of the kind 'footstep'"),
     (changed(comparing(), ("materials", 0, "key"), "f"), "materials[0].key", "participants compare materials"),
     (changed(comparing(), ("materials", 0, "spoken"), ("felt",)), "materials[0].spoken", "participants compare mat"),
     (
-        changed(rendering(), ("comparison",), comparing()["comparison"]),
-        "comparison.virtual",
+        {key: table for key, table in rendering().items() if key != "tapping"},
+        "tapping",
         "a task with virtual surfaces needs it",
     ),
     (changed(rendering(), ("exposure", "force_peak_n"), None), "exposure.force_peak_n", "a number of newtons"),
-    (changed(rendering(), ("materials", 1, "attack_hz"), None), "materials[1].attack_hz", "renders every material"),
-    (changed(rendering(), ("materials", 1, "amplitude"), None), "materials[1].amplitude", "renders every material"),
-    (changed(rendering(), ("comparison", "virtual", "switch_key"), "1"), "comparison.virtual.switch_key", "of its own"),
-    (changed(rendering(), ("comparison", "virtual", "mass_kg"), -1.0), "comparison.virtual.mass_kg", "greater than 0"),
-    (changed(rendering(), ("comparison", "virtual", "stiffness"), 9.0), "comparison.virtual.stiffness", "no such key"),
+    (changed(rendering(), ("tapping", "surfaces"), SURFACES[:2]), "tapping.surfaces", "also for tin"),
+    (changed(rendering(), SECOND, "tin"), "tapping.surfaces[2].material", "each once: felt, cork, tin"),
+    (changed(rendering(), SECOND, "oak"), "tapping.surfaces[1].material", "each once: felt, cork, tin"),
+    (changed(rendering(), ("tapping", "switch_key"), "1"), "tapping.switch_key", "of its own"),
+    (changed(rendering(), ("tapping", "mass_kg"), -1.0), "tapping.mass_kg", "greater than 0"),
+    (changed(rendering(), ("tapping", "stiffness"), 9.0), "tapping.stiffness", "no such key"),
+    (changed(small.document(), ("tapping",), rendering()["tapping"]), "tapping", "of the kind 'footstep'"),
+    (changed(comparing(), ("tasks", 0, "design"), "identification"), "tasks[0].design", "one of: comparison, with"),
     (changed(comparing(), ("tasks", 0, "repetitions"), 3), "tasks[0].repetitions", "an even number"),
     (
         changed(comparing(), ("tasks", 0, "order"), {"kind": "max-run", "max_run": 2}),
@@ -76,7 +81,8 @@ BROKEN = [
         "exclusion[0].limit",
         "at most 12, the trials of the shortest task",
     ),
-    (changed(small.document(), ("tasks", 1, "kind"), "comparison"), "tasks[1].kind", "footstep, as in the first task"),
+    (changed(small.document(), ("tasks", 1, "design"), "comparison"), "tasks[1].design", "identification, as in the"),
+    (changed(small.document(), ("tasks", 1, "kind"), "tapping"), "tasks[1].kind", "footstep, as in the first task"),
     (changed(small.document(), ("analysis", 0, "test"), "Thurstone"), "analysis[0].test", "one of: t against chance"),
 ]
 
@@ -165,7 +171,7 @@ def test_the_shipped_study_is_that_of_the_paper() -> None:
     assert (virtual.rate_hz, virtual.stiffness_n_m, virtual.damping_n_s_m) == (2500, 2500.0, 100.0)
     assert (virtual.decay_per_s, virtual.fastest_mm_s, study.exposure.force_peak_n) == (100.0, 175.0, 3.0)
     # Table 1.
-    assert [(one.attack_hz, one.amplitude) for one in study.materials] == [
+    assert [(one.attack_hz, one.amplitude) for one in virtual.surfaces] == [
         (43.0, 0.033),
         (50.0, 0.034),
         (100.0, 0.113),

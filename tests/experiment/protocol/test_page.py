@@ -97,9 +97,15 @@ FULL = Protocol.model_validate(changed(PLANNED, ("analysis", 0, "correction"), "
 microphone."""
 
 PAIRS = tapping.protocol(tie_key="3")
-RENDERED = Protocol.model_validate(changed(tapping.rendering(), ("comparison", "virtual", "mass_kg"), 2.0))
+RENDERED = Protocol.model_validate(changed(tapping.rendering(), ("tapping", "mass_kg"), 2.0))
 
-TABLES = {"footstep": FULL.footstep, "comparison": PAIRS.comparison}
+TABLES = {
+    "footstep": ("footstep", FULL.footstep),
+    "tapping": ("tapping", RENDERED.tapping),
+    "comparison": ("comparison", PAIRS.comparison),
+    "identification": ("materials", FULL.materials),
+}
+"""What a kind or a design cannot do without."""
 
 CASES = [
     (study, path, value, other)
@@ -118,9 +124,9 @@ def test_the_page_changes_with_every_value(
     study: Protocol, path: tuple[str | int, ...], value: object, other: object
 ) -> None:
     before, after = study, with_value(study, path, other)
-    if len(path) == 3 and path[2] == "kind":
-        # A kind of trial comes with its table.
-        after = with_value(after, (str(other),), TABLES[str(other)])
+    if len(path) == 3 and path[2] in ("kind", "design"):
+        name, table = TABLES[str(other)]
+        after = with_value(after, (name,), table)
     shown = page(after)
     assert shown.replace(sha256(after), "") != page(before).replace(sha256(before), "")
     if other == "Sentinel":

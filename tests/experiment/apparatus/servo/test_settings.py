@@ -9,7 +9,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.apparatus.servo import settings
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.errors import RigError
-from palpate.experiment.protocol.models import Virtual
+from palpate.experiment.protocol.models import Tapping
 from tests.approved import Refuses
 
 DEVICE: dict[str, Any] = {
@@ -20,7 +20,7 @@ DEVICE: dict[str, Any] = {
     "delay_ms": 0.0,
     "answer_ms": 20.0,
 }
-PAPER = Virtual(
+PAPER = Tapping(
     switch_key="s",
     rate_hz=2500,
     stiffness_n_m=2500.0,

@@ -19,7 +19,8 @@ from tests.experiment.session.scripted import START_NS, ScriptedConsole
 
 PAIRS = (("felt", "tin"), ("cork", "cork"), ("tin", "cork"))
 ORDER = tuple(PlannedTrial(trial=n, presented=pair) for n, pair in enumerate(PAIRS, start=1))
-ASKED = HEADER.model_copy(update={"task": "live", "order": ORDER, "block_trials": len(ORDER)})
+OWN = {"task": "live", "task_kind": "tapping", "design": "comparison"}
+ASKED = HEADER.model_copy(update={**OWN, "order": ORDER, "block_trials": len(ORDER)})
 
 
 class LayingConsole(ScriptedConsole):

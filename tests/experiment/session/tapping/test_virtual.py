@@ -40,7 +40,8 @@ from tests.experiment.session.tapping.bench import contents
 PROTOCOL = Protocol.model_validate(rendering())
 PAIRS = (("felt", "tin"), ("cork", "cork"))
 ORDER = tuple(PlannedTrial(trial=n, presented=pair) for n, pair in enumerate(PAIRS, start=1))
-ASKED = HEADER.model_copy(update={"task": "live", "order": ORDER, "block_trials": len(ORDER)})
+OWN = {"task": "live", "task_kind": "tapping", "design": "comparison"}
+ASKED = HEADER.model_copy(update={**OWN, "order": ORDER, "block_trials": len(ORDER)})
 CLOCK = ClockMap(0, START_NS)
 RATE_HZ = 5000
 
@@ -146,7 +147,7 @@ class Session:
             self.left.append(self.servo.rendered[-1] is not None)
 
         self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=tapping)
-        surfaces = virtual.surfaces(PROTOCOL, PROTOCOL.surfaces)
+        surfaces = virtual.surfaces(PROTOCOL.surfaces)
         devices = Devices(
             servo=self.servo,
             actuator=self.actuator,

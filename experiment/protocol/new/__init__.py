@@ -143,7 +143,7 @@ def text(study: NewStudy) -> str:
         "count": str(count),
         "first": toml(study.materials[0].name) if study.materials else '""',
     }
-    template = Path(__file__).with_name("new_study.template").read_text("utf-8")
+    template = Path(__file__).with_name("study.template").read_text("utf-8")
     _, *named = re.split(r"^## (.*)\n", template, flags=re.MULTILINE)
     part = {name: string.Template(lines) for name, lines in zip(named[::2], named[1::2], strict=True)}
     answers = (

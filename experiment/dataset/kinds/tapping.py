@@ -1,4 +1,4 @@
-"""Comparisons of two materials in a dataset: a row for each pair that was laid out."""
+"""Taps on two materials in a dataset: a row for each pair that was laid out."""
 
 from collections.abc import Iterator
 from pathlib import Path

@@ -23,6 +23,7 @@ from palpate.experiment.protocol.blocks import (
     named,
     number,
 )
+from palpate.experiment.protocol.designs import ProtocolDesign, design_of
 from palpate.experiment.protocol.kinds import ProtocolKind, kind_of
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
 from palpate.experiment.settings.load import written
@@ -278,7 +279,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         for task in protocol.tasks
     ]
     yield Rows((columns, *rows))
-    if paired := _kind(protocol).pairs:
+    if paired := _design(protocol).pairs:
         yield Gap()
         yield Said(paired)
     for task in protocol.tasks:
@@ -288,6 +289,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         yield facts(
             ("Title", Free(task.title)),
             ("Kind of trial", task.kind),
+            ("Design", task.design),
             ("Stimuli", kind_of(task.kind).sources[task.stimulus]),
             *((("Materials", f"{', '.join(map(named, task.materials))} {_ALONE}"),) if task.materials else ()),
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
@@ -301,8 +303,12 @@ def _kind(protocol: Protocol) -> ProtocolKind:
     return kind_of(protocol.tasks[0].kind)
 
 
+def _design(protocol: Protocol) -> ProtocolDesign:
+    return design_of(protocol.tasks[0].design)
+
+
 def _noun(protocol: Protocol) -> str:
-    return ("material", "pair")[_kind(protocol).table.INTERVALS - 1]
+    return ("material", "pair")[_design(protocol).intervals - 1]
 
 
 _ALONE = "alone are presented; answers may be any of the study's materials"
@@ -323,7 +329,7 @@ def _order(task: Task, presented: str) -> str:
 
 
 def _materials(protocol: Protocol) -> Iterator[Block]:
-    if ranked := _kind(protocol).ranked(protocol):
+    if ranked := _design(protocol).ranked(protocol):
         yield Said(ranked)
     for one in protocol.materials:
         spoken = " or ".join(map(named, one.spoken))
@@ -373,8 +379,8 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
 
 def _answers(protocol: Protocol) -> Iterator[Block]:
     answers = protocol.answers
-    keys = "".join(f"[{key}] {words}, " for key, words in _kind(protocol).answers(protocol))
-    if asked := _kind(protocol).asked(protocol):
+    keys = "".join(f"[{key}] {words}, " for key, words in _design(protocol).answers(protocol))
+    if asked := _design(protocol).asked(protocol):
         yield Said(asked)
     yield Said(
         f"Answers are {answers.mode}. Participants answer aloud after each trial, and the experimenter presses the "

@@ -1,0 +1,48 @@
+"""What a protocol file says of each design, and what a board's page says of it.
+
+A design is what a trial is made of and what is asked about that: a module that is named as in a protocol file and has a
+`DESIGN`; it never imports another. It stands above the models, and is imported when it is looked up.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any
+
+from palpate.experiment.settings.load import Broken, Table
+
+NAMES = ("identification", "comparison")
+"""Every design."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProtocolDesign:
+    """A design. What is called with a protocol gets models, the rest plain tables.
+
+    Attributes:
+        intervals: how many materials one trial presents.
+        tests: the planned tests.
+        rules: what a file breaks, beyond what every file must keep.
+        answers: keys of answers, each with what it stands for.
+        shown: the answers that the participant's screen names.
+        keys: places of keys that must be unlike all others, each with its key.
+        pairs: how what is presented is put together.
+        asked: what is asked about what is presented.
+        ranked: in which order materials are listed.
+    """
+
+    intervals: int
+    tests: tuple[str, ...]
+    rules: Callable[[Table], Iterator[Broken]]
+    answers: Callable[[Any], Sequence[tuple[str, str]]]
+    shown: Callable[[Any], tuple[str, ...]]
+    keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()
+    pairs: str = ""
+    asked: Callable[[Any], str] = lambda _: ""
+    ranked: Callable[[Any], str] = lambda _: ""
+
+
+def design_of(name: str) -> ProtocolDesign:
+    """Return a design by its name."""
+    design: ProtocolDesign = import_module(f"{__name__}.{name}").DESIGN
+    return design

@@ -1,0 +1,63 @@
+"""Comparison in a protocol: a trial presents two materials, and participants say which has more of a quality."""
+
+from collections.abc import Iterator
+
+from palpate.experiment.protocol.blocks import named
+from palpate.experiment.protocol.designs import ProtocolDesign
+from palpate.experiment.protocol.kinds import number_at, table_at, tables_at
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings.load import Broken, Table
+
+TESTS = ("Bradley-Terry", "Thurstone", "Davidson")
+"""The planned tests."""
+
+
+def _rules(table: Table) -> Iterator[Broken]:
+    """Yield what pairs cannot have."""
+    if table.get("comparison") is None:
+        yield Broken(("comparison",), "a table: tasks of the design 'comparison' need it")
+    for i, one in tables_at(table, "materials"):
+        for key in ("key", "spoken"):
+            if one.get(key):
+                yield Broken(("materials", i, key), "no value: participants compare materials, and name none")
+    for i, task in tables_at(table, "tasks"):
+        if table_at(task, "order").get("kind") == "max-run":
+            yield Broken(("tasks", i, "order", "kind"), "one of: full-random, blocked-random, with pairs of materials")
+        if (count := number_at(task, "repetitions")) is not None and count % 2:
+            yield Broken(("tasks", i, "repetitions"), "an even number: each pair is presented in both orders alike")
+        if task.get("materials") is not None:
+            yield Broken(("tasks", i, "materials"), "no value: a task of pairs presents every material")
+    if table_at(table, "answers").get("microphone") is True:
+        yield Broken(("answers", "microphone"), "false: with pairs nobody names a material")
+    tied = table_at(table, "comparison").get("tie_key") is not None
+    for i, test in tables_at(table, "analysis"):
+        if test.get("test") in TESTS and (test["test"] == "Davidson") != tied:
+            allowed = "Davidson: comparison.tie_key allows ties" if tied else "Bradley-Terry or Thurstone, without ties"
+            yield Broken(("analysis", i, "test"), allowed)
+
+
+def _keys(table: Table) -> list[tuple[tuple[str, ...], object]]:
+    own = table_at(table, "comparison")
+    return [(("comparison", name), own.get(name)) for name in ("first_key", "second_key", "tie_key")]
+
+
+def _asked(protocol: Protocol) -> str:
+    comparison = protocol.comparisons
+    tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
+    return f"Participants say which of the two has more {named(comparison.quality)}{tie}."
+
+
+DESIGN = ProtocolDesign(
+    intervals=2,
+    tests=TESTS,
+    rules=_rules,
+    keys=_keys,
+    answers=lambda protocol: list(protocol.comparisons.answers.items()),
+    shown=lambda protocol: tuple(protocol.comparisons.answers.values()),
+    pairs=(
+        "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "
+        "the one of its materials is presented first, in the other half the other."
+    ),
+    asked=_asked,
+    ranked=lambda protocol: f"From the least {named(protocol.comparisons.quality)} to the most:",
+)
