@@ -45,7 +45,7 @@ def copied(study: MadeStudy, folder: Path) -> MadeStudy:
     return MadeStudy(folder / study.file.name, folder / study.root.name)
 
 
-def _headed(**changed: object) -> Act:
+def headed(**changed: object) -> Act:
     def act(study: MadeStudy, _: Path) -> None:
         asked = study.header(THIRD, study.tasks[2].tasks[0])
         study.run(asked.model_copy(update=changed))
@@ -314,22 +314,22 @@ def _fewer_rows(study: MadeStudy, _: Path) -> None:
 
 
 WRONG = (
-    Wrong("a rehearsal's journal in a study", _headed(purpose="REHEARSAL"), "purpose REHEARSAL; allowed: STUDY"),
-    Wrong("a pilot's journal in a study", _headed(purpose="PILOT"), "purpose PILOT; allowed: STUDY"),
-    Wrong("a journal of practice in a study", _headed(purpose="PRACTICE"), "purpose PRACTICE; allowed: STUDY"),
+    Wrong("a rehearsal's journal in a study", headed(purpose="REHEARSAL"), "purpose REHEARSAL; allowed: STUDY"),
+    Wrong("a pilot's journal in a study", headed(purpose="PILOT"), "purpose PILOT; allowed: STUDY"),
+    Wrong("a journal of practice in a study", headed(purpose="PRACTICE"), "purpose PRACTICE; allowed: STUDY"),
     Wrong("a study's journal in a rehearsal", _planned("REHEARSAL"), "purpose STUDY; allowed: REHEARSAL"),
     Wrong("a study's journal in practice", _planned("PRACTICE"), "purpose STUDY; allowed: PRACTICE"),
     Wrong("a roster in a rehearsal", _roster_in_rehearsal, "stands in the dataset of a rehearsal"),
-    Wrong("a journal of another study's id", _headed(study="other"), "study other; allowed: okamoto2012"),
-    Wrong("a journal of another protocol", _headed(protocol_sha256="0" * 64), "protocol_sha256 0000"),
-    Wrong("a journal of another seed", _headed(seed=2), "seed 2; allowed: 1"),
+    Wrong("a journal of another study's id", headed(study="other"), "study other; allowed: okamoto2012"),
+    Wrong("a journal of another protocol", headed(protocol_sha256="0" * 64), "protocol_sha256 0000"),
+    Wrong("a journal of another seed", headed(seed=2), "seed 2; allowed: 1"),
     Wrong("a journal of another order", _reordered, "another order of trials"),
-    Wrong("a journal of another turn", _headed(task_position=2), "task_position 2; allowed: 1"),
-    Wrong("a journal of other blocks", _headed(block_trials=2), "block_trials 2; allowed: 4"),
-    Wrong("a journal under another roster", _headed(roster_sha256="0" * 64), "lacks a line that a session began under"),
-    Wrong("a journal under no roster", _headed(roster_sha256=None), "lacks a line that a session began under"),
+    Wrong("a journal of another turn", headed(task_position=2), "task_position 2; allowed: 1"),
+    Wrong("a journal of other blocks", headed(block_trials=2), "block_trials 2; allowed: 4"),
+    Wrong("a journal under another roster", headed(roster_sha256="0" * 64), "lacks a line that a session began under"),
+    Wrong("a journal under no roster", headed(roster_sha256=None), "lacks a line that a session began under"),
     Wrong("a journal of nobody enrolled", _not_enrolled, "participant 04 is not enrolled"),
-    Wrong("a journal of nobody in the study", _headed(participant="16"), "participant 16; allowed: 01 to 15"),
+    Wrong("a journal of nobody in the study", headed(participant="16"), "participant 16; allowed: 01 to 15"),
     Wrong("a journal of a task that is not theirs", _not_theirs, "task real; allowed: virtual"),
     Wrong("a journal with the session_id of another", _of_another, "has the session_id of"),
     Wrong(

@@ -19,7 +19,7 @@ from palpate.experiment.study import enrolment, roster, withdrawal
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.records.test_journal import chained
-from tests.faults.wrong import ALONE, WRONG, Act, Wrong, base, copied
+from tests.faults.wrong import ALONE, WRONG, Act, Wrong, base, copied, headed
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +33,18 @@ def test_a_study_whose_journals_are_its_own_is_believed(made: MadeStudy) -> None
     assert found.roster is not None
     assert list(found.roster.consent_on) == ["01", "02", "03"]
     assert checks.has_journals(made.root)
+
+
+@pytest.mark.parametrize(("key", "other"), [("task_kind", "tapping"), ("design", "comparison")])
+def test_a_header_of_another_kind_or_design_than_the_protocols_is_refused(
+    made: MadeStudy, key: str, other: str, tmp_path: Path
+) -> None:
+    study = copied(made, tmp_path / "study")
+    headed(**{key: other})(study, tmp_path)
+    with pytest.raises(DatasetError) as refused:
+        checks.load_sound(study.root)
+    assert refused.value.finding.where == study.journal(2)
+    assert f"{key} {other}" in refused.value.finding.what
 
 
 @pytest.mark.parametrize("wrong", WRONG, ids=[one.name for one in WRONG])
