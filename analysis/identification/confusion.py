@@ -121,14 +121,15 @@ def in_every(tasks: Sequence[Confusion]) -> list[str]:
 
 
 def most_confused(means: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the indices of the pair with the largest sum of both confusing ratios; both 0 where nothing was confused.
+    """Return the indices of the pair with the largest sum of both confusing ratios; both 0 where no pair alone has it.
 
-    `means` holds the mean ratios by presented and answered material, shape (M, M, studies).
+    That is so where nothing was confused, and of ties, which are sums that differ by less than 1e-9 of them. `means`
+    holds the mean ratios by presented and answered material, shape (M, M, studies).
     """
     first, second = np.triu_indices(len(means), k=1)
     both = means[first, second] + means[second, first]
-    chosen = both.argmax(axis=0)
-    none = both.max(axis=0) == 0
+    chosen, most = both.argmax(axis=0), both.max(axis=0)
+    none = (most == 0) | (np.isclose(both, most, rtol=1e-9, atol=0.0).sum(axis=0) > 1)
     return np.where(none, 0, first[chosen]), np.where(none, 0, second[chosen])
 
 

@@ -222,7 +222,7 @@ def _one_way(
         one, other = most_confused(answers.means)
         studies = np.arange(len(one))
         groups = answers[np.stack([one, other, one, other]), np.stack([one, other, other, one]), studies]
-        # There is no pair to test where nothing was ever confused; of ties the first is tested.
+        # As in `Confusion.most_confused`, there is no pair to test where nothing was confused, and of ties.
         p = np.where(one == other, np.nan, one_way_tests(groups).p)
         yield Question(number, test.test, (task,), "most confused in each study", test.alpha), Answer(p=p)
 

@@ -255,7 +255,7 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
     where = ["--rig", "rig.toml", "--dataset", "dataset"]
     code, out, err = palpate("run", "study.toml", "-p", "01", "--task", task, *where)
     assert (code, err) == (0, "")
-    assert re.search(r"zeroing: .*; allowed: .* 0\.5 mm", zeroings[1])
+    assert re.search(r"Zeroing: .*; allowed: .* 0\.5 mm", zeroings[1])
     assert "complete: 4 answers" in out
     path = Path("dataset") / "sourcedata" / "sub-01" / f"sub-01_task-{task}_journal.jsonl"
     entries = journal.read(path).entries

@@ -68,8 +68,8 @@ def expected(results: Results, question: Question) -> float | None:
         return lines[0].p if lines else None
     if question.test == "one-way ANOVA":
         wanted = "most confused" if subject.startswith("most confused") else "published"
-        pair = next(p for p in results.pairs if p.task == question.tasks[0] and wanted in p.chosen)
-        return pair.anova.effects[0].p if pair.anova else None
+        pair = next((p for p in results.pairs if p.task == question.tasks[0] and wanted in p.chosen), None)
+        return pair.anova.effects[0].p if pair is not None and pair.anova else None
     if question.test == "two-way ANOVA":
         effect, _, kinds = subject.partition(", type")
         kind_numbers = {"I": 0, "II": 1, "III": 2}
