@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
@@ -17,11 +16,11 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.calibration import Level
-from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError, TrackerError
 from tests.approved import Refuses
+from tests.experiment.apparatus.tracker.test_zeroing import Heights
 
 TODAY = date(2026, 5, 4)
 
@@ -34,31 +33,6 @@ def rehearsal_file(repository_root: Path) -> Path:
 @pytest.fixture(scope="session")
 def rehearsal(rehearsal_file: Path) -> Rig:
     return rigs.load(rehearsal_file)
-
-
-def real(rig: Rig, **tracker: object) -> Rig:
-    identity = rig.rig.model_copy(update={"simulated": False})
-    return rig.model_copy(update={"rig": identity, "tracker": rig.tracker.model_copy(update=tracker)})
-
-
-class Heights:
-    """Implements `Tracker`: a foot at the same heights for ever."""
-
-    counts = LinkCounts()
-    clock_map = ClockMap(anchor_us=0, anchor_ns=0)
-
-    def __init__(self, heights_mm: Iterable[float]) -> None:
-        self._heights_mm = np.array(list(heights_mm), dtype=float)
-
-    def drain(self) -> None: ...
-
-    def read(self) -> Samples:
-        n = self._heights_mm.size
-        return Samples(np.arange(n), self._heights_mm, bytes(n), np.arange(n) + 1, 0)
-
-    def reconnect(self, timeout_s: float) -> None: ...
-
-    def close(self) -> None: ...
 
 
 @given(st.floats(0.5, 100.0), st.sampled_from([1, -1]), st.integers(2, 8))
