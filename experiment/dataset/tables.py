@@ -19,7 +19,7 @@ READ = {
     "dataset_description.json": ("Name", "Palpate"),
     "_events.json": ("TaskTitle", "Instructions", "Materials", "Answers", "Rows", "SessionId"),
 }
-"""What analysis reads of JSON files, by the end of their names; the rest is told by each version in its own words."""
+"""What analysis reads of JSON files, by the end of their names; each version words the rest in its own way."""
 
 UNMADE = "a rehearsal makes its tables at its end, and not all are there yet; the same palpate rehearse goes on with it"
 

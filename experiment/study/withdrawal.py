@@ -45,7 +45,7 @@ def withdraw(
             try:
                 rebuild(root)
             except PalpateError as error:
-                what = f"the withdrawal of participant {participant} is on record, and no table was made anew"
+                what = f"the withdrawal of participant {participant} is on record, but the tables were not made again"
                 recorded = DatasetError(f"{what}: mend that, then run the same command again")
                 raise error.followed_by(recorded) from error
     return path

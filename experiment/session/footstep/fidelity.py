@@ -174,7 +174,7 @@ def examine(
                 f"{limited}, and {folder} has no recordings", remedy="name their folder (--recordings)"
             )
         limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
-        return f"{name}: {limitless}. Name the folder of recordings (--recordings), and what is left out is told.", None
+        return f"{name}: {limitless}. Name the folder of recordings (--recordings) to see what is left out.", None
     told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
     mend = "palpate plan says what would lower this"
     return f"{name}: {told}. The protocol {allowed}; {mend}. The recordings are those in {folder}.", None
