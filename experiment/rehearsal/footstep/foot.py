@@ -346,6 +346,8 @@ class Foot:
         return round(sample * 1_000_000 / self._tracker.rate_hz)
 
     def _run(self, real_time: bool) -> None:
+        if real_time:
+            host.above()
         try:
             while not self._off:
                 if real_time:
