@@ -24,6 +24,8 @@ from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import write_rig
 from tests.rig.visited import PATIENCE_S, Desk
 
+pytestmark = pytest.mark.clocked
+
 TASKS = ("one", "two")
 """In the order in which participant 01 practises them."""
 
