@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.ports import Accelerometer, Actuator, Microphone, Pedal, Tracker
-from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AccelerometerRig, AudioRig, Rig, response_table
+from palpate.experiment.apparatus.ports import Actuator, Microphone, Pedal, Tracker
+from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AudioRig, Rig, response_table
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import ActuatorError, Finding, RigError, TrackerError
@@ -282,38 +282,3 @@ def open_actuator(
             allowed="the session's",
         )
     return AudioActuator(stream, audio_of(rig), condition)
-
-
-def accelerometer_of(rig: Rig) -> AccelerometerRig:
-    """Return the settings of the rig's accelerometer; `RigError` if the rig has none."""
-    if rig.accelerometer is None:
-        raise RigError(
-            f"rig '{rig.rig.name}'",
-            "got no table [accelerometer]",
-            "add driver, address, rate_hz, full_scale_m_s2 and trigger_m_s2 to the rig file",
-            allowed="one, for recording needs it",
-        )
-    return rig.accelerometer
-
-
-def open_accelerometer(
-    rig: Rig, *, rate_hz: int, address: str | None = None, clock: Clock | None = None
-) -> Accelerometer:
-    """Open the rig's accelerometer, at its address or another, at the protocol's `rate_hz`.
-
-    Raises `RigError` if there is none, at another rate, or in simulation alone.
-    """
-    from palpate.experiment.apparatus.panel.pcm import PcmAccelerometer
-
-    settings = accelerometer_of(rig)
-    if settings.rate_hz != rate_hz:
-        raise RigError(
-            f"rig '{rig.rig.name}'",
-            f"got {settings.rate_hz}",
-            "set the device and the rig file to it",
-            allowed=f"{rate_hz}, the protocol's synthesis.rate_hz",
-            field="accelerometer.rate_hz",
-        )
-    if address is None and settings.address == REHEARSAL:
-        raise RigError.at(simulated_only(rig, "accelerometer.address"))
-    return PcmAccelerometer(settings.model_copy(update={"address": address or settings.address}), clock=clock)

@@ -15,6 +15,7 @@ from typing import Protocol as Port
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel import accelerometer as accelerometers
 from palpate.experiment.apparatus.ports import Accelerometer, Tracker, Window
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
@@ -141,7 +142,7 @@ def record_on_rig(
         takes=takes,
     )
     store.check(out, planned)
-    accelerometer = opening.open_accelerometer(rig, rate_hz=protocol.footsteps.synthesis.rate_hz, clock=clock)
+    accelerometer = accelerometers.open_accelerometer(rig, rate_hz=protocol.footsteps.synthesis.rate_hz, clock=clock)
     with closing(accelerometer):
         tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.footsteps.step.contact_mm)
         with closing(tracker):

@@ -10,8 +10,8 @@ from contextlib import suppress
 import numpy as np
 import pytest
 
-from palpate.experiment.apparatus.panel import pcm as pcm_ports
-from palpate.experiment.apparatus.panel.pcm import PcmAccelerometer
+from palpate.experiment.apparatus.panel import accelerometer as ports
+from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer
 from palpate.experiment.apparatus.ports import Heard
 from palpate.experiment.apparatus.rig import AccelerometerRig
 from palpate.experiment.clock import Clock, ManualClock
@@ -22,7 +22,7 @@ from tests.approved import Refuses
 pytestmark = pytest.mark.alone
 
 RIG = AccelerometerRig(driver="pcm-tcp", address="rehearsal", rate_hz=1000, full_scale_m_s2=64.0, trigger_m_s2=0.5)
-BEFORE = round(pcm_ports.BEFORE_S * RIG.rate_hz)
+BEFORE = round(ports.BEFORE_S * RIG.rate_hz)
 MS = 1_000_000
 
 
@@ -197,7 +197,7 @@ def test_a_stall_does_not_move_the_take(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_what_is_held_is_bounded_and_times_stay_true(monkeypatch: pytest.MonkeyPatch) -> None:
     """A foot that hesitates for minutes: the stream's beginning is gone, the take's time is not."""
-    monkeypatch.setattr(pcm_ports, "RING_S", 0.5)
+    monkeypatch.setattr(ports, "RING_S", 0.5)
     clock = ManualClock(0)
     sensor = Sensor(RIG, clock)
     try:
@@ -229,7 +229,7 @@ def test_a_stream_that_ends_too_soon_is_an_error(leave: Serve, pieces: list[byte
 def test_a_server_that_says_nothing_is_found_before_the_step(
     serve: Serve, monkeypatch: pytest.MonkeyPatch, refuses: Refuses
 ) -> None:
-    monkeypatch.setattr(pcm_ports, "ALIVE_S", 0.05)
+    monkeypatch.setattr(ports, "ALIVE_S", 0.05)
     with refuses(RecordingError):
         accelerometer(serve([]), ManualClock(0)).arm(300)
     assert not [thread for thread in threading.enumerate() if thread.name == "accelerometer"]
@@ -241,7 +241,7 @@ def test_a_server_that_hangs_up_is_found_before_the_step(leave: Serve, refuses: 
 
 
 def test_a_stream_that_stalls_is_an_error(serve: Serve, monkeypatch: pytest.MonkeyPatch, refuses: Refuses) -> None:
-    monkeypatch.setattr(pcm_ports, "LATE_S", -0.9)
+    monkeypatch.setattr(ports, "LATE_S", -0.9)
     clock = Stopped(1000 * MS)
     device = accelerometer(serve([pcm(take()[:300])]), clock)
     device.arm(1001)

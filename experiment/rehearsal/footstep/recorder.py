@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel import accelerometer as accelerometers
 from palpate.experiment.apparatus.ports import Accelerometer, Heard, Tracker
 from palpate.experiment.apparatus.rig import AccelerometerRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
@@ -244,9 +245,11 @@ def record_simulated(
         known = ClockMap(anchor_us=0, anchor_ns=0)
         tracker = opening.open_tracker(rig, clock=clock, port=line.url, clock_map=known)
         opened.callback(tracker.close)
-        sensor = Sensor(opening.accelerometer_of(rig), clock)
+        sensor = Sensor(accelerometers.settings_of(rig), clock)
         opened.callback(sensor.close)
-        accelerometer = opening.open_accelerometer(rig, rate_hz=planned.rate_hz, address=sensor.address, clock=clock)
+        accelerometer = accelerometers.open_accelerometer(
+            rig, rate_hz=planned.rate_hz, address=sensor.address, clock=clock
+        )
         opened.callback(accelerometer.close)
         ports = PassingTime(tracker, accelerometer, sensor, clock)
         return workflow.record(

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.panel import accelerometer as accelerometers
 from palpate.experiment.apparatus.ports import Tracker, Window
 from palpate.experiment.apparatus.tracker import serial_tracker
 from palpate.experiment.apparatus.tracker.frames import Samples
@@ -175,7 +175,7 @@ def test_where_the_rig_asks_for_it_the_tracker_is_zeroed_before_the_first_take(
     tracker = ScriptedTracker([rest_samples(0, mm) for mm in heights_mm], clock=ManualClock(0))
     monkeypatch.setattr(serial_tracker, "SerialTracker", lambda *_, **__: tracker)
     world = World(good())
-    monkeypatch.setattr(opening, "open_accelerometer", lambda *_, **__: world)
+    monkeypatch.setattr(accelerometers, "open_accelerometer", lambda *_, **__: world)
     reads: list[Samples] = []
 
     def record(_: Plan, out: Path, *, tracker: Tracker, **__: object) -> Path:

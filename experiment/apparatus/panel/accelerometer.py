@@ -1,0 +1,237 @@
+"""An accelerometer behind a raw PCM port: mono samples as little-endian float32 on TCP, without end.
+
+Such a port knows no time: the least delayed piece dates the stream, but for the latency that every piece has.
+"""
+
+import socket
+import threading
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.experiment.apparatus import opening
+from palpate.experiment.apparatus.panel.pcm import PIECE_BYTES, SAMPLE, connect
+from palpate.experiment.apparatus.ports import Accelerometer, Heard, Window
+from palpate.experiment.apparatus.rig import REHEARSAL, AccelerometerRig, Rig
+from palpate.experiment.clock import Clock, MonotonicClock
+from palpate.experiment.errors import RecordingError, RigError
+
+ALIVE_S = 2.0
+"""How long the first samples of an accelerometer may take, s."""
+
+LATE_S = 2.0
+"""How long after it is due a take's last sample may still come, s."""
+
+BEFORE_S = 0.002
+"""How much of a take lies before its trigger, s."""
+
+RING_S = 10.0
+"""How much is held besides a take, s: the slowest foot takes 2 s from gate to panel."""
+
+
+class PcmAccelerometer:
+    """Implements `Accelerometer`."""
+
+    def __init__(self, settings: AccelerometerRig, *, clock: Clock | None = None) -> None:
+        """Prepare to listen, a connection a take; the clock stamps samples, None is the machine's monotonic one."""
+        self._settings = settings
+        self._clock = clock or MonotonicClock()
+        self._listening: _Listening | None = None
+
+    @property
+    def rate_hz(self) -> int:
+        return self._settings.rate_hz
+
+    def arm(self, samples: int) -> None:
+        """Listen from now on for the next take, of so many samples; `RecordingError` if nothing comes."""
+        self.close()
+        connection = connect("accelerometer", self._settings.address, RecordingError)
+        connection.settimeout(None)
+        self._listening = _Listening(connection, samples, rate_hz=self.rate_hz, clock=self._clock)
+        if problem := self._listening.alive(ALIVE_S):
+            self.close()
+            raise self._failed(problem)
+
+    def heard(self, *, earliest_ns: int, latest_ns: int) -> Heard:
+        """Return the armed take, beginning between two times of the host's clock, once the foot is down.
+
+        Raises `RecordingError`: not armed, the stream broke or ended too soon, or has samples that are not numbers.
+        """
+        if self._listening is None:
+            raise RecordingError("accelerometer", "got a step before it was armed", "arm it first, then step")
+        listening, self._listening = self._listening, None
+        try:
+            level = self._settings.trigger_m_s2 / self._settings.full_scale_m_s2
+            raw = listening.take(earliest_ns, latest_ns, level=level)
+        finally:
+            listening.stop()
+        if isinstance(raw, str):
+            raise self._failed(raw)
+        samples, begun_ns, knock_ns = raw
+        if samples is None:
+            return Heard(None, knock_ns=knock_ns)
+        clipped = int(np.count_nonzero(np.abs(samples) >= 1.0))
+        return Heard(Window(samples.astype(np.float64) * self._settings.full_scale_m_s2, clipped), begun_ns, knock_ns)
+
+    def close(self) -> None:
+        if self._listening is not None:
+            self._listening.stop()
+            self._listening = None
+
+    def _failed(self, problem: str) -> RecordingError:
+        return RecordingError(
+            f"accelerometer at {self._settings.address}",
+            problem,
+            "see that its server runs and sends float32 without end, then do the take again",
+        )
+
+
+_Taken = tuple[NDArray[np.float32] | None, int | None, int | None]
+"""A take, when it begins and when there was a knock before; see `Heard`."""
+
+
+class _Listening:
+    """A thread that takes what the server sends, so that nothing waits in the system until the foot is down."""
+
+    def __init__(self, connection: socket.socket, samples: int, *, rate_hz: int, clock: Clock) -> None:
+        self._samples = samples
+        self._rate_hz = rate_hz
+        self._most = round(RING_S * rate_hz) + samples
+        self._clock = clock
+        self._connection = connection
+        self._changed = threading.Condition()
+        self._broken: str | None = None
+        self._pieces: deque[tuple[NDArray[np.float32], int]] = deque()
+        self._first = 0
+        self._count = 0
+        self._thread = threading.Thread(target=self._run, name="accelerometer", daemon=True)
+        self._thread.start()
+
+    def alive(self, timeout_s: float) -> str | None:
+        """Return what is wrong if no samples come in time; None once the first have."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._count or self._broken, timeout_s)
+            return None if self._count else self._broken or f"nothing came within {timeout_s:g} s"
+
+    def take(self, earliest_ns: int, latest_ns: int, *, level: float) -> _Taken | str:
+        """Return the take that begins in the stretch, or what went wrong."""
+        before = round(BEFORE_S * self._rate_hz)
+        with self._changed:
+            if not self._wait(lambda: self._sample_at(latest_ns) + 1):
+                return self._missing()
+            first, held = self._held()
+            begin = min(max(self._sample_at(earliest_ns) - first, 0), held.size)
+            end = max(self._sample_at(latest_ns) - first, begin)
+            start_ns = self._start_ns()
+            # A sample that is no number counts as loud, so that it is reported.
+            loud = np.flatnonzero(~(np.abs(held[: end + 1]) < level))
+            early, within = loud[loud < begin], loud[loud >= begin]
+            knock_ns = self._time_ns(first + int(early[-1]), start_ns) if early.size else None
+            if not within.size:
+                return None, None, knock_ns
+            triggered = first + int(within[0])
+            start = max(triggered - before, first)
+            if not self._wait(lambda: start + self._samples):
+                return self._missing()
+            first, held = self._held()
+        taken = held[start - first : start - first + self._samples]
+        if not np.all(np.isfinite(taken)):
+            return "sent NaN or infinite samples"
+        return taken, self._time_ns(triggered, start_ns), knock_ns
+
+    def stop(self) -> None:
+        # A server that has closed already raises an error that does not matter.
+        with suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+        self._thread.join()
+        self._connection.close()
+
+    def _wait(self, wanted: Callable[[], int]) -> bool:
+        """Return whether as many samples as wanted have come, in time."""
+        due_s = max(wanted() - self._count, 0) / self._rate_hz
+        self._changed.wait_for(lambda: self._count >= wanted() or self._broken, due_s + LATE_S)
+        return self._count >= wanted()
+
+    def _missing(self) -> str:
+        return self._broken or f"only {self._count} samples came, fewer than {self._rate_hz} a second"
+
+    def _start_ns(self) -> float:
+        """Return when the stream's first sample was taken, as the piece that was held up least has it."""
+        end, starts = self._first, []
+        for piece, arrived_ns in self._pieces:
+            end += piece.size
+            starts.append(arrived_ns - end * 1e9 / self._rate_hz)
+        return min(starts)
+
+    def _sample_at(self, time_ns: int) -> int:
+        return round((time_ns - self._start_ns()) * self._rate_hz / 1e9)
+
+    def _time_ns(self, sample: int, start_ns: float) -> int:
+        return round(start_ns + sample * 1e9 / self._rate_hz)
+
+    def _held(self) -> tuple[int, NDArray[np.float32]]:
+        return self._first, np.concatenate([piece for piece, _ in self._pieces])
+
+    def _run(self) -> None:
+        torn = b""
+        while True:
+            try:
+                data = self._connection.recv(PIECE_BYTES)
+            except OSError as error:
+                return self._end(f"the connection broke ({error.strerror or error})")
+            if not data:
+                return self._end("the stream ended before the take was whole")
+            arrived_ns = self._clock.now_ns()
+            data = torn + data
+            whole = len(data) // SAMPLE.itemsize * SAMPLE.itemsize
+            torn = data[whole:]
+            if not whole:
+                continue
+            piece = np.frombuffer(data[:whole], SAMPLE).astype(np.float32)
+            with self._changed:
+                self._pieces.append((piece, arrived_ns))
+                self._count += piece.size
+                while self._count - self._first - self._pieces[0][0].size > self._most:
+                    self._first += self._pieces.popleft()[0].size
+                self._changed.notify_all()
+
+    def _end(self, why: str) -> None:
+        with self._changed:
+            self._broken = why
+            self._changed.notify_all()
+
+
+def settings_of(rig: Rig) -> AccelerometerRig:
+    """Return the settings of the rig's accelerometer; `RigError` if the rig has none."""
+    if rig.accelerometer is None:
+        raise RigError(
+            f"rig '{rig.rig.name}'",
+            "got no table [accelerometer]",
+            "add driver, address, rate_hz, full_scale_m_s2 and trigger_m_s2 to the rig file",
+            allowed="one, for recording needs it",
+        )
+    return rig.accelerometer
+
+
+def open_accelerometer(
+    rig: Rig, *, rate_hz: int, address: str | None = None, clock: Clock | None = None
+) -> Accelerometer:
+    """Open the rig's accelerometer, at its address or another, at the protocol's `rate_hz`.
+
+    Raises `RigError` if there is none, at another rate, or in simulation alone.
+    """
+    settings = settings_of(rig)
+    if settings.rate_hz != rate_hz:
+        raise RigError(
+            f"rig '{rig.rig.name}'",
+            f"got {settings.rate_hz}",
+            "set the device and the rig file to it",
+            allowed=f"{rate_hz}, the protocol's synthesis.rate_hz",
+            field="accelerometer.rate_hz",
+        )
+    if address is None and settings.address == REHEARSAL:
+        raise RigError.at(opening.simulated_only(rig, "accelerometer.address"))
+    return PcmAccelerometer(settings.model_copy(update={"address": address or settings.address}), clock=clock)
