@@ -17,15 +17,8 @@ from scipy.stats import chisquare
 
 from palpate.experiment.errors import ScheduleError
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.study.schedule import (
-    Draws,
-    allocate,
-    block_trials,
-    constrained,
-    count_orders,
-    nth_order,
-    schedule,
-)
+from palpate.experiment.study.runs import constrained, count_orders, nth_order
+from palpate.experiment.study.schedule import Draws, allocate, block_trials, schedule
 from tests.approved import Refuses
 from tests.experiment.protocol.small import changed, document, okamoto2012
 
