@@ -11,7 +11,8 @@ import statistics
 import textwrap
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +22,7 @@ from palpate.analysis.audit.checks import Checks
 from palpate.analysis.audit.evidence import FromResults
 from palpate.analysis.audit.mistakes import Citation, Line
 from palpate.analysis.audit.print_lines import print_lines
-from palpate.analysis.documents.tables import Section, Table, blocks, plural, text
+from palpate.analysis.documents.tables import Column, Record, Section, Table, blocks, plural, tabulate, text
 from palpate.analysis.identification.results import Results, TaskResult, compute
 from palpate.analysis.published import paper
 from palpate.analysis.published.numbers import PrintedIcc, Published
@@ -254,13 +255,10 @@ def beside_print(study: Study, results: Results, printed: Published) -> tuple[Se
 
 def comparison_section(origin: str, comparison: Comparison) -> Section:
     """Return every printed number beside the recomputed one; `origin`, a key of `OWN`, decides the wording."""
-    own = OWN[origin]
     places: dict[tuple[str, str], list[Line]] = {}
     for line in comparison.lines:
         places.setdefault((line.where, line.task), []).append(line)
     tables = tuple(_table(f"{where}, {task}", lines, origin) for (where, task), lines in places.items())
-    shown = [asdict(line) | {"verdict": _verdict(line, origin)} for line in comparison.lines]
-    records = tuple({own if key == "recomputed" else key: value for key, value in line.items()} for line in shown)
     counted = _counted(comparison.lines, origin)
     if comparison.unread:
         counted += f" {plural(comparison.unread, 'cell')} {'was' if comparison.unread == 1 else 'were'} not read."
@@ -270,7 +268,14 @@ def comparison_section(origin: str, comparison: Comparison) -> Section:
         " ".join(map(_correlated, comparison.correlations)),
     )
     title = "Printed numbers against one another" if origin == PRINT else "Against the paper"
+    records = tuple(_record(line, origin) for line in comparison.lines)
     return Section("comparison", title, tuple(filter(None, paragraphs)), tables, records)
+
+
+def _record(line: Line, origin: str) -> Record:
+    """Return a line as values; the dataset's number is under the word for its origin."""
+    named = {OWN[origin] if key == "recomputed" else key: value for key, value in asdict(line).items()}
+    return named | {"verdict": _verdict(line, origin)}
 
 
 def _table(title: str, lines: Sequence[Line], origin: str) -> Table:
@@ -278,12 +283,17 @@ def _table(title: str, lines: Sequence[Line], origin: str) -> Table:
     doubts = Counter(doubt for group in groups if (doubt := _doubt(group)))
     often = [doubt for doubt, count in doubts.items() if count > 1]
     shared = often[0] if len(often) == 1 else None
-    rows = tuple(_row(group, origin, shared) for group in groups)
     notes = (f"{shared[0].capitalize()}, where nothing else is said: {shared[1]}.",) if shared else ()
     held = origin in HELD
     marked = frozenset((i, 3) for i, group in enumerate(groups) if held and not all(line.agrees for line in group))
-    header = ("quantity", "printed", OWN[origin], "agrees?" if held else "same?")
-    return Table(title, header, rows, left=frozenset(range(4)), marked=marked, notes=notes)
+    columns = (
+        Column("row", "quantity", show=lambda row: row[0].subject, left=True),
+        Column("row", "printed", show=_printed, left=True),
+        Column("row", OWN[origin], show=_recomputed, left=True),
+        Column("row", "agrees?" if held else "same?", show=partial(_judged, origin=origin, shared=shared), left=True),
+    )
+    # The records of the lines stand in the order in which they were checked, not by place.
+    return replace(tabulate(title, columns, [{"row": group} for group in groups], notes, marked=marked), records=())
 
 
 def _correlated(one: Correlation) -> str:
@@ -329,22 +339,30 @@ def _doubt(group: Sequence[Line]) -> tuple[str, str] | None:
     return (first.verdict, first.reason) if first.verdict in UNDECIDED and first.reason and _alike(lines) else None
 
 
-def _row(group: Sequence[Line], origin: str, shared: tuple[str, str] | None) -> tuple[str, str, str, str]:
-    """Return the cells of a row; a reason that is `shared` stands in a note."""
-    lines = _apart(group)
+def _printed(row: Sequence[Line]) -> str:
+    """Return the printed numbers of a row."""
+    lines = _apart(row)
     if lines[0].quantity == "mean":
-        printed = _cell([(line.quantity, line.printed) for line in lines])
-        known = [(line.quantity, line.recomputed) for line in lines if line.recomputed != "-"]
-        found = _cell(known) or "-"
-    else:
-        printed = ", ".join(_with_name(line) for line in lines)
-        found = ", ".join(line.recomputed for line in lines)
-    if shared and _doubt(group) == shared:
-        return lines[0].subject, printed, found, shared[0]
+        return _cell([(line.quantity, line.printed) for line in lines])
+    return ", ".join(map(_with_name, lines))
+
+
+def _recomputed(row: Sequence[Line]) -> str:
+    """Return the numbers of a row beside the printed ones."""
+    lines = _apart(row)
+    if lines[0].quantity == "mean":
+        return _cell([(line.quantity, line.recomputed) for line in lines if line.recomputed != "-"]) or "-"
+    return ", ".join(line.recomputed for line in lines)
+
+
+def _judged(row: Sequence[Line], origin: str, shared: tuple[str, str] | None) -> str:
+    """Return the verdict on a row with its reason; one that is `shared` stands in a note."""
+    if shared and _doubt(row) == shared:
+        return shared[0]
+    lines = _apart(row)
     alike = _alike(lines)
     said = lines[:1] if alike else [line for line in lines if line.verdict != "agrees"]
-    remarks = [_remark(line, origin, alone=alike) for line in said] or ["agrees"]
-    return lines[0].subject, printed, found, "; ".join(remarks)
+    return "; ".join([_remark(line, origin, alone=alike) for line in said] or ["agrees"])
 
 
 def _remark(line: Line, origin: str, *, alone: bool) -> str:

@@ -9,7 +9,7 @@ import io
 import math
 import re
 import textwrap
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
@@ -125,8 +125,12 @@ def tabulate(
     standing: str = "",
     marked: frozenset[tuple[int, int]] = frozenset(),
     key: str = "",
+    in_print: Container[str] = (),
 ) -> Table:
-    """Return the table of these records, a row each, with the columns, or `brief` columns, that have values."""
+    """Return the table of these records, a row each, with the columns, or `brief` columns, that have values.
+
+    Values under the keys `in_print` are in no CSV file.
+    """
     rows = tuple(records)
     known = {key for record in rows for key in record}
     shown = [
@@ -140,9 +144,28 @@ def tabulate(
         marked,
         tuple(notes),
         standing=standing,
-        records=rows,
+        records=without(rows, in_print),
         key=key,
     )
+
+
+def without(records: Iterable[Record], keys: Container[str]) -> tuple[Record, ...]:
+    """Return the records without the values under these keys."""
+    return tuple({key: value for key, value in record.items() if key not in keys} for record in records)
+
+
+def side_by_side(records: Iterable[Record], row: str, column: str) -> list[Record]:
+    """Return a record for each value of `row`, from records that hold one quantity each.
+
+    What a record has under `value`, `low` and `high` is under `NAME`, `NAME_low` and `NAME_high`; the name is what it
+    has under `column`.
+    """
+    wide: dict[object, dict[str, Any]] = {}
+    for record in records:
+        name = record[column]
+        values = {name: record["value"], f"{name}_low": record["low"], f"{name}_high": record["high"]}
+        wide.setdefault(record[row], {row: record[row]}).update(values)
+    return list(wide.values())
 
 
 def number(value: float | None, decimals: int = 3) -> str:

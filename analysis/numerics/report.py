@@ -1,15 +1,26 @@
 """What `palpate numerics` prints and writes: tables, JSON, plots of error against run time and of the budget."""
 
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
+from functools import partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 from palpate.analysis.documents.drawing import png, svg
 from palpate.analysis.documents.output import check, publish
-from palpate.analysis.documents.tables import WIDTH, Column, Section, Table, blocks, comma_separated, markdown, tabulate
+from palpate.analysis.documents.tables import (
+    WIDTH,
+    Column,
+    Record,
+    Section,
+    Table,
+    blocks,
+    comma_separated,
+    markdown,
+    tabulate,
+)
 from palpate.analysis.documents.tables import text as section_text
 from palpate.analysis.numerics import contact, figures, played
 from palpate.analysis.numerics.cases import Outcome
@@ -146,7 +157,8 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
         shown = _usual(subject, rows)
         size = "N = {samples:g} at {output_rate_hz:g} Hz, {speed_mm_s:g} mm/s".format(**shown[0].given)
         brief = (_table(f"{size} (all {len(rows)} rows: --out)", shown, given=False),)
-        tables = [_table(size, shown, given=False), replace(tables[0], title="Every size, rate and speed")]
+        usual = replace(_table(size, shown, given=False), records=())
+        tables = [usual, replace(tables[0], title="Every size, rate and speed")]
     if subject == "shaping" and (fitted := shaping_order(rows)) is not None:
         paragraphs.append(
             f"Between the frequencies of the table the error falls with the power {fitted:.2f} of their spacing, "
@@ -157,45 +169,49 @@ def _measured(subject: str, rows: list[Measured], result: Numerics) -> Section:
         shown = [one for one in rows if one.given["step_s"] == contact.SERVO_S]
         title = f"At the servo's step of {contact.SERVO_S * 1e6:g} µs (all {len(rows)} rows: --out)"
         brief = (_table(title, shown, given=True),)
-    records = tuple(_record(one) for one in rows)
-    return Section(subject, TITLES[subject], tuple(paragraphs), tuple(tables), records, brief)
+    return Section(subject, TITLES[subject], tuple(paragraphs), tuple(tables), brief=brief)
 
 
 def _table(title: str, rows: list[Measured], *, given: bool) -> Table:
-    sizes = tuple(rows[0].given) if given else ()
-    prepared = any(one.prepared_s is not None for one in rows)
-    unit = "error (dB)" if rows[0].subject == "noise" else "error"
-    claims = any(one.claimed is not None for one in rows)
-    others = tuple(rows[0].others)
-    compared = dominated(rows[0], rows) is not None
-    header = ["way", *(HEADS[name] for name in sizes), "median time", unit, *(["claimed"] * claims)]
-    header += [HEADS[name] for name in others]
-    header += ["prepared in", "memory"] * prepared + ["dominated"] * compared
-    kibibytes = ["-" if one.memory_bytes is None else f"{one.memory_bytes / 1024:.0f} KiB" for one in rows]
-    cells = [
-        [
-            one.way,
-            *(f"{one.given[name]:.3g}" if name == "step_s" else f"{one.given[name]:g}" for name in sizes),
-            time_text(one.timed.median_s),
-            _error(one, one.error),
-            *([_error(one, one.claimed)] * claims),
-            *(f"{one.others[name]:.0%}" if "share" in name else _error(one, one.others[name]) for name in others),
-            *([time_text(one.prepared_s), held] * prepared),
-            *([_dominated(one, rows)] * compared),
+    first = rows[0]
+    error = Column("error", "error (dB)" if first.subject == "noise" else "error", show=partial(_error, first.subject))
+    columns = [Column("way", left=True)]
+    if given:
+        columns += [
+            Column(name, HEADS[name], show=("{:.3g}" if name == "step_s" else "{:g}").format) for name in first.given
         ]
-        for one, held in zip(rows, kibibytes, strict=True)
-    ]
-    broken = frozenset((i, header.index(unit)) for i, one in enumerate(rows) if not one.holds)
-    return Table(title, tuple(header), tuple(map(tuple, cells)), marked=broken)
+    columns += [Column("median_s", "median time", show=time_text), error]
+    if any(one.claimed is not None for one in rows):
+        columns.append(Column("claimed_error", "claimed", show=error.show))
+    columns += [Column(name, HEADS[name], show="{:.0%}".format if "share" in name else error.show)
+                for name in first.others]  # fmt: skip
+    if any(one.prepared_s is not None for one in rows):
+        columns += [Column("prepared_s", "prepared in", show=time_text), Column("memory_bytes", "memory", show=_memory)]
+    if dominated(first, rows) is not None:
+        columns.append(DOMINATED_COLUMN)
+    broken = frozenset((place, columns.index(error)) for place, one in enumerate(rows) if not one.holds)
+    records = [_record(one) | {"dominated": dominated(one, rows)} for one in rows]
+    return tabulate(title, columns, records, marked=broken, in_print={"dominated"})
 
 
-def _error(one: Measured, value: float | None) -> str:
+def _error(subject: str, value: float | None) -> str:
     if value is None:
         return "-"
-    return f"{value:.2f}" if one.subject == "noise" else f"{value:.1e}"
+    return f"{value:.2f}" if subject == "noise" else f"{value:.1e}"
 
 
-def _record(one: Measured) -> dict[str, object]:
+def _memory(size_bytes: int | None) -> str:
+    return "-" if size_bytes is None else f"{size_bytes / 1024:.0f} KiB"
+
+
+def _yes_or_no(value: bool | None) -> str:
+    return "-" if value is None else "yes" if value else "no"
+
+
+DOMINATED_COLUMN = Column("dominated", show=_yes_or_no)
+
+
+def _record(one: Measured) -> dict[str, Any]:
     low, high = one.timed.quartiles_s
     return {
         "way": one.way, **one.given, "median_s": one.timed.median_s, "lower_quartile_s": low,
@@ -283,8 +299,9 @@ def methods(result: Numerics) -> Section:
     of_contact = _contact(result)
     rows = [one for one in result.measured if one.subject != "contact"]
     shown = [one for subject, each in groupby(rows, key=lambda one: one.subject) for one in _usual(subject, list(each))]
-    header = ("of", "way", "at", "median time", "error", "claimed", "dominated")
-    table = Table("", header, tuple(_method(one, shown) for one in shown), left=frozenset({0, 1, 2}))
+    records: list[Record] = [
+        {"of": one.subject, "given": one.given, "dominated": dominated(one, shown)} | _record(one) for one in shown
+    ]
     diagrams = dict.fromkeys((one.given["stiffness_n_m"], one.given["mass_kg"]) for one in of_contact)
     by_place = {
         (one.way, one.given["stiffness_n_m"]): (
@@ -296,7 +313,7 @@ def methods(result: Numerics) -> Section:
     heads = ("method", *(f"{stiffness:g} N/m, {mass:g} kg" for stiffness, mass in diagrams))
     steps = [(way, *(by_place[way, k] for k, _ in diagrams)) for way in dict.fromkeys(one.way for one in of_contact)]
     servo = Table(f"Contact in steps of {contact.SERVO_S * 1e6:g} µs", heads, tuple(steps))
-    return Section("methods", "Methods", tables=(table, servo))
+    return Section("methods", "Methods", tables=(tabulate("", METHODS, records), servo))
 
 
 def _usual(subject: str, rows: list[Measured]) -> list[Measured]:
@@ -313,22 +330,17 @@ def _usual(subject: str, rows: list[Measured]) -> list[Measured]:
     return [one for one in rows if sizes <= one.given.items()]
 
 
-def _method(one: Measured, rows: Sequence[Measured]) -> tuple[str, ...]:
-    unit = " dB" if one.subject == "noise" else ""
-    claimed = "-" if one.claimed is None else f"{_error(one, one.claimed)}{unit}"
-    return (
-        one.subject,
-        one.way,
-        ", ".join(f"{value:g} {UNITS[name]}" for name, value in one.given.items() if name in UNITS),
-        time_text(one.timed.median_s),
-        f"{_error(one, one.error)}{unit}",
-        claimed,
-        _dominated(one, rows),
-    )
+def _error_with_unit(subject: str, value: float | None) -> str:
+    return f"{_error(subject, value)} dB" if subject == "noise" and value is not None else _error(subject, value)
 
 
-def _dominated(one: Measured, rows: Sequence[Measured]) -> str:
-    return "-" if (found := dominated(one, rows)) is None else "yes" if found else "no"
+def _sizes(given: Mapping[str, float]) -> str:
+    return ", ".join(f"{value:g} {UNITS[name]}" for name, value in given.items() if name in UNITS)
 
 
 UNITS = {"samples": "bins", "output_rate_hz": "Hz", "speed_mm_s": "mm/s", "frequencies": "frequencies", "length_s": "s"}
+METHODS = (
+    Column("of", left=True), Column("way", left=True), Column("given", "at", show=_sizes, left=True),
+    Column("median_s", "median time", show=time_text), Column(("of", "error"), "error", show=_error_with_unit),
+    Column(("of", "claimed_error"), "claimed", show=_error_with_unit), DOMINATED_COLUMN,
+)  # fmt: skip

@@ -63,27 +63,20 @@ def _studies(result: Power) -> Section:
 
 def _needed(result: Power) -> Section:
     plan, has_stars = _as_planned(result), result.model.has_stars
-    rows, brief, records, counted = [], [], [], []
+    records, counted = list[Record](), []
     for question in result.questions:
         at, control = result.row(question, plan), result.row(question, plan, "guessing")
         if question.alpha is None or at is None or control is None:
             continue
         needed = result.needed(question)
-        beyond = f"more than {result.participants[-1]}"
-        size = f"{needed.likely or beyond} ({needed.earliest} to {needed.surely or beyond})"
-        size = beyond if needed.earliest is None else size
         counted += [at, control]
-        names = title(question), subject(question)
         wrong = control.tally.above, control.tally.family
         above, family = (None if count is None else count / control.tally.studies for count in wrong)
-        stars = (number(above), number(family)) if has_stars else ()
-        rows.append((*names, f"{question.alpha:g}", _shown(at), _shown(control), *stars, size))
-        brief.append((*names, number(at.power), number(control.power), *stars, size))
         records.append(
             {**_named(question), "participants_planned": plan, "power_planned": at.power,
              "type_i_error_planned": control.power, "type_i_error_above_planned": above,
              "type_i_error_of_family_planned": family, "target": result.target, "participants_needed": needed.likely,
-             "at_earliest": needed.earliest, "surely": needed.surely}
+             "at_earliest": needed.earliest, "surely": needed.surely, "planned": at, "control": control}
         )  # fmt: skip
     alphas = ", ".join(dict.fromkeys(f"{question.alpha:g}" for question in result.questions if question.alpha))
     notes: tuple[str, ...] = (
@@ -93,14 +86,36 @@ def _needed(result: Power) -> Section:
     )
     if has_stars:
         notes += (ABOUT["stars"].substitute(),)
-    wanted, left = f"n for {result.target:g}", frozenset({0, 1})
-    stars = ("above", "any") if has_stars else ()
-    header = ("test", "of", "alpha", "power", "type I error", *stars, wanted)
-    table = Table("", header, tuple(rows), left=left, notes=(*notes, IN_BRACKETS))
-    of_brief = (*notes, *_error(counted))
-    short = Table("", ("test", "of", "power", "type I", *stars, wanted), tuple(brief), left=left, notes=of_brief)
-    return Section("needed", "Participants needed", _ceiling(result, plan), (table,), tuple(records), (short,))
+    beyond = f"more than {result.participants[-1]}"
 
+    def size(likely: int | None, earliest: int | None, surely: int | None) -> str:
+        return beyond if earliest is None else f"{likely or beyond} ({earliest} to {surely or beyond})"
+
+    last = (
+        *(STARS if has_stars else ()),
+        Column(("participants_needed", "at_earliest", "surely"), f"n for {result.target:g}", show=size),
+    )
+    table = tabulate("", (*NEEDED, *last), records, (*notes, IN_BRACKETS), in_print={"planned", "control"})
+    short = tabulate("", (*NEEDED_IN_SHORT, *last), records, (*notes, *_error(counted)))
+    return Section("needed", "Participants needed", _ceiling(result, plan), (table,), brief=(short,))
+
+
+def _shown(row: Row | None) -> str:
+    if row is None or row.power is None or row.interval is None:
+        return "-"
+    return f"{row.power:.3f} ({row.interval[0]:.3f}-{row.interval[1]:.3f})"
+
+
+TESTED = (
+    Column(("test", "tasks"), "test", show="{}, {}".format, left=True),
+    Column(("of", "p"), "of", show=_subject, left=True),
+)  # fmt: skip
+NEEDED = (
+    *TESTED, Column("alpha", show="{:g}".format), Column("planned", "power", show=_shown),
+    Column("control", "type I error", show=_shown),
+)  # fmt: skip
+NEEDED_IN_SHORT = (*TESTED, Column("power_planned", "power"), Column("type_i_error_planned", "type I"))
+STARS = Column("type_i_error_above_planned", "above"), Column("type_i_error_of_family_planned", "any")
 
 OFTEN = 0.05
 """Share of studies without a t from which on it is told before the tables (ours)."""
@@ -167,8 +182,7 @@ ESTIMATES = (
     Column(("low", "high"), "95 % of studies", show=lambda low, high: f"{number(low)} to {number(high)}"),
 )  # fmt: skip
 UNDEFINED = (
-    Column(("test", "tasks"), "test", show=lambda *of: ", ".join(of), left=True),
-    Column(("of", "p"), "of", show=lambda *of: _subject(*of), left=True), Column("answers", left=True),
+    *TESTED, Column("answers", left=True),
     Column("participants", "n"), Column("undefined", "studies"),
     Column(("undefined", "studies"), "share", show=lambda count, studies: number(count / studies, 4)),
     Column("reason", "because", left=True),
@@ -235,12 +249,6 @@ def _named(question: Question) -> dict[str, object]:
         "planned_test": question.plan + 1, "test": question.test, "tasks": " and ".join(question.tasks),
         "of": question.subject, "p": ADJUSTED if question.adjusted else "unadjusted", "alpha": question.alpha,
     }  # fmt: skip
-
-
-def _shown(row: Row | None) -> str:
-    if row is None or row.power is None or row.interval is None:
-        return "-"
-    return f"{row.power:.3f} ({row.interval[0]:.3f}-{row.interval[1]:.3f})"
 
 
 def _sizes(result: Power, size: int) -> str:

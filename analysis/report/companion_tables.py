@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from scipy.special import expit
 
@@ -13,10 +13,10 @@ from palpate.analysis.documents.tables import (
     Table,
     bayes_factor,
     ends,
-    interval,
     number,
     p_is,
     probability,
+    side_by_side,
     span,
     tabulate,
 )
@@ -69,6 +69,10 @@ MEANS = (
     Column("task", left=True), Column("material", "presented", left=True), *LOG_ODDS,
     Column(("low", "high"), "95 % CI"), Column("log_odds", "share", show=lambda log_odds: number(expit(log_odds))),
     Column(("low", "high"), "95 % CI", show=lambda low, high: span(expit(low), expit(high))),
+)  # fmt: skip
+LAPSED = (
+    Column("of", "presented", left=True), Column("lapse", "lapses"), Column(("lapse_low", "lapse_high"), "95 % CI"),
+    Column("bias", "bias to it"), Column(("bias_low", "bias_high"), "95 % CI"),
 )  # fmt: skip
 CONTRASTS = (
     Column(("first", "second"), "difference", show=_versus, left=True), *LOG_ODDS,
@@ -239,19 +243,23 @@ def _tables(found: Marginal) -> tuple[Table, ...]:
 
 def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
     """Return what the bias and lapse model says of each task: who lapses, at what, and what is named then."""
-    tables, records = [], list[Record]()
+    tables = []
     about = ABOUT["lapses"].substitute(held=LAPSES)
     for one in results.identifications:
         if (found := one.lapses) is None:
             continue
         model = found.model
-        rows = [
-            (material, number(lapse), interval(limits), number(bias), interval(limits_of_bias))
-            for material, lapse, limits, bias, limits_of_bias in zip(
-                materials, model.lapses.tolist(), found.lapses, model.biases.tolist(), found.biases, strict=True
+        records = [
+            _lapse(one.task, quantity, material, value, limits)
+            for quantity, values, intervals in (
+                ("lapse", model.lapses, found.lapses),
+                ("bias", model.biases, found.biases),
             )
+            for material, value, limits in zip(materials, values.tolist(), intervals, strict=True)
         ]
-        rows.append(("all", number(model.lapse), interval(found.lapse), "", ""))
+        records.append(_lapse(one.task, "lapse", "all", model.lapse, found.lapse))
+        further = [_lapse(one.task, f"G2 on {model.df} df", "all", model.g2, None)]
+        further += [_lapse(one.task, "known", f"participant {who}", known, None) for who, known in found.known.items()]
         notes = [f"G² = {model.g2:.2f}, {model.df} df. It has no P, because participants differ."]
         if found.guessing:
             notes.append(
@@ -259,22 +267,13 @@ def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[s
                 f"{', '.join(found.guessing)}."
             )
         title = f"Ours, {one.task}: biases and lapses"
-        header = ("presented", "lapses", "95 % CI", "bias to it", "95 % CI")
-        tables.append(Table(title, header, tuple(rows), notes=tuple(notes)))
-        for quantity, values, limits_of in (
-            ("lapse", model.lapses, found.lapses), ("bias", model.biases, found.biases)
-        ):  # fmt: skip
-            for material, value, limits in zip(materials, values.tolist(), limits_of, strict=True):
-                records.append(_lapse(one.task, quantity, material, value, limits))
-        records.append(_lapse(one.task, "lapse", "all", model.lapse, found.lapse))
-        records.append(_lapse(one.task, f"G2 on {model.df} df", "all", model.g2, None))
-        records += [_lapse(one.task, "known", f"participant {who}", known, None) for who, known in found.known.items()]
-    return Section("lapses", "Biases and lapses", (about, *remark), tuple(tables), tuple(records))
+        table = tabulate(title, LAPSED, side_by_side(records, "of", "quantity"), notes)
+        tables.append(replace(table, records=(*records, *further)))
+    return Section("lapses", "Biases and lapses", (about, *remark), tuple(tables))
 
 
-def _lapse(task: str, quantity: str, of: str, value: float, limits: Jackknife | None) -> dict[str, object]:
-    low, high = (limits.low, limits.high) if limits else (None, None)
-    return {"task": task, "quantity": quantity, "of": of, "value": value, "low": low, "high": high}
+def _lapse(task: str, quantity: str, of: str, value: float, limits: Jackknife | None) -> Record:
+    return {"task": task, "quantity": quantity, "of": of, "value": value, **ends(limits)}
 
 
 LAPSES = "91 to 97 %"

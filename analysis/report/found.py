@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from palpate.analysis.documents.tables import (
+    Column,
+    Record,
     Section,
-    Table,
     bounds,
     ends,
     interval,
@@ -15,12 +16,22 @@ from palpate.analysis.documents.tables import (
     p_is,
     plural,
     probability,
+    tabulate,
 )
 from palpate.analysis.identification.identify import Cell, Identification
 from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report.plan import FOUND, TWO_WAY, Standing, T, alpha, asked
 from palpate.analysis.statistics.shares import Limits
+
+CORRECT = (
+    Column("task", left=True), Column("of", "presented", left=True), Column("n"), Column("value", "correct"),
+    Column(("low", "high"), "95 % CI", show=lambda *limits: bounds(Limits(*limits))),
+    Column("p_of_stars", "P", show=probability), Column("p_sign_flip_of_stars", "ours: P", show=probability),
+    Column("stars", "", left=True),
+)  # fmt: skip
+OF_STARS = ("p_of_stars", "p_sign_flip_of_stars")
+"""The P that a task's stars follow, adjusted or not; both are in tests.csv by their own names."""
 
 
 def found_section(study: Study, results: Results, remark: tuple[str, ...], stands: Standing) -> Section:
@@ -31,11 +42,6 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     level = alpha(study, TWO_WAY, *(task.task.id for task in results.tasks))
     paragraphs += [" ".join(_between(results, level))] * bool(list(_between(results, level)))
     tested = [(task, test, cell) for task, one in both for test, cell in zip(task.tests, _right(one), strict=True)]
-    rows = tuple(
-        (task.task.id, test.material, str(test.result.n), number(test.result.mean), bounds(limits_of(cell)),
-         probability(test.p_holm if task.correction else test.result.p), probability(task.flip(test)), task.stars(test))
-        for task, test, cell in tested
-    )  # fmt: skip
     adjusted = {task.correction is not None for task in results.tasks}
     how = {True: "adjusted by Holm", False: "not adjusted"}
     said = how[adjusted.pop()] if len(adjusted) == 1 else "adjusted by Holm where the protocol plans it"
@@ -45,23 +51,23 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
         f"Correct answer ratios with intervals over participants.{single} P is of t against chance, {said}; ours is "
         f"that of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
     )
-    header = ("task", "presented", "n", "correct", "95 % CI", "P", "ours: P", "")
     mark = ", ".join(dict.fromkeys(stands.of(T, task.task.id) for task in results.tasks))
-    table = Table("Correct answers", header, rows, left=frozenset({0, 1, 7}), notes=notes, standing=mark)
-    records = tuple(_record(task, test, cell) for task, test, cell in tested)
-    return Section("found", FOUND, (*paragraphs, *remark), (table,), (*records, *_further(results)))
+    records = [_record(task, test, cell) for task, test, cell in tested]
+    table = tabulate("Correct answers", CORRECT, records, notes, standing=mark, in_print=OF_STARS)
+    return Section("found", FOUND, (*paragraphs, *remark), (table,), tuple(_further(results)))
 
 
-def _record(task: TaskResult, test: MaterialTest, cell: Cell) -> dict[str, object]:
+def _record(task: TaskResult, test: MaterialTest, cell: Cell) -> Record:
     return {
         "quantity": "correct answer ratio", "task": task.task.id, "of": test.material, "n": test.result.n,
         "value": test.result.mean, **ends(limits_of(cell)), "statistic": test.result.t, "p": test.result.p,
         "p_holm": test.p_holm, "p_sign_flip_ours": test.flip and test.flip.p, "stars": task.stars(test),
+        "p_of_stars": test.p_holm if task.correction else test.result.p, "p_sign_flip_of_stars": task.flip(test),
         "also_in": "tests.csv",
     }  # fmt: skip
 
 
-def _further(results: Results) -> Iterator[dict[str, object]]:
+def _further(results: Results) -> Iterator[Record]:
     """Yield the other numbers of the sentences, each with the table that has more of it."""
     for one in results.identifications:
         if one.jackknife and one.information:

@@ -23,6 +23,7 @@ from palpate.analysis.documents.tables import (
     probability,
     span,
     tabulate,
+    without,
 )
 from palpate.analysis.identification.identify import CHOICE_RESAMPLES, ChoiceIntervals, Identification
 from palpate.analysis.identification.results import Results
@@ -329,95 +330,90 @@ def course_section(found: TimeCourse) -> Section:
         reasons = dict.fromkeys(one.statement for one in windows if one.statement)
         paragraphs += [f"Some runs of trials of {task} have no interval: {why}." for why in reasons]
     tables = (_learning_table(found), _speed_table(found), _onsets(found), _timing(found), _masker(found))
-    shown, records = tuple(table for table in tables if table.rows), tuple(_course_records(found))
-    return Section("course", "Course of the tasks", tuple(paragraphs), shown, records)
+    missing: tuple[Record, ...] = tuple(
+        {"task": task, "quantity": what, "statement": f"n/a: {why}"} for (task, what), why in found.statements.items()
+    )
+    shown = tuple(table for table in tables if table.rows)
+    return Section("course", "Course of the tasks", tuple(paragraphs), shown, missing)
+
+
+TASK = Column("task", left=True)
+RIGHT = (
+    Column(("right", "trials"), "right", show=count_of), Column("value", "ratio"), Column(("low", "high"), "95 % CI"),
+)  # fmt: skip
+RUNS = (TASK, Column(("from", "to"), "trials", show="{} to {}".format), *RIGHT)
+SPEEDS = (
+    TASK, Column(("from", "to"), "speed (mm/s)", show="{:g} to {:g}".format), Column("mean_mm_s", "mean", 0), *RIGHT,
+)  # fmt: skip
+ONSETS = (
+    TASK, Column("trials"), Column("value", "mean (ms)"), Column("sd", "SD (ms)"),
+    Column("largest_ms", "largest, either way (ms)"),
+)  # fmt: skip
+TIMING = (
+    TASK, Column("of", "what", left=True), Column("trials", "attempts"), Column("value", "median (ms)"),
+    Column("sd", "SD (ms)"), Column("p99"), Column("p99.9"), Column("largest"),
+)  # fmt: skip
+MASKER = (TASK, Column("participants"), Column("median", decimals=1), Column(("low", "high"), "range", 1))
 
 
 def _learning_table(found: TimeCourse) -> Table:
-    rows = []
+    every: list[Record] = []
+    shown: list[Record] = []
     for task, windows in found.learning.items():
-        for one in dict.fromkeys((windows[0], windows[len(windows) // 2], windows[-1])):
-            share = number(one.right / one.trials)
-            rows.append((task, f"{one.first} to {one.last}", f"{one.right} of {one.trials}", share,
-                         interval(one.interval)))  # fmt: skip
-    header = ("task", "trials", "right", "ratio", "95 % CI")
-    return Table("Right answers in the first, the middle and the last run of trials", header, tuple(rows))
+        records: list[Record] = [
+            {"task": task, "quantity": "right in a run of trials", "from": one.first, "to": one.last,
+             "value": one.right / one.trials, "right": one.right, "trials": one.trials, **ends(one.interval),
+             "statement": one.statement}
+            for one in windows
+        ]  # fmt: skip
+        every += records
+        shown += [records[place] for place in sorted({0, len(windows) // 2, len(windows) - 1})]
+    title = "Right answers in the first, the middle and the last run of trials"
+    return replace(tabulate(title, RUNS, shown), records=without(every, {"right"}))
 
 
 def _speed_table(found: TimeCourse) -> Table:
-    rows = tuple(
-        (task, f"{one.low_mm_s:g} to {one.high_mm_s:g}", number(one.mean_mm_s, 0), f"{one.right} of {one.trials}",
-         number(one.right / one.trials), interval(one.interval))
+    records: list[Record] = [
+        {"task": task, "quantity": "right at speeds, mm/s", "from": one.low_mm_s, "to": one.high_mm_s,
+         "mean_mm_s": one.mean_mm_s, "value": one.right / one.trials, "right": one.right, "trials": one.trials,
+         **ends(one.interval)}
         for task, bins in found.speed.items() for one in bins
-    )  # fmt: skip
-    header = ("task", "speed (mm/s)", "mean", "right", "ratio", "95 % CI")
-    return Table("Right answers by the speed of the foot", header, rows)
+    ]  # fmt: skip
+    return tabulate("Right answers by the speed of the foot", SPEEDS, records, in_print={"mean_mm_s", "right"})
 
 
 def _onsets(found: TimeCourse) -> Table:
-    rows = tuple(
-        (task, str(len(one.errors_ms)), number(one.mean_ms), number(one.sd_ms), number(one.largest_ms))
+    records: list[Record] = [
+        {"task": task, "quantity": "onset minus contact, ms", "trials": len(one.errors_ms), "value": one.mean_ms,
+         "sd": one.sd_ms, "largest_ms": one.largest_ms}
         for task, one in found.onsets.items()
-    )
-    header = ("task", "trials", "mean (ms)", "SD (ms)", "largest, either way (ms)")
-    return Table("Measured onset minus contact", header, rows)
+    ]  # fmt: skip
+    return tabulate("Measured onset minus contact", ONSETS, records, in_print={"largest_ms"})
 
 
 def _timing(found: TimeCourse) -> Table:
-    rows = tuple(
-        (task, one.quantity, str(one.attempts),
-         *map(number, (one.median_ms, one.sd_ms, one.p99_ms, one.p999_ms, one.largest_ms)))
+    records: list[Record] = [
+        {"task": task, "of": one.quantity, "quantity": f"{one.quantity}, ms", "trials": one.attempts,
+         "value": one.median_ms, "sd": one.sd_ms, "p99": one.p99_ms, "p99.9": one.p999_ms, "largest": one.largest_ms}
         for task, quantities in found.timing.items() for one in quantities
-    )  # fmt: skip
-    header = ("task", "what", "attempts", "median (ms)", "SD (ms)", "p99", "p99.9", "largest")
+    ]  # fmt: skip
     notes = (
         "All attempts count, including those that were repeated. p99, p99.9 and largest are magnitudes in ms; - means "
         "that there are too few attempts for a percentile.",
     )
-    return Table("Timing", header, rows, left=frozenset({0, 1}), notes=notes)
+    return tabulate("Timing", TIMING, records, notes, in_print={"of"})
 
 
 def _masker(found: TimeCourse) -> Table:
-    rows = tuple(
-        (task, str(len(levels)), number(statistics.median(one.median_db_a for one in levels), 1),
-         f"{min(one.low_db_a for one in levels):.1f} to {max(one.high_db_a for one in levels):.1f}")
+    records: list[Record] = [
+        {"task": task, "quantity": "masker, dB(A)", "of": f"sub-{one.participant}", "value": one.median_db_a,
+         "low": one.low_db_a, "high": one.high_db_a}
+        for task, levels in found.masker.items() for one in levels
+    ]  # fmt: skip
+    by_task: list[Record] = [
+        {"task": task, "participants": len(levels), "median": statistics.median(one.median_db_a for one in levels),
+         "low": min(one.low_db_a for one in levels), "high": max(one.high_db_a for one in levels)}
         for task, levels in found.masker.items()
-    )  # fmt: skip
+    ]  # fmt: skip
     notes = ("The table gives the median of the participants' medians, and the lowest and highest level of any trial.",)
-    return Table("Masker, dB(A)", ("task", "participants", "median", "range"), rows, notes=notes)
-
-
-def _course_records(found: TimeCourse) -> list[Mapping[str, object]]:
-    records: list[Mapping[str, object]] = []
-    for task, windows in found.learning.items():
-        records += [
-            {"task": task, "quantity": "right in a run of trials", "from": one.first, "to": one.last,
-             "value": one.right / one.trials, "trials": one.trials, "low": one.interval.low if one.interval else None,
-             "high": one.interval.high if one.interval else None, "statement": one.statement}
-            for one in windows
-        ]  # fmt: skip
-    for task, bins in found.speed.items():
-        records += [
-            {"task": task, "quantity": "right at speeds, mm/s", "from": one.low_mm_s, "to": one.high_mm_s,
-             "value": one.right / one.trials, "trials": one.trials, "low": one.interval.low, "high": one.interval.high}
-            for one in bins
-        ]  # fmt: skip
-    for task, errors in found.onsets.items():
-        about = {"task": task, "quantity": "onset minus contact, ms", "trials": len(errors.errors_ms)}
-        records.append({**about, "value": errors.mean_ms, "sd": errors.sd_ms})
-    for task, quantities in found.timing.items():
-        records += [
-            {"task": task, "quantity": f"{one.quantity}, ms", "trials": one.attempts, "value": one.median_ms,
-             "sd": one.sd_ms, "p99": one.p99_ms, "p99.9": one.p999_ms, "largest": one.largest_ms}
-            for one in quantities
-        ]  # fmt: skip
-    for task, levels in found.masker.items():
-        records += [
-            {"task": task, "quantity": "masker, dB(A)", "of": f"sub-{one.participant}", "value": one.median_db_a,
-             "low": one.low_db_a, "high": one.high_db_a}
-            for one in levels
-        ]  # fmt: skip
-    records += [
-        {"task": task, "quantity": what, "statement": f"n/a: {why}"} for (task, what), why in found.statements.items()
-    ]
-    return records
+    return replace(tabulate("Masker, dB(A)", MASKER, by_task, notes), records=tuple(records))

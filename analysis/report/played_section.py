@@ -1,11 +1,10 @@
 """What was played: how far the stimuli of a study are from what was asked for, by task and material."""
 
 from collections import Counter
-from collections.abc import Mapping
 
 import pandas as pd
 
-from palpate.analysis.documents.tables import Section, Table, number, plural
+from palpate.analysis.documents.tables import Column, Record, Section, number, plural, tabulate
 from palpate.analysis.reading.dataset import MISSING
 from palpate.analysis.reading.study import Study
 
@@ -34,20 +33,12 @@ def played_sections(study: Study) -> tuple[Section, ...]:
     known = _known(study)
     if known.empty:
         return ()
-    groups = [
-        (task.id, material, known[(known["task"] == task.id) & (known["presented"] == material)])
+    records = [
+        _record(task.id, material, rows)
         for task in study.tasks
         for material in study.materials
+        if not (rows := known[(known["task"] == task.id) & (known["presented"] == material)]).empty
     ]
-    groups = [group for group in groups if not group[2].empty]
-    header = ("task", "presented", "attempts", "error %", "most", "left out %", "most", "dissimilarity", "most")
-    table = Table(
-        "Stimuli, by task and material",
-        header,
-        tuple(map(_row, groups)),
-        left=frozenset({0, 1}),
-        notes=(_methods(known),),
-    )
     return (
         Section(
             "played",
@@ -57,8 +48,7 @@ def played_sections(study: Study) -> tuple[Section, ...]:
                 *(left_out(study) or ("The rig carried all that was asked for.",)),
                 *([UNHEARD] if known["delivered"].isna().all() else ()),
             ),
-            (table,),
-            tuple(_record(*group) for group in groups),
+            (tabulate("Stimuli, by task and material", STIMULI, records, (_methods(known),)),),
         ),
     )
 
@@ -99,22 +89,19 @@ def _methods(known: pd.DataFrame) -> str:
     )
 
 
-def _row(group: tuple[str, str, pd.DataFrame]) -> tuple[str, ...]:
-    task, material, rows = group
-    shares = [
-        _percent(value)
-        for column in ("stimulus_error", "left_out")
-        for value in (rows[column].median(), rows[column].max())
-    ]
-    off = rows["dissimilarity_m_s2"]
-    return (task, material, str(len(rows)), *shares, number(float(off.median())), number(float(off.max())))
-
-
 def _percent(share: float) -> str:
     return "< 0.001" if 0 < share < LITTLE else number(float(share) * 100, 2)
 
 
-def _record(task: str, material: str, rows: pd.DataFrame) -> Mapping[str, object]:
+STIMULI = (
+    Column("task", left=True), Column("presented", left=True), Column("attempts"),
+    Column("error_median", "error %", show=_percent), Column("error_max", "most", show=_percent),
+    Column("left_out_median", "left out %", show=_percent), Column("left_out_max", "most", show=_percent),
+    Column("dissimilarity_m_s2_median", "dissimilarity"), Column("dissimilarity_m_s2_max", "most"),
+)  # fmt: skip
+
+
+def _record(task: str, material: str, rows: pd.DataFrame) -> Record:
     columns = {"error": "stimulus_error", "left_out": "left_out", "dissimilarity_m_s2": "dissimilarity_m_s2"}
     medians = {f"{name}_median": float(rows[column].median()) for name, column in columns.items()}
     largest = {f"{name}_max": float(rows[column].max()) for name, column in columns.items()}

@@ -21,7 +21,6 @@ from palpate.analysis.designs.comparison import results
 from palpate.analysis.designs.comparison.results import (
     LAWS,
     UNNAMED,
-    Beside,
     Compared,
     Estimate,
     Scaled,
@@ -64,6 +63,27 @@ NEIGHBORS = (
 )  # fmt: skip
 
 
+def _with_interval(share: Share) -> str:
+    if share.interval is None:
+        return "-"
+    return f"{percent(share)} ({100 * share.interval.low:.0f} to {100 * share.interval.high:.0f})"
+
+
+BESIDE_PRINT = (
+    Column(("high", "low"), "pair", show="{} and {}".format, left=True), Column("printed"),
+    Column("percent", "here", show=lambda here: "-" if here is None else f"{here:.0f}%"),
+    Column(("percent", "printed_percent"), "difference",
+           show=lambda here, printed: "-" if here is None else f"{here - printed:+.0f}"),
+)  # fmt: skip
+PEOPLE = (
+    Column("participant", show=lambda who: who.removeprefix("sub-"), left=True),
+    Column("share_right", "right, of two materials", show=_with_interval),
+    Column("share_first", "first, of one material", show=_with_interval),
+)  # fmt: skip
+VALUES = (
+    Column("of", "material", left=True), Column("value", decimals=2), Column(("low", "high"), "95 % CI", 2),
+    Column("step", "above the one before", 2), Column(("step_low", "step_high"), "95 % CI", 2),
+)  # fmt: skip
 AUTHORS = {"bradley-terry": "Bradley and Terry", "thurstone": "Thurstone", "davidson": "Davidson"}
 """Whose law each one is, in a sentence."""
 
@@ -89,12 +109,6 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
         _overview(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
-
-
-def _with_interval(share: Share) -> str:
-    if share.interval is None:
-        return "-"
-    return f"{percent(share)} ({100 * share.interval.low:.0f} to {100 * share.interval.high:.0f})"
 
 
 def _overview(study: Study, results: Compared) -> Section:
@@ -252,30 +266,20 @@ def _in_print(study: Study, results: Compared, tasks: list[TaskComparisons]) -> 
     )
     if study.label:
         about += f" This dataset is a {study.origin}: its answers say nothing of the paper's participants."
-    tables = tuple(
-        Table(
-            f"{task.task.title}: {table.where} of the paper",
-            ("pair", "printed", "here", "difference"),
-            tuple(_beside(results, cell) for cell in table.cells),
-            notes=(
-                f"Pearson's r over the {len(table.cells)} cells is {number(table.r)}, and over those of two materials "
-                f"{number(table.r_of_two)}.",
-            ),
+    tables = []
+    for task, table in found:
+        records: list[Record] = [
+            {"task": task.task.id, "low": results.materials[cell.low], "high": results.materials[cell.high],
+             "printed": cell.printed, "printed_percent": cell.percent, "percent": cell.here}
+            for cell in table.cells
+        ]  # fmt: skip
+        note = (
+            f"Pearson's r over the {len(table.cells)} cells is {number(table.r)}, and over those of two materials "
+            f"{number(table.r_of_two)}."
         )
-        for task, table in found
-    )
-    records = tuple(
-        {"task": task.task.id, "low": results.materials[cell.low], "high": results.materials[cell.high],
-         "printed_percent": cell.percent, "percent": cell.here}
-        for task, table in found for cell in table.cells
-    )  # fmt: skip
-    return Section("printed", "Beside the printed percentages", (about,), tables, records)
-
-
-def _beside(results: Compared, cell: Beside) -> tuple[str, ...]:
-    pair = f"{results.materials[cell.high]} and {results.materials[cell.low]}"
-    here, off = ("-", "-") if cell.here is None else (f"{cell.here:.0f}%", f"{cell.here - cell.percent:+.0f}")
-    return pair, cell.printed, here, off
+        title = f"{task.task.title}: {table.where} of the paper"
+        tables.append(tabulate(title, BESIDE_PRINT, records, [note], in_print={"printed"}))
+    return Section("printed", "Beside the printed percentages", (about,), tuple(tables))
 
 
 def _bias(results: Compared) -> Section:
@@ -284,7 +288,7 @@ def _bias(results: Compared) -> Section:
         "tell them apart."
     )
     paragraphs = [about]
-    tables, records = [], []
+    tables = []
     for task in results.tasks:
         of = task.first_of_same
         if of.trials:
@@ -292,44 +296,41 @@ def _bias(results: Compared) -> Section:
                 f"In {task.task.id} the first was named in {of.count} of {of.trials} such trials: {_with_interval(of)} "
                 "percent (95 % CI, all trials taken as independent)."
             )
-        rows = [(one.participant, _with_interval(one.right), _with_interval(one.first_of_same)) for one in task.people]
-        header = ("participant", "right, of two materials", "first, of one material")
-        tables.append(Table(f"{task.task.title}: each participant, percent (95 % CI)", header, tuple(rows)))
-        records += [
+        records: list[Record] = [
             {"task": task.task.id, "participant": f"sub-{one.participant}", "right": one.right.count,
              "trials_of_two": one.right.trials, "first": one.first_of_same.count,
-             "trials_of_one": one.first_of_same.trials}
+             "trials_of_one": one.first_of_same.trials,
+             "share_right": one.right, "share_first": one.first_of_same}
             for one in task.people
         ]  # fmt: skip
-    return Section("bias", "Bias to the first, and each participant", tuple(paragraphs), tuple(tables), tuple(records))
+        title = f"{task.task.title}: each participant, percent (95 % CI)"
+        tables.append(tabulate(title, PEOPLE, records, in_print={"share_right", "share_first"}))
+    return Section("bias", "Bias to the first, and each participant", tuple(paragraphs), tuple(tables))
 
 
 def _scales(results: Compared, stands: plan.Standing) -> Section:
     about = ABOUT["scales"].substitute(quality=results.quality)
     paragraphs: list[str] = []
-    tables, records = [], []
+    tables = []
     for task in results.tasks:
         for one in task.scales:
             if one.scale is None:
                 paragraphs.append(f"{task.task.id}: there is no scale of {LAWS[one.law][0]}: {one.statement}.")
                 continue
             mark = stands.of(one.law.title(), task.task.id)
-            tables.append(replace(_scale(results, task, one), standing=mark))
-            records += [
-                {"task": task.task.id, "law": one.law, "of": name, **asdict(value)}
-                for name, value in (*zip(results.materials, one.values, strict=True), ("first", one.order))
-                if value is not None
-            ]
+            tables.append(_scale(results, task, one, mark))
     name = f"Scales of {results.quality}"
-    return Section("scales", name, tuple(paragraphs), tuple(tables), tuple(records), aside=(about, FIT))
+    return Section("scales", name, tuple(paragraphs), tuple(tables), aside=(about, FIT))
 
 
-def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:
-    steps = ("", *(number(step.value, 2) for step in one.steps)), ("", *(interval(step, 2) for step in one.steps))
-    rows = tuple(
-        (material, number(value.value, 2), interval(value, 2), step, limits)
-        for material, value, step, limits in zip(results.materials, one.values, *steps, strict=True)
-    )
+def _scale(results: Compared, task: TaskComparisons, one: Scaled, standing: str) -> Table:
+    values: list[Record] = [
+        {"task": task.task.id, "law": one.law, "of": name, **asdict(value)}
+        for name, value in (*zip(results.materials, one.values, strict=True), ("first", one.order))
+        if value is not None
+    ]
+    steps: list[Record] = [{}, *({"step": step.value, **ends(step, "step_")} for step in one.steps)]
+    records = [{**value, **step} for value, step in zip(values, steps, strict=False)]
     notes = []
     if one.order is not None:
         notes.append(f"Being presented first adds {number(one.order.value, 2)} ({interval(one.order, 2)}).")
@@ -340,8 +341,8 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled) -> Table:
             f"The deviance from the observed frequencies of the ordered pairs is {number(one.scale.deviance, 1)} with "
             f"{plural(one.scale.df, 'degree')} of freedom, {p_is(one.p)}."
         )
-    header = ("material", "value", "95 % CI", "above the one before", "95 % CI")
-    return Table(f"{task.task.title}: {', '.join(LAWS[one.law])}", header, rows, notes=tuple(notes))
+    title = f"{task.task.title}: {', '.join(LAWS[one.law])}"
+    return replace(tabulate(title, VALUES, records, notes, standing=standing), records=tuple(values))
 
 
 def methods() -> tuple[tuple[str, str], ...]:
