@@ -2,7 +2,7 @@
 
 Nothing foreign, copied, renamed or made for another purpose enters a table. Headers are checked against path, protocol,
 seal, seed and roster (or the plan), and every file against the log's anchors. A reader runs the list as far as it
-wants: `load_sound` stops at the first refusal, `palpate verify` and `palpate status` show all.
+wants: `load_sound` stops at the first refusal, `palpate status` shows all, `palpate verify` those of tables as well.
 """
 
 import hashlib
@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from datetime import date, datetime, timedelta
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
@@ -68,7 +69,8 @@ class Dataset:
     A simulation has a `plan`, a study a `roster`, and a `seal` once a session began. `tasks` are those of every
     participant in order, concealed until they begin. `sessions` are the headers of journals that fit, `under_way` those
     of them without a footer at their end, `withdrawals` the ones that record that their participant withdrew. `begun`
-    are the journals of every session, damaged ones too, and `damage` is what is wrong with single ones.
+    are the journals of every session, damaged ones too, and `damage` is what is wrong with single ones. Sessions of
+    which one is refused are not `whole`.
     """
 
     root: Path
@@ -84,6 +86,7 @@ class Dataset:
     withdrawals: frozenset[Path] = frozenset()
     begun: frozenset[Path] = frozenset()
     damage: tuple[Finding, ...] = ()
+    whole: bool = True
 
     @property
     def people(self) -> Roster:
@@ -124,11 +127,14 @@ def load_sound(root: Path, each: Each = map) -> Dataset:
     return dataset
 
 
-def findings(dataset: Dataset) -> Iterator[Finding]:
-    """Yield each thing that speaks against a dataset once, with the name of its check, in the order of `CHECKS`."""
+def findings(dataset: Dataset, *names: str) -> Iterator[Finding]:
+    """Yield each thing that speaks against a dataset once, with the name of its check, in the order of `CHECKS`.
+
+    Without `names` of checks, all are run but the one that reads tables, which only make sense of sound journals.
+    """
     known: set[Finding] = set()
-    for name, check in CHECKS.items():
-        for one in check(dataset):
+    for name in names or [name for name in CHECKS if name != EDITS]:
+        for one in CHECKS[name](dataset):
             finding = replace(one, check=name)
             if finding not in known:
                 known.add(finding)
@@ -279,31 +285,10 @@ def _erased(dataset: Dataset) -> Iterator[Finding]:
     for participant in sorted(dataset.people.erased):
         for path in storage.left_of(dataset.root, participant)[:1]:
             what = f"the data of participant {participant} were erased, as the roster says, and this is here"
-            yield Finding(what, path, remedy=_finish(dataset.root, dataset.people, participant))
+            yield Finding(what, path, remedy=finish_withdrawal(dataset.root, dataset.people, participant))
 
 
-def unfinished(root: Path, roster: Roster) -> dict[str, Remedy]:
-    """Return what finishes each interrupted withdrawal, by participant: in journals, files or the table."""
-    table = root / "participants.tsv"
-    told = {row.get("participant_id"): row.get("withdrawn") for row in _rows(table)}
-    return {
-        participant: _finish(root, roster, participant)
-        for participant in roster.withdrawn
-        if told.get(f"sub-{participant}", "1") != "1"
-        or not _is_marked(root, participant)
-        or (participant in roster.erased and (f"sub-{participant}" in told or storage.left_of(root, participant)))
-    }
-
-
-def _is_marked(root: Path, participant: str) -> bool:
-    """Return whether a participant's withdrawal stands outside of the roster: in all their journals, or by itself."""
-    own = [path for path in storage.journals(root) if path.parent == storage.participant_folder(root, participant)]
-    begun = [content for content in map(storage.read_bytes, own) if b"\n" in content]
-    told = begun and all(b'"kind":"withdrawal"' in content for content in begun)
-    return bool(told) or storage.withdrawal_path(root, participant).exists()
-
-
-def _finish(root: Path, roster: Roster, participant: str) -> Remedy:
+def finish_withdrawal(root: Path, roster: Roster, participant: str) -> Remedy:
     """Return what finishes the withdrawal of a participant."""
     erased, given = participant in roster.erased, ("--reason", roster.withdrawn[participant], "--dataset", str(root))
     command = ("palpate", "withdraw", str(storage.protocol_path(root)), "-p", participant, *given)
@@ -312,7 +297,7 @@ def _finish(root: Path, roster: Roster, participant: str) -> Remedy:
     return Remedy(words, (*command, "--erase") if erased else command)
 
 
-def _rows(table: Path) -> list[dict[str, str]]:
+def table_rows(table: Path) -> list[dict[str, str]]:
     """Return the rows of a table, whatever it is, by its columns; none where it is missing."""
     if not table.is_file():
         return []
@@ -423,7 +408,7 @@ def _tables_alone(dataset: Dataset) -> Iterator[Finding]:
 def _lost_sessions(dataset: Dataset) -> Iterator[Finding]:
     """Yield participants, or the first task of one, whom a table knows and of whom no journal is there."""
     root, table = dataset.root, dataset.root / "participants.tsv"
-    for row in _rows(table):
+    for row in table_rows(table):
         participant, first = row.get("participant_id", "").removeprefix("sub-"), row.get("first_task", "")
         tasks = () if participant in dataset.people.erased else dataset.tasks.get(participant, ())
         own = {storage.journal_path(root, participant, task): task for task in tasks}
@@ -448,6 +433,9 @@ def _forgotten_withdrawals(root: Path, roster: Roster, marked: Iterable[Path]) -
             yield Finding(what, roster.path, remedy="restore the roster from a backup")
 
 
+EDITS = "edits"
+"""The check that compares tables with the journals of sound sessions; looked up, for no session brings it along."""
+
 CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "anchors": _anchors,
     "erased": _erased,
@@ -458,5 +446,6 @@ CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "tables": _tables_alone,
     "participants": _lost_sessions,
     "withdrawals": lambda dataset: _forgotten_withdrawals(dataset.root, dataset.people, dataset.withdrawals),
+    EDITS: lambda dataset: import_module("palpate.experiment.dataset.tables").differences(dataset),
 }
 """Every check of a dataset, in the order in which it is run, by the name that its findings have."""

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import date, timedelta
 from pathlib import Path
-from shlex import quote
 from textwrap import fill, shorten, wrap
 from typing import Literal
 
@@ -15,7 +14,7 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import checks
 from palpate.experiment.dataset.build import LABELS
 from palpate.experiment.dataset.checks import Dataset
-from palpate.experiment.errors import DatasetError, Finding, ProtocolError
+from palpate.experiment.errors import DatasetError, Finding, ProtocolError, Remedy
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose
@@ -251,9 +250,11 @@ def status(given: Path, today: date) -> Status:
     if not checks.has_journals(root):
         described = (root / "dataset_description.json").exists()
         alone = checks.ALONE.get(checks.origin_of(root)) if described else None
-        held = f"it holds {alone}, of which palpate analyse {quote(str(root))} makes tables and a report"
-        mend = held if alone else "enrol somebody first (palpate enrol)"
-        raise DatasetError(root, "holds no study", mend, allowed="the dataset of one")
+        remedy = Remedy("enrol somebody first", ("palpate", "enrol", "PROTOCOL"))
+        if alone:
+            words = f"it holds {alone}, of which {{}} makes tables and a report"
+            remedy = Remedy(words, ("palpate", "analyse", str(root)))
+        raise DatasetError(root, "holds no study", remedy, allowed="the dataset of one")
     dataset = checks.load(root)
     doubts = tuple(checks.findings(dataset))
     known, protocol = dataset.roster, dataset.protocol

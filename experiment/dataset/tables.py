@@ -1,8 +1,7 @@
 """Whether the tables on disk are those that the journals give."""
 
 import json
-from collections.abc import Collection, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import zip_longest
@@ -10,8 +9,17 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids, build
-from palpate.experiment.dataset.checks import OPEN, Dataset, build_again, has_journals, load_sound, origin_of
-from palpate.experiment.errors import DatasetError, PalpateError
+from palpate.experiment.dataset.checks import (
+    EDITS,
+    OPEN,
+    Dataset,
+    build_again,
+    findings,
+    has_journals,
+    load_sound,
+    origin_of,
+)
+from palpate.experiment.errors import DatasetError, Finding, PalpateError
 from palpate.experiment.records import entries, journal
 from palpate.experiment.records.progress import progress
 
@@ -39,12 +47,12 @@ def check_tables(root: Path) -> Dataset:
     Raises as `load_sound`, and `DatasetError` for the first difference, or if no session ended and none has a table.
     """
     dataset = load_sound(root)
-    doubts = edited(root, dataset, dataset.under_way)
+    doubts = list(findings(dataset, EDITS))
     none = dataset.under_way and not any(_has_table(root, header) for _, header in dataset.sessions)
     if (doubts or none) and unmade(root, dataset):
         raise DatasetError(root, UNMADE)
     for doubt in doubts:
-        raise doubt
+        raise DatasetError.at(doubt)
     if none:
         raise DatasetError(
             root,
@@ -66,49 +74,44 @@ def check_analysed(root: Path) -> tuple[str, ...]:
     return ()
 
 
-def edited(root: Path, dataset: Dataset, under_way: Collection[Path] = (), *, whole: bool = True) -> list[PalpateError]:
-    """Return an error for each table that the journals do not give, and for frames that they do not name.
+def differences(dataset: Dataset) -> Iterator[Finding]:
+    """Yield each table that the journals do not give, and frames that they do not name.
 
-    Journals `under_way` may have tables since their last footer. Files of all participants are compared in a `whole`
+    Journals under way may have tables since their last footer. Files of all participants are compared in a whole
     dataset.
     """
-    doubts: list[PalpateError] = []
-
-    def unlike(files: bids.Files) -> list[PalpateError]:
-        found: list[PalpateError] = []
-        for path, content in files.items():
-            with _collected(found):
-                _check_table(root, path, content)
-        return found
-
-    found = unlike(build.study_files(root, dataset)) if whole else []
-    if found and under_way:
-        told = [(path, of) for path, of in dataset.sessions if path not in under_way or _has_table(root, of)]
-        files = build.study_files(root, replace(dataset, sessions=tuple(told)))
-        # Before the first session ends nothing is made that could be missed.
-        found = unlike({path: content for path, content in files.items() if told or path.exists()})
-    doubts += found
+    root = dataset.root
+    yield from _of_study(dataset) if dataset.whole else ()
     for path, header in dataset.sessions:
         made, contents = partial(build.session_table, root, dataset.protocol, dataset.purpose, path), journal.read(path)
-        found = unlike(made(contents))
-        if found and path in under_way:
-            earlier = (unlike(made(then)) for then in _since_footer(contents))
+        unlike = _differing(root, made(contents))
+        if unlike and path in dataset.under_way:
+            earlier = (_differing(root, made(then)) for then in _since_footer(contents))
             unmade = not until_footer(contents).lines and not _has_table(root, header)
-            found = [] if unmade else min([found, *earlier], key=len)
-        doubts += found
-        with _collected(doubts):
-            kind = build.kind_of(dataset.protocol.task(header.task))
+            unlike = [] if unmade else min([unlike, *earlier], key=len)
+        yield from unlike
+        kind = build.kind_of(dataset.protocol.task(header.task))
+        try:
             build.raw_frames(path, [outcome for outcome, _ in kind.cells(path, contents)])
-    return doubts
+        except PalpateError as error:
+            yield error.finding
 
 
-@contextmanager
-def _collected(doubts: list[PalpateError]) -> Iterator[None]:
-    """Add the error that ends the block to `doubts`, and go on after it."""
-    try:
-        yield
-    except PalpateError as doubt:
-        doubts.append(doubt)
+def _of_study(dataset: Dataset) -> list[Finding]:
+    """Return each file of all participants that the journals do not give, with or without those under way."""
+    root, under_way = dataset.root, dataset.under_way
+    unlike = _differing(root, build.study_files(root, dataset))
+    if not (unlike and under_way):
+        return unlike
+    ended = tuple((path, of) for path, of in dataset.sessions if path not in under_way or _has_table(root, of))
+    files = build.study_files(root, replace(dataset, sessions=ended))
+    # Before the first session ends nothing is made that could be missed.
+    return _differing(root, {path: content for path, content in files.items() if ended or path.exists()})
+
+
+def _differing(root: Path, files: bids.Files) -> list[Finding]:
+    """Return what is wrong with each of these files that is not on disk as the journals give it."""
+    return [finding for path, content in files.items() if (finding := _difference(root, path, content))]
 
 
 def _since_footer(contents: journal.Contents) -> Iterator[journal.Contents]:
@@ -128,28 +131,39 @@ def _has_table(root: Path, header: entries.Header) -> bool:
     return bids.beh_path(root, header.participant, header.task, "events.tsv").exists()
 
 
-def _check_table(root: Path, path: Path, content: bytes) -> None:
-    """Refuse a table that is not the one that the journals give."""
-    # A journal that was cut, its head too, leaves nothing else behind that knows of what is gone.
-    cause = "it was edited, or the journals are newer, or were changed themselves"
-    remedy = build_again(root, f"{cause}; compare both with a backup, then make the tables again", suffices=False)
+CAUSE = "it was edited, or the journals are newer, or were changed themselves"
+"""A journal that was cut, its head too, leaves nothing else behind that knows of what is gone."""
+
+
+def _difference(root: Path, path: Path, content: bytes) -> Finding | None:
+    """Return what is wrong with a table that is not the one that the journals give."""
     if not path.exists():
-        raise DatasetError(path, "is missing", build_again(root, "make it again"))
-    read = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
-    if read is None and path.suffix != ".tsv":
-        return
+        return Finding("is missing", path, remedy=build_again(root, "make it again"))
+    keys = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
+    if keys is None and path.suffix != ".tsv":
+        return None
+    remedy = build_again(root, "compare both with a backup, then make the tables again", suffices=False)
+    what = _differing_line(path, content) if keys is None else _differing_key(path, content, keys)
+    return Finding(f"{what}: {CAUSE}", path, remedy=remedy) if what else None
+
+
+def _differing_line(path: Path, content: bytes) -> str:
+    """Return which line of a table is another than given, or that it cannot be read; empty if it is as given."""
     try:
-        found = storage.read_bytes(path)
-        if read is not None:
-            on_disk, given = storage.json_of(found), json.loads(content)
-            if not isinstance(on_disk, dict):
-                raise ValueError("no JSON object")
-            if differing := [key for key in read if on_disk.get(key) != given.get(key)]:
-                raise DatasetError(path, f"{differing[0]} is not what the journals give: {remedy}")
-            return
+        lines = zip_longest(storage.read_bytes(path).split(b"\n"), content.split(b"\n"))
+    except OSError as error:
+        return f"cannot be read ({storage.why(error)})"
+    different = (number for number, (on_disk, given) in enumerate(lines, start=1) if on_disk != given)
+    return f"line {number} is not what the journal gives" if (number := next(different, 0)) else ""
+
+
+def _differing_key(path: Path, content: bytes, keys: Sequence[str]) -> str:
+    """Return which of these keys of a JSON file is another than given, or that it cannot be read; empty if none is."""
+    try:
+        on_disk, given = storage.json_of(storage.read_bytes(path)), json.loads(content)
     except (OSError, ValueError) as error:
-        raise DatasetError(path, f"cannot be read ({storage.why(error)}): {remedy}") from error
-    lines = zip_longest(found.split(b"\n"), content.split(b"\n"))
-    for number, (on_disk, given) in enumerate(lines, start=1):
-        if on_disk != given:
-            raise DatasetError(path, f"line {number} is not what the journal gives: {remedy}")
+        return f"cannot be read ({storage.why(error)})"
+    if not isinstance(on_disk, dict):
+        return "cannot be read (no JSON object)"
+    different = (key for key in keys if on_disk.get(key) != given.get(key))
+    return f"{key} is not what the journals give" if (key := next(different, "")) else ""

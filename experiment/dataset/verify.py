@@ -114,7 +114,7 @@ def verify(
         findings.append(_file_finding(root, root / storage.RECORDINGS, lambda: _recordings(root, named)))
     already = {(one.where, one.clause()) for one in findings}
     findings += _together(root, already, evidence, refused) if checks.has_journals(root) else _tables_alone(root)
-    findings = list(_cut_short(findings, checks.unfinished(root, people)))
+    findings = list(_cut_short(findings, _unfinished(root, people)))
     findings += _leftovers(root)
     if (root / "derivatives").exists():
         anew = shlex.join(["palpate", "analyse", str(root)])
@@ -140,10 +140,11 @@ def _together(
         doubts = [_inside(root, one) for one in checks.findings(dataset) if one.check != "anchors"]
         refused = refused | {str(one.where) for one in doubts}
         sound = tuple(one for one in dataset.sessions if one[0].relative_to(root).as_posix() not in refused)
-        held = replace(dataset, sessions=sound, under_way=dataset.under_way.intersection(path for path, _ in sound))
+        under_way = dataset.under_way.intersection(path for path, _ in sound)
+        held = replace(dataset, sessions=sound, under_way=under_way, whole=not refused)
         if sound:
-            edited = tables.edited(root, held, held.under_way, whole=not refused)
-            differing = [_inside(root, error.finding) for error in (*edited, *_lost_traces(root, held))]
+            edited = checks.findings(held, checks.EDITS)
+            differing = [_inside(root, one) for one in (*edited, *_lost_traces(root, held))]
             unmade = bool(differing) and tables.unmade(root, dataset)
     except PalpateError as error:
         doubts, stopped = [*doubts, _inside(root, error.finding)], True
@@ -195,7 +196,8 @@ def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     yield Finding(" ".join(seal.board.split()), "board", verdict=verdict)
 
 
-def _lost_traces(root: Path, dataset: Dataset) -> Iterator[PalpateError]:
+def _lost_traces(root: Path, dataset: Dataset) -> Iterator[Finding]:
+    """Yield each trace of the foot's height that is missing beside its table."""
     for journal_file, header in dataset.sessions:
         participant, task = header.participant, header.task
         contents = journal.read(journal_file)
@@ -204,7 +206,7 @@ def _lost_traces(root: Path, dataset: Dataset) -> Iterator[PalpateError]:
         for suffix in ("tsv.gz", "json") if stepped else ():
             path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
             if not path.exists():
-                yield DatasetError(path, "is missing", checks.build_again(root, "make it again"))
+                yield Finding("is missing", path, remedy=checks.build_again(root, "make it again"))
 
 
 def _tables_alone(root: Path) -> Iterator[Finding]:
@@ -419,6 +421,27 @@ def _other_seal(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
                 text = f"{unlike} by the anchor of {day} in {place.place}; restore it from a backup"
                 yield Finding(text, path.relative_to(root).as_posix())
                 return
+
+
+def _unfinished(root: Path, roster: Roster) -> dict[str, Remedy]:
+    """Return what finishes each interrupted withdrawal, by participant: in journals, files or the table."""
+    table = root / "participants.tsv"
+    marked = {row.get("participant_id"): row.get("withdrawn") for row in checks.table_rows(table)}
+    return {
+        participant: checks.finish_withdrawal(root, roster, participant)
+        for participant in roster.withdrawn
+        if marked.get(f"sub-{participant}", "1") != "1"
+        or not _is_marked(root, participant)
+        or (participant in roster.erased and (f"sub-{participant}" in marked or storage.left_of(root, participant)))
+    }
+
+
+def _is_marked(root: Path, participant: str) -> bool:
+    """Return whether a participant's withdrawal stands outside of the roster: in all their journals, or by itself."""
+    own = [path for path in storage.journals(root) if path.parent == storage.participant_folder(root, participant)]
+    begun = [content for content in map(storage.read_bytes, own) if b"\n" in content]
+    marked = begun and all(b'"kind":"withdrawal"' in content for content in begun)
+    return bool(marked) or storage.withdrawal_path(root, participant).exists()
 
 
 def _most_anchored(files: Mapping[str, Sequence[str]], evidence: Sequence[Evidence]) -> list[Anchored]:

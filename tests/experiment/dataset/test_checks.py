@@ -86,6 +86,19 @@ def test_each_check_finds_what_it_is_for(made: MadeStudy, tmp_path: Path, check:
     assert refused.value.finding.check == found[0]
 
 
+def test_the_last_check_finds_a_cell_that_was_edited_and_is_run_where_it_is_asked_for(
+    made: MadeStudy, tmp_path: Path
+) -> None:
+    study = copied(made, tmp_path / "study")
+    next(one for one in WRONG if one.name == "an answer edited in the events").act(study, tmp_path)
+    dataset = checks.load_sound(study.root)
+    found = {one.place(study.root): one for one in checks.findings(dataset, *checks.CHECKS)}
+    assert {one.check for one in found.values()} == {list(checks.CHECKS)[-1]} == {checks.EDITS}
+    remedy = next(one.remedy for place, one in found.items() if place.endswith("_events.tsv"))
+    assert isinstance(remedy, Remedy)
+    assert (remedy.command, remedy.suffices) == (("palpate", "build", str(study.root)), False)
+
+
 def test_what_a_backup_brought_back_is_the_finding_of_a_check(made: MadeStudy, tmp_path: Path) -> None:
     study = copied(made, tmp_path / "study")
     withdrawal.withdraw(study.file, "02", "asked to erase", root=study.root, rebuild=build.build, erase=True)
