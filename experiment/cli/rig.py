@@ -91,6 +91,7 @@ def doctor(
     from palpate.experiment.clock import MonotonicClock
     from palpate.experiment.errors import RigError
     from palpate.experiment.rehearsal.session import simulated_far_ends
+    from palpate.experiment.session.footstep import doctor as footsteps
 
     options.at_once("The checks take 5 to 15 s. Each is shown as soon as it has ended.")
     # A check of its own is red for a rig file that cannot be used.
@@ -101,7 +102,7 @@ def doctor(
     examined = doctors.examine(
         rig_path=rig, protocol_path=protocol, root=dataset, clock=MonotonicClock(), simulate=simulated_far_ends
     )
-    for check in chain(examined, left_out(rig, protocol, dataset, recordings)):
+    for check in chain(examined, footsteps.omissions(rig, protocol, dataset, recordings)):
         found.append(check)
         if not as_json:
             for line in lines(check):
@@ -112,45 +113,6 @@ def doctor(
     options.put(document if as_json else told)
     if red:
         raise typer.Exit(2)
-
-
-def left_out(
-    rig_file: Path, protocol_file: Path | None, dataset: Path | None, recordings: Path | None
-) -> Iterator["Finding"]:
-    """Yield what the rig leaves out of a footstep study's recordings, and whether the protocol allows that."""
-    from palpate.experiment import storage
-    from palpate.experiment.apparatus import rig as rigs
-    from palpate.experiment.apparatus.doctor import checks
-    from palpate.experiment.errors import PalpateError, RigError
-    from palpate.experiment.protocol import files
-    from palpate.experiment.session import scene
-    from palpate.experiment.session.footstep.fidelity import judged
-    from palpate.experiment.study.enrolment import default_root
-
-    protocol, name = files.load(protocol_file) if protocol_file is not None else None, "left out"
-    if protocol is not None and not (protocol.renders and scene.virtual(protocol).synthesis):
-        return
-    try:
-        rig = rigs.load(rig_file)
-    except RigError:
-        # A check of its own is red for it.
-        return
-    if protocol is None:
-        yield checks.unchecked(name, "no protocol was given", "add --protocol, and the folder of its --recordings")
-        return
-    most = protocol.footsteps.synthesis.left_out_max
-    allowed = f"{most * 100:.6g}%" if most else "anything, for the protocol has no footstep.synthesis.left_out_max"
-    folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS
-    if recordings is None and not folder.exists():
-        told = f"there are no recordings in {folder} yet, of which a rig may leave out {allowed}"
-        yield checks.unchecked(name, told, "give their folder, with --recordings")
-        return
-    try:
-        told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
-    except PalpateError as error:
-        yield checks.refused(name, error)
-        return
-    yield checks.passed(name, told, allowed)
 
 
 def document_of(check: "Finding") -> dict[str, str]:

@@ -16,11 +16,12 @@ from syrupy.assertion import SnapshotAssertion
 from typer.testing import CliRunner, Result
 
 from palpate.experiment.cli.app import app
-from palpate.experiment.cli.rig import left_out, lines
+from palpate.experiment.cli.rig import lines
 from palpate.experiment.errors import Finding, RecordingError, RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.session.footstep.doctor import omissions
 from tests.approved import anywhere
 
 RIG = shipped("rigs/rehearsal.toml")
@@ -173,7 +174,7 @@ def test_check_of_a_rig_without_recordings_says_that_there_are_none(tmp_path: Pa
 
 
 def looked(protocol: Path | None, recordings: Path | None, dataset: Path | None = None) -> list[Finding]:
-    return list(left_out(RIG, protocol, dataset, recordings))
+    return list(omissions(RIG, protocol, dataset, recordings))
 
 
 def test_the_doctor_is_red_for_it(tmp_path: Path, recordings: Path) -> None:
