@@ -22,7 +22,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus.display import PedalRig, ScreenRig
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
-from palpate.experiment.errors import ProtocolError, RigError
+from palpate.experiment.errors import ProtocolError, Remedy, RigError
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.settings import load as files
 from palpate.experiment.settings.load import ONE_LINE, Address, Broken, Confined, Line, Name, Rules, port_rules
@@ -295,15 +295,18 @@ class AudioRig(Confined):
     delivered: DeliveredRig
 
 
+CALIBRATE_AUDIO = ("palpate", "calibrate", "audio", "--rig", "RIG")
+
 UNCALIBRATED = date(2000, 1, 1)
 """What a rig file that `palpate new --rig` wrote has in place of each date of a calibration."""
 
 
 def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
     """Refuse, with a `RigError`, what was calibrated too long ago, or after today."""
-    table, remedy = "headphones", "measure the headphones' level anew"
+    table, after = "headphones", ", and put the result into the rig file"
+    remedy: Remedy | str = f"measure the headphones' level anew{after}"
     if isinstance(calibrated, LatencyRig):
-        table, remedy = "latency", "run `palpate calibrate audio`"
+        table, remedy = "latency", Remedy(f"run {{}}{after}", CALIBRATE_AUDIO, suffices=False)
     made, days = calibrated.calibrated_on, calibrated.calibration_days
     age = (today - made).days
     got, allowed = f"a calibration of {made}, {age} days old on {today}", f"0 to {days} days"
@@ -311,7 +314,7 @@ def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
         got, allowed = f"{made}, the date of a rig file that nobody has calibrated yet", "the day of a calibration"
     elif 0 <= age <= days:
         return
-    raise RigError(f"audio.{table}", f"got {got}", f"{remedy}, and put the result into the rig file", allowed=allowed)
+    raise RigError(f"audio.{table}", f"got {got}", remedy, allowed=allowed)
 
 
 FRAMES = "palpate-frames"

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment import storage
-from palpate.experiment.errors import PalpateError, ScheduleError, SessionError
+from palpate.experiment.errors import PalpateError, Remedy, ScheduleError, SessionError
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.rig import Rig
@@ -89,7 +89,7 @@ def plans(
         raise ScheduleError(
             f"study {protocol.study.id}",
             f"got trials of the kind '{protocol.tasks[0].kind}'",
-            "ask `palpate check PROTOCOL --rig RIG` how stiff a block may be",
+            Remedy("ask {} how stiff a block may be", ("palpate", "check", str(protocol_file), "--rig", str(rig_file))),
             allowed="'footstep', for a plan says which spectra and bins a footstep task leaves out",
         )
     tasks = [one.id for one in protocol.tasks if task in (None, one.id)]

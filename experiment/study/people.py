@@ -14,7 +14,7 @@ from typing import Annotated
 from pydantic import AfterValidator, BaseModel, ConfigDict, ValidationError
 
 from palpate.experiment import storage
-from palpate.experiment.errors import RosterError
+from palpate.experiment.errors import Remedy, RosterError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.characters import one_line, quoted
 
@@ -120,7 +120,8 @@ def _locked_file(protocol: Protocol, dataset: Path) -> Iterator[Path]:
     """Yield the file, in a folder that only its owner may open, while nobody else changes it. Raises `RosterError`."""
     path = place(protocol, dataset)
     if path is None:
-        raise RosterError(dataset, "nobody is enrolled here", "enrol the participant first (palpate enrol)")
+        remedy = Remedy("enrol the participant first", ("palpate", "enrol", "PROTOCOL"))
+        raise RosterError(dataset, "nobody is enrolled here", remedy)
     inside = [one for one in path.resolve().parents if storage.roster_path(one).exists()]
     if inside:
         raise RosterError(

@@ -140,7 +140,7 @@ def test_an_old_calibration_of_the_tracker(line: SerialLine, refusal: Run, tmp_p
     rig.write_text(rig.read_text("utf-8").replace(str(date.today()), str(date.today() - timedelta(31))), "utf-8")
     (said,) = re.findall(r"tracker\.calibrated_on: got .*", refusal(rig))
     assert f"{date.today() - timedelta(31)}" in said
-    assert said.endswith("; run palpate calibrate tracker")
+    assert said.endswith("; run palpate calibrate tracker --rig RIG")
 
 
 @pytest.mark.parametrize(

@@ -27,7 +27,7 @@ from palpate.experiment.apparatus.rig import ActuatorRig, HeadphonesRig, Latency
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 from palpate.experiment.clock import Clock, day, wall_ns
-from palpate.experiment.errors import ActuatorError, Finding, PalpateError, Verdict
+from palpate.experiment.errors import ActuatorError, Finding, PalpateError, Remedy, Verdict
 from palpate.experiment.protocol.models import Step
 
 COLORS: Mapping[Verdict, str] = {"passes": "green", "unknown": "not checked", "refuses": "red"}
@@ -39,14 +39,14 @@ def passed(name: str, measured: str, allowed: str = "") -> Finding:
     return Finding(measured, allowed=allowed, verdict="passes", check=name)
 
 
-def judged(name: str, good: bool, measured: str, *, allowed: str, remedy: str) -> Finding:
+def judged(name: str, good: bool, measured: str, *, allowed: str, remedy: Remedy | str) -> Finding:
     """Return a finding that passes if `good`, and else refuses with the remedy."""
     if good:
         return passed(name, measured, allowed)
     return Finding(measured, allowed=allowed, remedy=remedy, check=name)
 
 
-def unchecked(name: str, reason: str, remedy: str = "") -> Finding:
+def unchecked(name: str, reason: str, remedy: Remedy | str = "") -> Finding:
     """Return the finding of what could not be looked at, with the reason."""
     return Finding(reason, remedy=remedy, verdict="unknown", check=name)
 

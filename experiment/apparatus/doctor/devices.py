@@ -11,12 +11,12 @@ from palpate.experiment.apparatus.audio import microphone as microphones
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamHealth
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import AudioRig, TrackerRig
+from palpate.experiment.apparatus.rig import CALIBRATE_AUDIO, AudioRig, TrackerRig
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.clock_map import DRIFT_LIMIT_PPM, ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import AudioError, Finding, TrackerError
+from palpate.experiment.errors import AudioError, Finding, Remedy, TrackerError
 
 LISTEN_S = 4.5
 """How long the tracker is listened to, s: three whole seconds tell the clock map drift to some ppm."""
@@ -173,7 +173,7 @@ def noise(heard: Heard, settings: TrackerRig) -> Finding:
     measured = f"{measured_mm:.3f} mm at {float(np.median(heard.height_mm)):.1f} mm"
     if settings.noise_mm is None:
         reason = f"{measured}, and tracker.noise_mm is not in the rig file"
-        return unchecked(name, reason, "run palpate calibrate tracker, which writes it")
+        return unchecked(name, reason, Remedy("run {}, which writes it", zeroing.CALIBRATE))
     if settings.noise_mm > 0 and np.ptp(heard.height_mm) == 0:
         return judged(
             name,
@@ -187,8 +187,11 @@ def noise(heard: Heard, settings: TrackerRig) -> Finding:
         measured_mm <= NOISE_TIMES * settings.noise_mm,
         measured,
         allowed=f"at most {NOISE_TIMES * settings.noise_mm:g} mm, {NOISE_TIMES:g} times tracker.noise_mm",
-        remedy="see that nothing moves above the panel; see to the sensor's cable and supply, or run palpate "
-        "calibrate tracker",
+        remedy=Remedy(
+            "see that nothing moves above the panel; see to the sensor's cable and supply, or run {}",
+            zeroing.CALIBRATE,
+            suffices=False,
+        ),
     )
 
 
@@ -287,7 +290,7 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
         found = audio_calibration.measure(stream, output=audio.channels.actuator, entry=entry, peak=PEAK, probes=PROBES)
     except AudioError as error:
         return (refused(LOOPBACK, error),)
-    anew = "see to cable and levels, then run palpate calibrate audio"
+    anew = "see to cable and levels, then run {}"
     to_ms = 1e3 / audio.rate_hz
     calibrated_ms = audio.latency.output_ms + audio.latency.input_ms
     round_trip_ms, spread_ms = found.output_ms + found.input_ms, found.spread_frames * to_ms
@@ -298,7 +301,9 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
             abs(round_trip_ms - calibrated_ms) <= tolerance.onset_ms and spread_ms <= tolerance.onset_ms,
             f"{round_trip_ms:.3f} ms out and in, spread {spread_ms:.3f} ms in {found.probes} probes",
             allowed=f"{calibrated_ms:.3f} ms as calibrated, within {tolerance.onset_ms:g} ms (delivered.onset_ms)",
-            remedy=f"set audio.block and the device's buffer as they were; {anew}",
+            remedy=Remedy(
+                f"set audio.block and the device's buffer as they were; {anew}", CALIBRATE_AUDIO, suffices=False
+            ),
         ),
         judged(
             "loopback level",
@@ -306,7 +311,7 @@ def loopback(stream: AudioStream, audio: AudioRig) -> tuple[Finding, ...]:
             f"gain {found.gain:.4g} ({off_db:+.2f} dB), spread {found.spread_db:.2f} dB",
             allowed=f"{audio.latency.loopback_gain:g} as calibrated, within {tolerance.gain_db:g} dB "
             "(delivered.gain_db)",
-            remedy=anew,
+            remedy=Remedy(anew, CALIBRATE_AUDIO, suffices=False),
         ),
         judged(
             "loopback residual",

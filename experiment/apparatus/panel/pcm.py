@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, Played
 from palpate.experiment.clock import Clock, MonotonicClock
-from palpate.experiment.errors import ActuatorError, PalpateError
+from palpate.experiment.errors import ActuatorError, PalpateError, Remedy
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.synthesis.waveforms import Waveform
 
@@ -153,7 +153,8 @@ class PcmActuator:
                 self._reset(connection)
         except TimeoutError as error:
             self._reset(connection)
-            raise ActuatorError(self._name, str(error), "palpate doctor measures what a server does") from error
+            remedy = Remedy("{} measures what a server does", ("palpate", "doctor", "--rig", "RIG"), suffices=False)
+            raise ActuatorError(self._name, str(error), remedy) from error
         except OSError as error:
             # Its far end has closed, so nothing plays there any more.
             problem = f"the connection broke ({error.strerror or error})"

@@ -15,7 +15,9 @@ from palpate.experiment.apparatus.ports import Tracker
 from palpate.experiment.apparatus.rig import Rig, TrackerRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
-from palpate.experiment.errors import RigError, TrackerError
+from palpate.experiment.errors import Remedy, RigError, TrackerError
+
+CALIBRATE = ("palpate", "calibrate", "tracker", "--rig", "RIG")
 
 START_READINGS = 100
 """Readings that are looked at before a session."""
@@ -33,19 +35,19 @@ STILL_MM = 0.5
 def check_age(rig: Rig, today: date) -> None:
     """Refuse a real rig whose calibration is undated, too old, or dated after today, with a `RigError`."""
     made, days, where = rig.tracker.calibrated_on, rig.tracker.calibration_days, f"rig '{rig.rig.name}': tracker"
-    again = "run palpate calibrate tracker"
     if rig.rig.simulated:
         return
     if made is None or days is None:
         got = "got a calibration without calibrated_on and calibration_days"
         allowed = "its day, and for how many days it holds"
-        raise RigError(where, got, f"{again}, which writes both", allowed=allowed)
+        raise RigError(where, got, Remedy("run {}, which writes both", CALIBRATE), allowed=allowed)
     if made > today:
         got, allowed = f"got {made}, which lies in the future", f"a day up to today, {today}"
-        raise RigError(f"{where}.calibrated_on", got, f"see whether the clock is right, or {again}", allowed=allowed)
+        remedy = Remedy("see whether the clock is right, or run {}", CALIBRATE, suffices=False)
+        raise RigError(f"{where}.calibrated_on", got, remedy, allowed=allowed)
     if today > made + timedelta(days=days):
         allowed = f"at most {days} days before today, {today}"
-        raise RigError(f"{where}.calibrated_on", f"got {made}", again, allowed=allowed)
+        raise RigError(f"{where}.calibrated_on", f"got {made}", Remedy("run {}", CALIBRATE), allowed=allowed)
 
 
 def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
@@ -57,7 +59,7 @@ def check_reading(tracker: Tracker, settings: TrackerRig) -> None:
             raise TrackerError(
                 "tracker",
                 f"got readings at or beyond {end_mm:g} mm, where its calibration ends",
-                "see that the sensor is in its place and sees the foot, or run palpate calibrate tracker",
+                Remedy("see that the sensor is in its place and sees the foot, or run {}", CALIBRATE, suffices=False),
                 allowed=f"{min(calibrated):g} to {max(calibrated):g} mm",
             )
 
@@ -95,7 +97,7 @@ def zero(heights_mm: NDArray[np.float64], *, contact_mm: float, farthest_mm: flo
         raise TrackerError(
             "zeroing",
             f"got an offset of {offset_mm:.2f} mm",
-            "if it does, see to the sensor's place, then run palpate calibrate tracker",
+            Remedy("if it does, see to the sensor's place, then run {}", CALIBRATE, suffices=False),
             allowed=f"at most {farthest_mm:g} mm either way (tracker.zeroing_mm); rest the foot on the bare panel",
         )
     return Zero(offset_mm, spread_mm, heights_mm.size)
