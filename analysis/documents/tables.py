@@ -154,17 +154,16 @@ def without(records: Iterable[Record], keys: Container[str]) -> tuple[Record, ..
     return tuple({key: value for key, value in record.items() if key not in keys} for record in records)
 
 
-def side_by_side(records: Iterable[Record], row: str, column: str) -> list[Record]:
-    """Return a record for each value of `row`, from records that hold one quantity each.
+def side_by_side(records: Iterable[Record]) -> list[Record]:
+    """Return a record for each thing that records hold quantities `of`, one quantity each.
 
-    What a record has under `value`, `low` and `high` is under `NAME`, `NAME_low` and `NAME_high`; the name is what it
-    has under `column`.
+    What a record has under `value`, `low` and `high` is under `QUANTITY`, `QUANTITY_low` and `QUANTITY_high`.
     """
     wide: dict[object, dict[str, Any]] = {}
     for record in records:
-        name = record[column]
+        name = record["quantity"]
         values = {name: record["value"], f"{name}_low": record["low"], f"{name}_high": record["high"]}
-        wide.setdefault(record[row], {row: record[row]}).update(values)
+        wide.setdefault(record["of"], {"of": record["of"]}).update(values)
     return list(wide.values())
 
 

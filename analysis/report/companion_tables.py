@@ -267,7 +267,7 @@ def lapses_section(results: Results, materials: tuple[str, ...], remark: tuple[s
                 f"{', '.join(found.guessing)}."
             )
         title = f"Ours, {one.task}: biases and lapses"
-        table = tabulate(title, LAPSED, side_by_side(records, "of", "quantity"), notes)
+        table = tabulate(title, LAPSED, side_by_side(records), notes)
         tables.append(replace(table, records=(*records, *further)))
     return Section("lapses", "Biases and lapses", (about, *remark), tuple(tables))
 
