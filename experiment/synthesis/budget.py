@@ -27,10 +27,9 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 from palpate.experiment.synthesis.shaping import AtBins, Response, Shaped, response_at
-from palpate.experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, finite, inverse_on, spectrum
-from palpate.experiment.synthesis.waveforms import LEAST, Stimulus, Waveform
+from palpate.experiment.synthesis.spectra import BAND_HZ, bin_frequencies_hz, finite, inverse_on
+from palpate.experiment.synthesis.waveforms import LEAST, Waveform
 
 SHORT = 1e-9
 """A bin that falls short of what it was taken down to by more than this part was held back."""
@@ -250,7 +249,7 @@ def _beside_the_line(
     yield lower + 1, -way
 
 
-def other_reading(stimulus: Stimulus, *, shaped: Shaped, response: Response) -> float:
+def other_reading(stimulus: Waveform, *, shaped: Shaped, response: Response) -> float:
     """Return how far the other reading of equation (7) would lie from what is played, as a share of what was requested.
 
     Played is the inverse of A, interpolated in f and e. The other interpolates W itself in f and a, between the
@@ -266,36 +265,3 @@ def other_reading(stimulus: Stimulus, *, shaped: Shaped, response: Response) -> 
     )
     other = at.amplitudes_m_s2(low_v * (1 - table.way) + high_v * table.way)
     return _share(_rms((other - reached)[a - reached <= SHORT * wanted]), _rms_asked(stimulus))
-
-
-def interpolation(spectra: CrinkleSpectra) -> NDArray[np.float64]:
-    """Return what interpolation between speeds misses, as a share of the rms recorded, at each speed, shape (S,).
-
-    Each inner speed is left out and predicted from its two neighbors; NaN at both ends. With the speed in place,
-    curvature contributes about a quarter of this; differences between takes remain.
-    """
-    v, amplitudes = spectra.speeds_mm_s, spectra.amplitudes[:, 1:]
-    way = ((v[1:-1] - v[:-2]) / (v[2:] - v[:-2]))[:, None]
-    missed = amplitudes[:-2] * (1 - way) + amplitudes[2:] * way - amplitudes[1:-1]
-    return np.pad(_shares(missed, amplitudes[1:-1]), 1, constant_values=np.nan)
-
-
-def averaging(
-    spectra: CrinkleSpectra, *, panel_object_takes: NDArray[np.float64], panel_takes: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the standard error of the mean over takes, as a share of the rms recorded, shape (S,); NaN for one take.
-
-    It combines the magnitudes with and without the object, shapes (S, T, N) and (S, T', N), behind `spectra`.
-    """
-    variance = np.zeros(panel_object_takes.shape[::2])
-    for takes in (panel_object_takes, panel_takes):
-        if takes.shape[1] < 2:
-            return np.full(spectra.speeds_mm_s.size, np.nan)
-        variance += np.abs(spectrum(takes)).var(axis=1, ddof=1) / takes.shape[1]
-    return _shares(np.sqrt(variance[:, 1:]), spectra.amplitudes[:, 1:])
-
-
-def _shares(parts: NDArray[np.float64], wholes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rms of each row as a part of that of another, NaN or infinity where that is silent."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(np.linalg.norm(parts, axis=1) / np.linalg.norm(wholes, axis=1))

@@ -9,10 +9,14 @@ from functools import partial
 from operator import attrgetter
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from palpate.experiment.apparatus.opening import simulated_table
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.recordings import manifest
 from palpate.experiment.session import scene as scenes
 from palpate.experiment.session.footstep.fidelity import (
     SHOWN,
@@ -23,9 +27,14 @@ from palpate.experiment.session.footstep.fidelity import (
     causes,
     fidelity,
     most_left_out,
+    played,
     refusal,
     speeds_mm_s,
 )
+from palpate.experiment.synthesis import sampling
+from palpate.experiment.synthesis.budget import Budget, other_reading
+from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
+from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity
 
 WATCHED_US = 4_000_000
 """So much of a slow foot's way is enough to know how well it is predicted, microseconds."""
@@ -49,6 +58,69 @@ def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
 
 
 @dataclass(frozen=True)
+class Detailed(Fidelity):
+    """Budgets with further shares of the rms requested.
+
+    `nearest_m_s2` is the dissimilarity (6) to the most similar other material of the scene at each speed, empty without
+    one. `other_reading` is that of equation (7), empty for accelerations. `interpolation` and `averaging` are the
+    largest over the speeds recorded; None for too few speeds or takes.
+    """
+
+    nearest_m_s2: tuple[float, ...]
+    other_reading: tuple[float, ...]
+    interpolation: float | None
+    averaging: float | None
+
+    def range(self, of: Callable[[Budget], float]) -> tuple[float, float]:
+        """Return the least and the most of a value of the budgets over the speeds."""
+        values = [of(one) for one in self.budgets]
+        return min(values), max(values)
+
+
+def detailed(
+    *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
+) -> dict[str, Detailed]:
+    """Return what `fidelity` does, in detail."""
+    spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
+    found, speeds = {}, speeds_mm_s(protocol)
+    for material, each in played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder).items():
+        budgets = [one.budget() for one in each]
+        found[material] = Detailed(
+            speeds,
+            tuple(budget for budget, _ in budgets),
+            nearest_m_s2=tuple(_nearest_m_s2(material, spectra, v) for v in speeds) if len(spectra) > 1 else (),
+            other_reading=tuple(
+                other_reading(one.stimulus, shaped=shaped, response=one.drive.response)
+                for one, (_, shaped) in zip(each, budgets, strict=True)
+                if shaped is not None and one.drive is not None
+            ),
+            interpolation=_most(sampling.interpolation(spectra[material])),
+            averaging=_most(
+                sampling.averaging(
+                    spectra[material], panel_object_takes=taken.objects[material], panel_takes=taken.panel
+                )
+            ),
+        )
+    return found
+
+
+def _nearest_m_s2(material: str, spectra: dict[str, CrinkleSpectra], speed_mm_s: float) -> float:
+    own = spectra[material]
+    f = bin_frequencies_hz(bins=own.samples, rate_hz=own.rate_hz)[1:]
+    at = {name: at_speed(of, speed_mm_s=speed_mm_s).coefficients[1:] for name, of in spectra.items()}
+    return min(
+        float(dissimilarity(at[material], other, frequencies_hz=f)) for name, other in at.items() if name != material
+    )
+
+
+def _most(shares: NDArray[np.float64]) -> float | None:
+    """Return the largest share that is known."""
+    known = shares[np.isfinite(shares)]
+    return float(known.max()) if known.size else None
+
+
+@dataclass(frozen=True)
 class ErrorBudget:
     """How far what a rig plays lies from what is asked for, by material, and how well the onset is known.
 
@@ -57,7 +129,7 @@ class ErrorBudget:
     its actuator can be told when to begin. `refused` says why no participant is run on the rig, empty where they are.
     """
 
-    materials: dict[str, Fidelity]
+    materials: dict[str, Detailed]
     aims_ms: tuple[float | None, ...]
     carries_hz: tuple[float, float] | None
     schedules: bool
@@ -167,11 +239,11 @@ class ErrorBudget:
 def error_budget(*, task_id: str, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> ErrorBudget:
     """Return the error budget of what a task plays on a rig, refused for any task; errors as in `fidelity`."""
     carries_hz = carried_hz(rig, rig_folder)
-    given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
     own = scenes.plan(protocol=protocol, task_id=task_id)
-    found = given(scene=own)
+    found = detailed(scene=own, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
+    given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
     others = [one for one in scenes.played(protocol) if one.materials != own.materials]
-    worst = most_left_out([found, *(given(scene=one, beside=False) for one in others)], carries_hz)
+    worst = most_left_out([found, *(given(scene=one) for one in others)], carries_hz)
     aims_ms = tuple(aim_ms(protocol, rig, v) for v in speeds_mm_s(protocol))
     schedules = rig.actuator.driver == "audio"
     refused = simulated_table(f"rig '{rig.rig.name}'", rig_folder, rig) or refusal(protocol, rig, worst, carries_hz)

@@ -7,8 +7,8 @@ protocol allows. It measures what a session would hand over; voltages are shaped
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from math import inf, sqrt
 from pathlib import Path
@@ -25,8 +25,7 @@ from palpate.experiment.session import scene as scenes
 from palpate.experiment.study.enrolment import default_root
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from palpate.experiment.apparatus.panel.conditioning import Played
     from palpate.experiment.synthesis.budget import Budget
     from palpate.experiment.synthesis.crinkle import CrinkleSpectra
 
@@ -39,24 +38,10 @@ BEYOND = 1.5
 
 @dataclass(frozen=True)
 class Fidelity:
-    """The budgets of one material at each speed, mm/s, and further shares of the rms requested.
-
-    `nearest_m_s2` is the dissimilarity (6) to the most similar other material of the scene at each speed, empty without
-    one. `other_reading` is that of equation (7), empty for accelerations. `interpolation` and `averaging` are the
-    largest over the speeds recorded; None for too few speeds or takes.
-    """
+    """The budgets of one material at each speed, mm/s."""
 
     speeds_mm_s: tuple[float, ...]
     budgets: tuple[Budget, ...]
-    nearest_m_s2: tuple[float, ...] = ()
-    other_reading: tuple[float, ...] = ()
-    interpolation: float | None = None
-    averaging: float | None = None
-
-    def range(self, of: Callable[[Budget], float]) -> tuple[float, float]:
-        """Return the least and the most of a value of the budgets over the speeds."""
-        values = [of(one) for one in self.budgets]
-        return min(values), max(values)
 
 
 def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
@@ -69,51 +54,38 @@ def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
     return tuple(sorted({*np.geomspace(slowest, fastest, SPEEDS).tolist(), *bends}))
 
 
-def fidelity(
-    *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path, beside: bool = True
-) -> dict[str, Fidelity]:
-    """Return the fidelity of each material that a scene plays, by its id; without `beside` only the budgets.
+def played(
+    spectra: dict[str, CrinkleSpectra], *, protocol: Protocol, rig: Rig, rig_folder: Path
+) -> dict[str, list[Played]]:
+    """Return what a rig is handed of each material at each of `speeds_mm_s`, by the material's id.
 
-    Raises `RecordingError` for a missing or unusable recording, and `RigError` for the response table.
+    Raises `RigError` for the response table.
     """
     from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
-    from palpate.experiment.recordings import manifest
-    from palpate.experiment.synthesis import budget
 
-    spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
-    limit_m_s2 = protocol.exposure.vibration_peak_m_s2
-    drive = open_drive(rig_folder, rig.actuator, limit_m_s2=limit_m_s2)
+    limit_m_s2, actuator = protocol.exposure.vibration_peak_m_s2, rig.actuator
     condition = Conditioner(
-        full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=rig.actuator.carries_hz
+        full_scale=actuator.full_scale,
+        limit_m_s2=limit_m_s2,
+        drive=open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2),
+        carries_hz=actuator.carries_hz,
     )
-    prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=rig.actuator.rate_hz)
-    taken = (
-        manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
-        if beside
-        else None
-    )
-    found, speeds = {}, speeds_mm_s(protocol)
-    for material, basis in prepared.items():
-        stimuli = [basis.at(v) for v in speeds]
-        played = [condition(stimulus) for stimulus in stimuli]
-        told = [one.budget() for one in played]
-        found[material] = Fidelity(speeds, tuple(each for each, _ in told))
-        if taken is None:
-            continue
-        found[material] = replace(
-            found[material],
-            nearest_m_s2=tuple(_nearest_m_s2(material, spectra, v) for v in speeds) if len(spectra) > 1 else (),
-            other_reading=tuple(
-                budget.other_reading(stimulus, shaped=shaped, response=one.drive.response)
-                for stimulus, one, (_, shaped) in zip(stimuli, played, told, strict=True)
-                if shaped is not None and one.drive is not None
-            ),
-            interpolation=_most(budget.interpolation(spectra[material])),
-            averaging=_most(
-                budget.averaging(spectra[material], panel_object_takes=taken.objects[material], panel_takes=taken.panel)
-            ),
-        )
-    return found
+    prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=actuator.rate_hz)
+    speeds = speeds_mm_s(protocol)
+    return {material: [condition(basis.at(v)) for v in speeds] for material, basis in prepared.items()}
+
+
+def fidelity(
+    *, scene: scenes.Scene, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path
+) -> dict[str, Fidelity]:
+    """Return the fidelity of each material that a scene plays, by its id.
+
+    Raises `RecordingError` for a missing or unusable recording, and as `played`.
+    """
+    spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
+    every = played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder)
+    speeds = speeds_mm_s(protocol)
+    return {material: Fidelity(speeds, tuple(one.budget()[0] for one in each)) for material, each in every.items()}
 
 
 def carried_hz(rig: Rig, rig_folder: Path) -> tuple[float, float] | None:
@@ -139,7 +111,7 @@ def judged(
     carries_hz = carried_hz(rig, rig_folder)
     of = None if protocol.footsteps.synthesis.left_out_max is not None else task_ids
     given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
-    worst = most_left_out([given(scene=one, beside=False) for one in scenes.played(protocol, of)], carries_hz)
+    worst = most_left_out([given(scene=one) for one in scenes.played(protocol, of)], carries_hz)
     if (refused := refusal(protocol, rig, worst, carries_hz)) is not None:
         raise RigError.at(refused)
     known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
@@ -196,11 +168,11 @@ class MostLeftOut:
     weaker: str
 
 
-def most_left_out(scenes_found: Sequence[dict[str, Fidelity]], carries_hz: tuple[float, float] | None) -> MostLeftOut:
+def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tuple[float, float] | None) -> MostLeftOut:
     """Return what a rig leaves out at most of the materials of scenes, at any speed that counts, and by what."""
     every = [
         (each, v, material)
-        for found in scenes_found
+        for found in fidelities
         for material, of in found.items()
         for v, each in zip(of.speeds_mm_s, of.budgets, strict=True)
     ]
@@ -237,24 +209,6 @@ def _remedy(worst: MostLeftOut, most: float) -> str:
         return ", or ".join(enough)
     rest = sqrt(max(worst.share**2 - sum(share**2 for _, share in worst.remedies), 0.0))
     return f"{' and '.join(remedy for remedy, _ in alone)} (then {rest:.2%} of it is left out)"
-
-
-def _nearest_m_s2(material: str, spectra: dict[str, CrinkleSpectra], speed_mm_s: float) -> float:
-    from palpate.experiment.synthesis.crinkle import at_speed
-    from palpate.experiment.synthesis.spectra import bin_frequencies_hz, dissimilarity
-
-    own = spectra[material]
-    f = bin_frequencies_hz(bins=own.samples, rate_hz=own.rate_hz)[1:]
-    at = {name: at_speed(of, speed_mm_s=speed_mm_s).coefficients[1:] for name, of in spectra.items()}
-    return min(
-        float(dissimilarity(at[material], other, frequencies_hz=f)) for name, other in at.items() if name != material
-    )
-
-
-def _most(shares: NDArray[np.float64]) -> float | None:
-    """Return the largest share that is known."""
-    known = shares[np.isfinite(shares)]
-    return float(known.max()) if known.size else None
 
 
 LEAVING_OUT = 5

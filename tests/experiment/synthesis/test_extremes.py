@@ -21,7 +21,7 @@ from palpate.analysis.numerics.cases import BINS, OUTPUT_RATES_HZ, material, som
 from palpate.analysis.numerics.oracle import RATE_HZ, SPEEDS_MM_S
 from palpate.experiment import synthesis
 from palpate.experiment.errors import SynthesisError
-from palpate.experiment.synthesis import budget, crinkle, noise, shaping, spectra, voltages, waveforms
+from palpate.experiment.synthesis import budget, crinkle, noise, sampling, shaping, spectra, voltages, waveforms
 from tests.approved import Refuses
 from tests.experiment.synthesis.measured import accelerations
 
@@ -218,12 +218,12 @@ def _of_budget() -> list[tuple[str, Call, dict[str, float]]]:
         ("of_voltages: voltages_v", lambda x: in_volts(handed_v=volts, voltages_v=changed(volts, x)), EITHER),
         (
             "averaging: panel_object_takes",
-            lambda x: budget.averaging(of, panel_object_takes=changed(takes, x), panel_takes=takes),
+            lambda x: sampling.averaging(of, panel_object_takes=changed(takes, x), panel_takes=takes),
             EITHER,
         ),
         (
             "averaging: panel_takes",
-            lambda x: budget.averaging(of, panel_object_takes=takes, panel_takes=changed(takes, x)),
+            lambda x: sampling.averaging(of, panel_object_takes=takes, panel_takes=changed(takes, x)),
             EITHER,
         ),
     ]

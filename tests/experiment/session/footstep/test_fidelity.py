@@ -18,12 +18,18 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.session import scene
-from palpate.experiment.session.footstep.error_budget import ASSUMED, ErrorBudget, aim_ms, error_budget
+from palpate.experiment.session.footstep.error_budget import (
+    ASSUMED,
+    Detailed,
+    ErrorBudget,
+    aim_ms,
+    detailed,
+    error_budget,
+)
 from palpate.experiment.session.footstep.fidelity import (
     Fidelity,
     carried_hz,
     causes,
-    fidelity,
     judged,
     most_left_out,
     refusal,
@@ -51,9 +57,9 @@ def volts() -> Rig:
 
 
 @pytest.fixture(scope="module")
-def found(protocol: Protocol, recordings: Path, volts: Rig) -> dict[str, Fidelity]:
+def found(protocol: Protocol, recordings: Path, volts: Rig) -> dict[str, Detailed]:
     whole = scene.virtual(protocol)
-    return fidelity(scene=whole, protocol=protocol, rig=volts, rig_folder=RIGS, recordings=recordings)
+    return detailed(scene=whole, protocol=protocol, rig=volts, rig_folder=RIGS, recordings=recordings)
 
 
 def allowing(protocol: Protocol, left_out_max: float | None) -> Protocol:
@@ -85,7 +91,7 @@ def test_an_odd_range_of_speeds_has_its_budget_too(protocol: Protocol, volts: Ri
     assert aim_ms(protocol, volts, speeds[0]) is None or speeds[0] > 1
 
 
-def test_the_shipped_rig_leaves_out_what_lies_above_its_table(found: dict[str, Fidelity]) -> None:
+def test_the_shipped_rig_leaves_out_what_lies_above_its_table(found: dict[str, Detailed]) -> None:
     assert set(found) == {"copy paper", "aluminum foil", "polypropylene", "typing paper"}
     for of in found.values():
         low, high = of.range(lambda budget: budget.left_out)
@@ -102,7 +108,7 @@ def test_the_shipped_rig_leaves_out_what_lies_above_its_table(found: dict[str, F
 def test_a_rig_is_refused_for_what_no_output_carries(
     protocol: Protocol,
     volts: Rig,
-    found: dict[str, Fidelity],
+    found: dict[str, Detailed],
     recordings: Path,
     approved: SnapshotAssertion,
     refuses: Refuses,
@@ -140,7 +146,7 @@ def test_a_rig_that_nobody_measured_is_refused_where_there_is_a_limit(
 
 
 def test_a_rig_is_judged_by_what_some_task_presents(
-    protocol: Protocol, volts: Rig, found: dict[str, Fidelity], recordings: Path
+    protocol: Protocol, volts: Rig, found: dict[str, Detailed], recordings: Path
 ) -> None:
     def presenting(*of: tuple[str, ...] | None) -> Protocol:
         tasks = zip(("virtual", "again"), of, strict=False)
@@ -190,7 +196,7 @@ def test_what_limits_take_off_most_is_told_of_whichever_scene(approved: Snapshot
 
 
 def test_a_dead_band_within_the_table_is_what_is_told_of(approved: SnapshotAssertion) -> None:
-    dead = Fidelity((20.0,), (Budget(1.0, 0.0, above=0.1, held_back=0.3),), (1.0,), (), None, None)
+    dead = Detailed((20.0,), (Budget(1.0, 0.0, above=0.1, held_back=0.3),), (1.0,), (), None, None)
     most = most_left_out([{"felt": dead}], (10.0, 600.0))
     assert most.share == pytest.approx(0.1**0.5)
     ((remedy, share),) = most.remedies
@@ -246,7 +252,7 @@ def test_a_real_rig_whose_response_nobody_measured_is_refused_whatever_it_carrie
 
 
 def test_what_a_perfect_rig_leaves_is_said_without_advice(approved: SnapshotAssertion) -> None:
-    silent = Fidelity((20.0, 600.0), (Budget(1.0, 0.0, rounding=1e-8),) * 2, (1.0, 2.0), (), None, None)
+    silent = Detailed((20.0, 600.0), (Budget(1.0, 0.0, rounding=1e-8),) * 2, (1.0, 2.0), (), None, None)
     budget = ErrorBudget({"felt": silent}, (None, None), None, schedules=False, refused="")
     lines = budget.lines()
     assert lines == approved
@@ -257,7 +263,7 @@ def test_what_a_perfect_rig_leaves_is_said_without_advice(approved: SnapshotAsse
 
 
 def test_more_materials_than_fit_stand_below_one_another() -> None:
-    plain = Fidelity((20.0, 600.0), (Budget(1.0, 0.0, table=0.01),) * 2, (1.0, 2.0), (), None, None)
+    plain = Detailed((20.0, 600.0), (Budget(1.0, 0.0, table=0.01),) * 2, (1.0, 2.0), (), None, None)
     named = {f"a long material name {i}": plain for i in range(5)}
     lines = ErrorBudget(named, (1.0, 1.0), (10.0, 600.0), schedules=True, refused="").lines()
     assert max(map(len, lines)) <= 100
