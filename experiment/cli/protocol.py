@@ -234,6 +234,7 @@ def check(
     from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.errors import ProtocolError
     from palpate.experiment.protocol import approval, blocks, files, page, rendering
+    from palpate.experiment.protocol.approval import sealing
 
     try:
         protocol = files.load(protocol_file)
@@ -245,7 +246,7 @@ def check(
             raise typer.Exit(error.exit_code) from None
         raise
     today = day(wall_ns())
-    state, seal = approval.state(protocol_file, protocol, today)
+    state, seal = sealing.state(protocol_file, protocol, today)
     told, refusal = _judged(protocol, rig_file, recordings) if rig_file is not None else ("", None)
     screen = rigs.load(rig_file).screen if rig_file is not None else None
     words = screen.words.own if screen is not None and screen.words is not None else {}
@@ -338,6 +339,7 @@ def seal(
     is replaced, it is told, and asked for.
     """
     from palpate.experiment.protocol import approval, files
+    from palpate.experiment.protocol.approval import sealing
 
     protocol = files.load(protocol_file)
     path = approval.seal_path(protocol_file)
@@ -347,8 +349,8 @@ def seal(
         )
     replaces = path.exists()
     if replaces and replace and not yes:
-        options.confirm(approval.replaced(protocol_file, protocol), "replace", "no seal was replaced")
-    sealed = approval.write(
+        options.confirm(sealing.replaced(protocol_file, protocol), "replace", "no seal was replaced")
+    sealed = sealing.write(
         protocol_file,
         protocol,
         approval_number=approval_number,

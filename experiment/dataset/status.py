@@ -16,6 +16,7 @@ from palpate.experiment.dataset.build import LABELS
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.errors import DatasetError, Finding, ProtocolError, Remedy
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose
 from palpate.experiment.records.progress import Progress, progress
@@ -303,7 +304,7 @@ def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date)
     if protocol_file is None and not approval.seal_path(file).exists():
         return "No session has begun, so no seal is kept here; the one beside the protocol's file counts.", []
     version = files.load(protocol_file) if protocol_file else dataset.protocol
-    told, _ = approval.state(file, version, today)
+    told, _ = sealing.state(file, version, today)
     wanted = []
     if approval.sha256(version) != approval.sha256(dataset.protocol):
         wanted.append(

@@ -292,14 +292,14 @@ PATCHES = (
     ),
     Patch(
         "seal not compared",
-        "experiment/protocol/approval.py",
-        "    problems = _changed(protocol_path, protocol, seal)\n",
-        "    problems = _changed(protocol_path, protocol, seal)[:0]\n",
+        "experiment/protocol/approval/__init__.py",
+        "    problems = changes(protocol_path, protocol, seal)\n",
+        "    problems = changes(protocol_path, protocol, seal)[:0]\n",
         (f"{_T}protocol/test_seal.py",),
     ),
     Patch(
         "unsealed protocol runs",
-        "experiment/protocol/approval.py",
+        "experiment/protocol/approval/__init__.py",
         "    seal = read(protocol_path)\n    problems =",
         "    if not seal_path(protocol_path).exists():\n        return None\n"
         "    seal = read(protocol_path)\n    problems =",

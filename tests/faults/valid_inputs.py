@@ -9,7 +9,8 @@ import struct
 from datetime import date
 from pathlib import Path
 
-from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
 from palpate.experiment.rehearsal.footstep import recorded_takes
@@ -74,7 +75,7 @@ def make_bench(folder: Path) -> Path:
     protocol_file = folder / "study.toml"
     protocol_file.write_text(few, "utf-8")
     protocol = files.load(protocol_file)
-    approval.write(
+    sealing.write(
         protocol_file,
         protocol,
         approval_number="1",

@@ -66,8 +66,8 @@ def approved(seal: Seal) -> str:
 def html(protocol: Protocol, file: str, state: str, seal: Seal | None, today: date, rig: Iterable[Block] = ()) -> str:
     """Return the page as one file of HTML for a browser and for A4, in which nothing runs or is fetched.
 
-    `state` and `seal` are those of `approval.state`; `rig` stands last. The foot of every printed sheet names the
-    version and whether it is approved.
+    `state` and `seal` are those of `approval.sealing.state`; `rig` stands last. The foot of every printed sheet names
+    the version and whether it is approved.
     """
     word = state.partition(":")[0]
     until = f" until {seal.expires_on}" if seal is not None and word == "SEALED" else ""

@@ -17,7 +17,8 @@ from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report.plan import alpha, exclusions_section, marked, standing
 from palpate.analysis.report.sections import overview_section, sections
-from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.approval import sealing
 from tests.analysis.datasets import balanced, trial, write_dataset
 
 MATERIALS = ("copy paper", "aluminum foil", "polypropylene", "typing paper")
@@ -116,11 +117,11 @@ def test_whether_the_plan_was_sealed_is_said(root: Path, approved: SnapshotAsser
     assert said == approved
     protocol = files.load(plan)
     days: dict[str, Any] = {"approved_on": date(2026, 1, 2), "expires_on": date(2027, 1, 2)}
-    approval.write(plan, protocol, approval_number="7", board=protocol.ethics.board, **days)
+    sealing.write(plan, protocol, approval_number="7", board=protocol.ethics.board, **days)
     (part,) = read(root).parts
     assert part.sealed == f"sealed, approval 7 of {protocol.ethics.board}, from 2026-01-02 on"
     other = protocol.model_copy(update={"exclusion": ()})
-    approval.write(plan, other, approval_number="7", board=protocol.ethics.board, **days, replace=True)
+    sealing.write(plan, other, approval_number="7", board=protocol.ethics.board, **days, replace=True)
     assert read(root).parts[0].sealed == approved
 
 

@@ -14,6 +14,7 @@ from palpate.experiment.apparatus.tracker.frames import Samples, encode
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Header
@@ -115,7 +116,7 @@ def make_study(
         text = text.replace(old, new)
     file.write_text(text, "utf-8")
     made = MadeStudy(file, folder / "dataset")
-    approval.write(
+    sealing.write(
         file,
         made.protocol,
         approval_number="17",

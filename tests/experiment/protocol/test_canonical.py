@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError
 
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol import approval, files
-from palpate.experiment.protocol.approval import canonical, sha256
+from palpate.experiment.protocol.approval import canonical, sealing, sha256
 from palpate.experiment.protocol.models import Material, Protocol
 from palpate.experiment.settings.load import Confined
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
@@ -83,7 +83,7 @@ def test_a_key_that_is_added_with_a_default_changes_no_form_of_an_older_format()
 def test_a_seal_holds_on_when_a_later_palpate_has_more_keys(tmp_path: Path) -> None:
     file = tmp_path / "study.toml"
     file.write_text(SMALL, "utf-8")
-    sealed = approval.write(
+    sealed = sealing.write(
         file,
         files.load(file),
         approval_number="2020-17",

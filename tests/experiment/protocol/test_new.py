@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 from palpate.experiment.errors import PalpateError, ProtocolError
 from palpate.experiment.protocol import approval, files, new
+from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import page
 from tests.approved import Refuses
@@ -86,11 +87,11 @@ def test_what_is_to_be_filled_in_stands_on_the_page_and_is_not_sealed(tmp_path: 
     assert [name for name in wanted if f"  - {name}\n" in left] == wanted
     days: dict[str, Any] = {"approved_on": date(2026, 1, 1), "expires_on": date(2027, 1, 1)}
     with refuses(ProtocolError):
-        approval.write(file, made, approval_number="1", board=made.ethics.board, **days)
+        sealing.write(file, made, approval_number="1", board=made.ethics.board, **days)
     assert not approval.seal_path(file).exists()
     file.write_text(file.read_text("utf-8").replace(f"{approval.UNFILLED}: ", ""), "utf-8")
     filled = files.load(file)
-    assert approval.write(file, filled, approval_number="1", board=filled.ethics.board, **days)
+    assert sealing.write(file, filled, approval_number="1", board=filled.ethics.board, **days)
 
 
 def test_keys_are_letters_of_the_name_that_nothing_else_has() -> None:

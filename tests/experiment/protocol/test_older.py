@@ -10,6 +10,7 @@ import pytest
 
 from palpate.experiment.errors import Finding, ProtocolError
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
 from tests.conftest import REPOSITORY
@@ -82,7 +83,7 @@ def test_an_older_file_runs_under_its_seal_and_what_was_changed_is_named_as_it_s
     file = tmp_path / "study.toml"
     file.write_text(PAIRS.read_text("utf-8"), "utf-8")
     study = files.load(file)
-    seal = approval.write(
+    seal = sealing.write(
         file,
         study,
         approval_number="1",

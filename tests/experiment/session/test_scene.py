@@ -116,6 +116,7 @@ from datetime import date, timedelta
 from palpate.experiment.desk.terminal import TerminalConsole
 from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.session import run
 from palpate.experiment.study import enrolment
@@ -130,7 +131,7 @@ rig.write_text(text.replace('"rehearsal"', '"127.0.0.1:9"'))
 protocol = files.load(file)
 today = date.today()
 board, tomorrow = protocol.ethics.board, today + timedelta(1)
-approval.write(file, protocol, approval_number="1", board=board, approved_on=today, expires_on=tomorrow)
+sealing.write(file, protocol, approval_number="1", board=board, approved_on=today, expires_on=tomorrow)
 seed = next(s for s in range(99) if allocate(protocol, s)[0].tasks[0] == "real")
 enrolment.enrol(file, "01", today, root=here / "dataset", seed=seed)
 console = TerminalConsole(write=sys.stderr, ask=lambda _: "y", heading="")

@@ -10,6 +10,7 @@ from pathlib import Path
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.approval import sealing
 from tests.faults.forged.case import (
     Act,
     Case,
@@ -43,7 +44,7 @@ def _other_version(case: Case) -> Path:
         re.sub(r'\b(title|description|reason|question|criterion) = "(?!")', r'\1 = "More: ', text), "utf-8"
     )
     loaded = files.load(version)
-    approval.write(
+    sealing.write(
         version,
         loaded,
         approval_number="18",

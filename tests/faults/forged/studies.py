@@ -18,6 +18,7 @@ from palpate.experiment.dataset.reconstruction import import_counts, study_text
 from palpate.experiment.dataset.trial_files import Layout
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol import approval
+from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import chain
 from palpate.experiment.records.entries import Header
@@ -162,7 +163,7 @@ def _pairs(folder: Path) -> Clean:
     """A sealed study of comparisons: two sessions, one of them paused, and one participant without any."""
     file = _short_pairs(folder)
     made = MadeStudy(file, folder / "dataset")
-    approval.write(
+    sealing.write(
         file,
         made.protocol,
         approval_number="17",

@@ -11,7 +11,8 @@ import pytest
 from palpate.experiment.apparatus import host
 from palpate.experiment.clock import ManualClock, day, wall_ns
 from palpate.experiment.dataset.verify import verify
-from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.session.run import run
 from palpate.experiment.study import enrolment
@@ -46,7 +47,7 @@ def test_a_session_of_real_samples_needs_no_device(tmp_path: Path, monkeypatch: 
     rig.write_text(named, "utf-8")
     (tmp_path / "rehearsal-response.csv").write_bytes(devices.with_name("rehearsal-response.csv").read_bytes())
     protocol = files.load(study)
-    approval.write(
+    sealing.write(
         study,
         protocol,
         approval_number="17",

@@ -4,12 +4,11 @@ The form is RFC 8785 JSON of every field, defaults included, so comments, the or
 written do not change it. It has only the keys of the format that the file names: a key added later breaks no seal.
 
 The seal is a record beside the file. It holds the hash and the form, so that a change can name its field. It shows that
-the protocol is the approved one, not who approved it.
+the protocol is the approved one, not who approved it. `sealing` writes it.
 """
 
 import hashlib
 import json
-import re
 from collections.abc import Iterable, Iterator
 from datetime import date
 from pathlib import Path
@@ -19,7 +18,7 @@ import rfc8785
 from pydantic import Field
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Finding, PalpateError, ProtocolError, Remedy, mismatch, other_format
+from palpate.experiment.errors import Finding, ProtocolError, Remedy, mismatch, other_format
 from palpate.experiment.protocol import rules
 from palpate.experiment.protocol.models import OLDER, Protocol, older
 from palpate.experiment.settings import load
@@ -83,76 +82,23 @@ def seal_path(protocol_path: Path) -> Path:
     return protocol_path.with_name(f"{protocol_path.stem}.seal.toml")
 
 
-def write(
-    protocol_path: Path,
-    protocol: Protocol,
-    *,
-    approval_number: str,
-    board: str,
-    approved_on: date,
-    expires_on: date,
-    page_sha256: str | None = None,
-    replace: bool = False,
-) -> Seal:
-    """Record the approval of `protocol`, as loaded from `protocol_path`, beside it.
-
-    `page_sha256` are the first digits of the hash on the board's copy of the page. `replace` lets the seal replace
-    another; datasets begun under that one keep their copy. Raises `ProtocolError` if the page was of another version, a
-    field is empty, contradicts the ethics block or is still to be filled in, or a seal exists.
-    """
-    path = seal_path(protocol_path)
-    if page_sha256 is not None:
-        _refuse(protocol_path, _of_another_page(protocol, page_sha256))
-    allowed = "a text of your own; write it, then have the board read the page (palpate check)"
-    _refuse(protocol_path, [mismatch(name, None, f"'{UNFILLED}'", allowed) for name in unfilled(protocol)])
-    stated = {
-        "format": FORMAT,
-        "protocol_sha256": sha256(protocol),
-        "approval_number": approval_number,
-        "board": board,
-        "approved_on": approved_on,
-        "expires_on": expires_on,
-        "protocol": canonical(protocol).decode(),
-    }
-    seal = load.checked(path, Seal, stated)
-    _refuse(path, _contradictions(protocol, seal))
-    if path.exists() and not replace:
-        same = read(protocol_path).protocol_sha256 == seal.protocol_sha256
-        there = "this version of the protocol is sealed already" if same else "there is one for another version"
-        allowed = f"no seal: {there}; replace it (--replace), or move it away"
-        _refuse(path, [mismatch("seal", None, "an existing seal", allowed)])
-    _write(path, seal)
-    return seal
-
-
-def replaced(protocol_path: Path, protocol: Protocol) -> str:
-    """Return in a sentence what another seal of `protocol` would take the place of."""
-    try:
-        seal = read(protocol_path)
-    except PalpateError:
-        return "This replaces a seal that cannot be read."
-    version = "this version" if seal.protocol_sha256 == sha256(protocol) else "another version of the protocol"
-    number = quoted(seal.approval_number)
-    return f"This replaces the seal of {version}: approval {number}, from {seal.approved_on} to {seal.expires_on}."
-
-
 def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
     """Return the seal under which `protocol` may run `today`. Raises `ProtocolError` if there is none."""
     seal = read(protocol_path)
-    problems = _changed(protocol_path, protocol, seal)
+    problems = changes(protocol_path, protocol, seal)
     if today < seal.approved_on:
         problems.append(mismatch("approved_on", None, str(seal.approved_on), f"no later than today ({today}); wait"))
     if today > seal.expires_on:
         allowed = f"no earlier than today ({today}): the approval has expired; have it renewed and seal again"
         problems.append(mismatch("expires_on", None, str(seal.expires_on), allowed))
-    _refuse(seal_path(protocol_path), problems)
+    refuse(seal_path(protocol_path), problems)
     return seal
 
 
 def held(protocol_path: Path, protocol: Protocol) -> Seal:
     """Return the seal of `protocol`, expired or not. Raises `ProtocolError` if it is not sealed or was changed."""
     seal = read(protocol_path)
-    _refuse(seal_path(protocol_path), _changed(protocol_path, protocol, seal))
+    refuse(seal_path(protocol_path), changes(protocol_path, protocol, seal))
     return seal
 
 
@@ -164,7 +110,7 @@ def read(protocol_path: Path) -> Seal:
             "a protocol with its seal; if it had one, restore that from a backup, for another is another approval; if "
             "not, have it approved, then seal it (palpate seal)"
         )
-        _refuse(path, [mismatch("seal", None, "no seal", allowed)])
+        refuse(path, [mismatch("seal", None, "no seal", allowed)])
     document, text = load.parsed(path)
     given = ("--approval-number", "NUMBER", "--approved-on", "DAY", "--expires-on", "DAY", "--replace")
     again = Remedy("to use it, seal the protocol again", ("palpate", "seal", str(protocol_path), *given))
@@ -177,44 +123,25 @@ def read(protocol_path: Path) -> Seal:
             f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited; put back the "
             "one that palpate seal wrote"
         )
-        _refuse(path, [mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed)])
+        refuse(path, [mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed)])
     return seal
 
 
-def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Seal | None]:
-    """Return the state of approval `today` in a sentence, and the seal. Raises `ProtocolError` if it is unreadable."""
-    if not seal_path(protocol_path).exists():
-        return "NOT SEALED: no approval of this protocol is recorded beside its file.", None
-    seal = read(protocol_path)
-    if _changed(protocol_path, protocol, seal):
-        version = f"{seal.protocol_sha256[:12]}..."
-        changed, more = _differences(protocol, seal.protocol)
-        named = [f"{field} is {now}, but {approved} was approved" for field, now, approved in changed]
-        fields = "; ".join([*named, *([f"{more} more changes"] if more else [])])
-        told = f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one."
-        return f"{told} What is not as approved: {fields}." if fields else told, seal
-    if today < seal.approved_on:
-        return f"SEALED FOR LATER: the approval of this version begins on {seal.approved_on}.", seal
-    if today > seal.expires_on:
-        return f"SEALED, BUT EXPIRED: the approval of this version ended before today ({today}).", seal
-    return "SEALED: this version is approved; compare what the seal says with the board's letter.", seal
-
-
-def _changed(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Finding]:
-    problems = _contradictions(protocol, seal)
+def changes(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Finding]:
+    problems = contradictions(protocol, seal)
     if seal.protocol_sha256 != (found := sha256(protocol)):
         allowed = (
             f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval; "
             "undo the change, or have it approved and seal it again"
         )
         problems.append(mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
-        changed, more = _differences(protocol, seal.protocol)
+        changed, more = differences(protocol, seal.protocol)
         problems += [mismatch(field, None, now, f"{approved}, as it was approved") for field, now, approved in changed]
         problems += [mismatch("...", None, f"{more} more changes", "none")] if more else []
     return problems
 
 
-def _differences(protocol: Protocol, approved: str) -> tuple[list[tuple[str, str, str]], int]:
+def differences(protocol: Protocol, approved: str) -> tuple[list[tuple[str, str, str]], int]:
     """Return the first few fields that differ from the form in the seal, now and as approved, and how many more do."""
     forms = approved, canonical(protocol)
     sealed, found = (dict(_leaves(storage.json_of(form))) for form in forms)
@@ -256,33 +183,14 @@ def _value_text(value: object) -> str:
     return quoted(value) if isinstance(value, str) else json.dumps(value)
 
 
-def _refuse(path: Path, problems: list[Finding]) -> None:
+def refuse(path: Path, problems: list[Finding]) -> None:
     if problems:
         raise ProtocolError.in_file(path, problems)
 
 
-def _of_another_page(protocol: Protocol, digits: str) -> list[Finding]:
-    found = sha256(protocol)
-    if not re.fullmatch("[0-9a-f]{8,64}", digits.lower()):
-        allowed = f"8 to 64 digits and letters a to f, and these are {len(digits)}; type the first on the page again"
-    elif found.startswith(digits.lower()):
-        return []
-    else:
-        allowed = (
-            f"the first 8 or more digits of {found}; the page that the board read is of another version: have them "
-            "read the page of this one (palpate check)"
-        )
-    return [mismatch("--sha256", None, quoted(digits), allowed)]
-
-
-def _contradictions(protocol: Protocol, seal: Seal) -> list[Finding]:
+def contradictions(protocol: Protocol, seal: Seal) -> list[Finding]:
     return [
         mismatch(name, None, f"'{sealed}'", f"'{stated}', as the protocol's own ethics block says; mend one of them")
         for name in ("approval_number", "board", "approved_on", "expires_on")
         if (stated := getattr(protocol.ethics, name)) and stated != (sealed := getattr(seal, name))
     ]
-
-
-def _write(path: Path, seal: Seal) -> None:
-    stated = [f"{name} = {load.toml(value)}\n" for name, value in seal]
-    storage.write(path, "".join(stated).encode())

@@ -1,0 +1,116 @@
+"""Writing the seal of a protocol, and the state of its approval in words; no session needs either."""
+
+import re
+from datetime import date
+from pathlib import Path
+
+from palpate.experiment import storage
+from palpate.experiment.errors import Finding, PalpateError, mismatch
+from palpate.experiment.protocol.approval import (
+    FORMAT,
+    UNFILLED,
+    Seal,
+    canonical,
+    changes,
+    contradictions,
+    differences,
+    read,
+    refuse,
+    seal_path,
+    sha256,
+    unfilled,
+)
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.settings import load
+from palpate.experiment.settings.characters import quoted
+
+
+def write(
+    protocol_path: Path,
+    protocol: Protocol,
+    *,
+    approval_number: str,
+    board: str,
+    approved_on: date,
+    expires_on: date,
+    page_sha256: str | None = None,
+    replace: bool = False,
+) -> Seal:
+    """Record the approval of `protocol`, as loaded from `protocol_path`, beside it.
+
+    `page_sha256` are the first digits of the hash on the board's copy of the page. `replace` lets the seal replace
+    another; datasets begun under that one keep their copy. Raises `ProtocolError` if the page was of another version, a
+    field is empty, contradicts the ethics block or is still to be filled in, or a seal exists.
+    """
+    path = seal_path(protocol_path)
+    if page_sha256 is not None:
+        refuse(protocol_path, _of_another_page(protocol, page_sha256))
+    allowed = "a text of your own; write it, then have the board read the page (palpate check)"
+    refuse(protocol_path, [mismatch(name, None, f"'{UNFILLED}'", allowed) for name in unfilled(protocol)])
+    stated = {
+        "format": FORMAT,
+        "protocol_sha256": sha256(protocol),
+        "approval_number": approval_number,
+        "board": board,
+        "approved_on": approved_on,
+        "expires_on": expires_on,
+        "protocol": canonical(protocol).decode(),
+    }
+    seal = load.checked(path, Seal, stated)
+    refuse(path, contradictions(protocol, seal))
+    if path.exists() and not replace:
+        same = read(protocol_path).protocol_sha256 == seal.protocol_sha256
+        there = "this version of the protocol is sealed already" if same else "there is one for another version"
+        allowed = f"no seal: {there}; replace it (--replace), or move it away"
+        refuse(path, [mismatch("seal", None, "an existing seal", allowed)])
+    _write(path, seal)
+    return seal
+
+
+def replaced(protocol_path: Path, protocol: Protocol) -> str:
+    """Return in a sentence what another seal of `protocol` would take the place of."""
+    try:
+        seal = read(protocol_path)
+    except PalpateError:
+        return "This replaces a seal that cannot be read."
+    version = "this version" if seal.protocol_sha256 == sha256(protocol) else "another version of the protocol"
+    number = quoted(seal.approval_number)
+    return f"This replaces the seal of {version}: approval {number}, from {seal.approved_on} to {seal.expires_on}."
+
+
+def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Seal | None]:
+    """Return the state of approval `today` in a sentence, and the seal. Raises `ProtocolError` if it is unreadable."""
+    if not seal_path(protocol_path).exists():
+        return "NOT SEALED: no approval of this protocol is recorded beside its file.", None
+    seal = read(protocol_path)
+    if changes(protocol_path, protocol, seal):
+        version = f"{seal.protocol_sha256[:12]}..."
+        changed, more = differences(protocol, seal.protocol)
+        named = [f"{field} is {now}, but {approved} was approved" for field, now, approved in changed]
+        fields = "; ".join([*named, *([f"{more} more changes"] if more else [])])
+        told = f"CHANGED SINCE THE SEAL: the seal is of another version, {version}; palpate run refuses this one."
+        return f"{told} What is not as approved: {fields}." if fields else told, seal
+    if today < seal.approved_on:
+        return f"SEALED FOR LATER: the approval of this version begins on {seal.approved_on}.", seal
+    if today > seal.expires_on:
+        return f"SEALED, BUT EXPIRED: the approval of this version ended before today ({today}).", seal
+    return "SEALED: this version is approved; compare what the seal says with the board's letter.", seal
+
+
+def _of_another_page(protocol: Protocol, digits: str) -> list[Finding]:
+    found = sha256(protocol)
+    if not re.fullmatch("[0-9a-f]{8,64}", digits.lower()):
+        allowed = f"8 to 64 digits and letters a to f, and these are {len(digits)}; type the first on the page again"
+    elif found.startswith(digits.lower()):
+        return []
+    else:
+        allowed = (
+            f"the first 8 or more digits of {found}; the page that the board read is of another version: have them "
+            "read the page of this one (palpate check)"
+        )
+    return [mismatch("--sha256", None, quoted(digits), allowed)]
+
+
+def _write(path: Path, seal: Seal) -> None:
+    stated = [f"{name} = {load.toml(value)}\n" for name, value in seal]
+    storage.write(path, "".join(stated).encode())
