@@ -211,34 +211,6 @@ def locked(path: Path, timeout_s: float = -1) -> Iterator[None]:
         lock.release()
 
 
-CLOSING = "take that from them (chmod -R go-rwx), or use a file system that has modes or is mounted for you alone"
-
-
-def readable_by_others(dataset: Path) -> tuple[Path, ...]:
-    """Return which of a dataset's folder of people, seed and roster others on this machine can read."""
-    source = dataset / "sourcedata"
-    if (
-        sys.platform == "win32"
-        or not source.is_dir()
-        or not all(_is_open(one, 0o11) for one in source.resolve().parents)
-    ):
-        return ()
-    places = (source, seed_path(dataset), roster_path(dataset)) if _is_open(source, 0o11) else (source,)
-    return tuple(one for one in places if one.exists() and _is_open(one, 0o44))
-
-
-def _is_open(path: Path, bits: int) -> bool:
-    """Return whether others have one of these bits; a group that may write shares the files."""
-    mode = path.stat().st_mode
-    return bool(mode & bits & (0o07 if mode & 0o20 else 0o77))
-
-
-def readers_warning(dataset: Path) -> str:
-    """Return in words what `readable_by_others` found, and what to do; empty for nothing."""
-    shown = ", ".join(map(str, readable_by_others(dataset)))
-    return f"Others on this machine can read {shown}; {CLOSING}." if shown else ""
-
-
 @contextmanager
 def new_folder(out: Path) -> Iterator[Path]:
     """Give a folder that becomes `out`, which is new or empty, when the block ends well, and vanishes otherwise."""
@@ -415,24 +387,6 @@ def left_of(dataset: Path, participant: str) -> list[Path]:
     source = participant_folder(dataset, participant).glob("[!.]*")
     tables = dataset.glob(f"sub-{participant}")
     return [path for path in (*source, *tables) if path != withdrawal_path(dataset, participant)]
-
-
-_KNOWN = re.compile(
-    r"""(README|dataset_description\.json|participants\.(tsv|json)|(stimuli|derivatives)/.*
-    |sub-(?P<of>\w+)/beh/sub-(?P=of)_task-\w+_(events|recording-\w+_physio)\.(tsv|tsv\.gz|json)
-    |sourcedata/(protocol(\.seal)?\.toml|(seed|rehearsal)\.json|roster\.(jsonl|head)|anchors\.log|README|\w+\.csv
-        |\.roster\.jsonl\.lock|\.study\.lock
-        |sub-(?P<who>\w+)/(\.sub-(?P=who)\.lock|sub-(?P=who)_withdrawn\.json|voices/[\w.-]+|[\w-]+\.(csv|toml)
-            |sub-(?P=who)_task-\w+_(journal\.(jsonl|head)|foot\.cobs))))""",
-    re.VERBOSE | re.DOTALL,
-)
-"""Every file that palpate writes into a dataset, by its path inside."""
-
-
-def unknown_files(dataset: Path) -> list[str]:
-    """Return the files of a dataset that palpate did not write, by their paths inside: a sync copy, say."""
-    files = (path.relative_to(dataset).as_posix() for path in dataset.rglob("*") if path.is_symlink() or path.is_file())
-    return sorted(path for path in files if not _KNOWN.fullmatch(path))
 
 
 def rig_path(journal_file: Path) -> Path:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.ports import Actuator, Microphone, Pedal, Tracker
+from palpate.experiment.apparatus.ports import Actuator, Pedal, Tracker
 from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AudioRig, Rig, response_table
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
@@ -18,7 +18,6 @@ from palpate.experiment.errors import ActuatorError, Finding, RigError, TrackerE
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.masker import MaskerNoise
     from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
-    from palpate.experiment.apparatus.servo.settings import ServoRig
     from palpate.experiment.synthesis.voltages import Drive
 
 
@@ -113,14 +112,6 @@ def _settings(audio: AudioRig, ceilings: list[float], *, inputs: int, sent: bool
         stimuli=stimuli,
         output_ms=audio.latency.output_ms,
     )
-
-
-def open_microphone(rig: Rig, *, stream: AudioStream) -> Microphone | None:
-    """Return the rig's microphone, an input of the session's stream; None where the rig has none."""
-    from palpate.experiment.apparatus.audio.microphone import AudioMicrophone
-
-    audio = audio_of(rig)
-    return AudioMicrophone(stream, audio) if audio.channels.microphone is not None else None
 
 
 def simulated_only(rig: Rig, key: str) -> Finding:
@@ -220,18 +211,6 @@ def simulated_table(where: Path | str, rig_folder: Path, rig: Rig) -> Finding | 
         return None
     what, remedy = f"{shaping.response} says that it is SIMULATED", "measure the loaded panel, and name that table"
     return Finding(what, where, allowed="a table that was measured", remedy=remedy)
-
-
-def servo_of(rig: Rig) -> ServoRig:
-    """Return the force device of a rig for virtual surfaces; `RigError` if it has none."""
-    if rig.servo is None:
-        raise RigError(
-            f"rig '{rig.rig.name}'",
-            "got no table [servo]",
-            "add driver, address, full_scale_n, damping_n_s_m, delay_ms and answer_ms to the rig file",
-            allowed="one, for virtual surfaces need it",
-        )
-    return rig.servo
 
 
 def open_actuator(

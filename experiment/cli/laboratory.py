@@ -76,13 +76,12 @@ def enrol(
     --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
     before completing, in the same order of tasks.
     """
-    from palpate.experiment import storage
-    from palpate.experiment.study import enrolment
+    from palpate.experiment.study import enrolment, privacy
 
     _check_roster(protocol_file, dataset, pilot=pilot)
     path = enrolment.enrol(protocol_file, participant, consent_on, root=dataset, seed=seed, pilot=pilot)
     typer.echo(f"Participant {participant} is enrolled: {path}")
-    if warning := storage.readers_warning(path.parent.parent):
+    if warning := privacy.readers_warning(path.parent.parent):
         options.say(f"palpate: {warning}", err=True)
     if told := enrolment.unsealed(protocol_file):
         options.say(f"palpate: {told}", err=True)
@@ -437,8 +436,9 @@ def withdraw(
 def _tell_unknown_files(root: Path, participant: str) -> None:
     """Tell which files beside those of palpate may hold data of a participant whose own files are gone."""
     from palpate.experiment import storage
+    from palpate.experiment.study import privacy
 
-    unknown = () if storage.left_of(root, participant) else storage.unknown_files(root)
+    unknown = () if storage.left_of(root, participant) else privacy.unknown_files(root)
     if unknown:
         typer.echo(f"palpate does not know these files in {root}. Delete each that has data of {participant}:")
     for name in unknown:
@@ -502,7 +502,7 @@ def verify(
     is refused, and 2 if nothing could be checked, as with a register that is not there.
     """
     from palpate.experiment.dataset import verify as verifying
-    from palpate.experiment.dataset.register import Signer
+    from palpate.experiment.dataset.signatures import Signer
     from palpate.experiment.settings.characters import plain
 
     report = verifying.verify(dataset, registers or (), numbers or (), Signer(signer) if signer else None)

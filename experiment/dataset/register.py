@@ -7,9 +7,7 @@ that an anchor's number in a lab book is enough to check it.
 
 import hashlib
 import os
-import re
 import subprocess
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -244,53 +242,18 @@ def _may_be_erased(root: Path, roster: Roster | None, name: str) -> bool:
     return participant not in roster.withdrawn and storage.withdrawal_path(root, participant).exists()
 
 
-@dataclass(frozen=True)
-class Signer:
-    """Whose signatures count: a file of public SSH keys, one a line."""
-
-    path: Path
-
-    def keys(self) -> list[str]:
-        """Return its keys. Raises `DatasetError` if they cannot be read."""
-        try:
-            keys = [line for line in storage.read_text(self.path).splitlines() if line.strip()]
-        except (OSError, UnicodeDecodeError) as error:
-            raise DatasetError(
-                self.path, f"cannot be read ({storage.why(error)})", "give a public key (.pub)"
-            ) from error
-        if not keys or not all(re.match(r"(ssh|ecdsa|sk)-\S+ \S", line) for line in keys):
-            raise DatasetError(self.path, "got no public SSH keys", "give the key's .pub file", allowed="one a line")
-        return keys
-
-    def signed(self, kept: Kept) -> bool:
-        """Return whether one of the keys signed an anchor. Raises `DatasetError` if the keys cannot be read."""
-        with tempfile.TemporaryDirectory() as folder:
-            allowed, signature = Path(folder, "allowed"), Path(folder, "signature")
-            allowed.write_text("".join(f"laboratory {line}\n" for line in self.keys()), "utf-8")
-            signature.write_text(kept.signature or "", "utf-8")
-            asked = ("verify", "-f", str(allowed), "-I", "laboratory", "-s", str(signature))
-            return _ssh_keygen(asked, kept.anchor).returncode == 0
-
-
-def soundly_signed(kept: Kept) -> bool:
-    """Return whether any key at all signed an anchor as it stands."""
-    with tempfile.NamedTemporaryFile() as signature:
-        signature.write((kept.signature or "").encode())
-        signature.flush()
-        return _ssh_keygen(("check-novalidate", "-s", signature.name), kept.anchor).returncode == 0
-
-
 def _signature(anchor: Anchor, key: Path) -> str:
     if not key.is_file():
         raise DatasetError(key, "is no file", "give its path", allowed="a private SSH key")
-    done = _ssh_keygen(("sign", "-f", str(key)), anchor)
+    done = ssh_keygen(("sign", "-f", str(key)), anchor)
     if done.returncode:
         why = " ".join(done.stderr.decode("utf-8", "replace").split())
         raise DatasetError(key, f"the anchor was not signed ({why})", "give a private SSH key that you can use")
     return done.stdout.decode("ascii")
 
 
-def _ssh_keygen(asked: Sequence[str], anchor: Anchor) -> subprocess.CompletedProcess[bytes]:
+def ssh_keygen(asked: Sequence[str], anchor: Anchor) -> subprocess.CompletedProcess[bytes]:
+    """Run ssh-keygen on an anchor's canonical form. Raises `DatasetError` if it is not installed."""
     command = ("ssh-keygen", "-Y", *asked, "-n", NAMESPACE)
     try:
         return subprocess.run(command, input=anchor.canonical, capture_output=True, check=False)  # noqa: S603

@@ -20,7 +20,7 @@ from palpate.experiment.protocol.approval import sealing
 from palpate.experiment.records import chain, journal
 from palpate.experiment.records.entries import Purpose
 from palpate.experiment.records.progress import Progress, progress
-from palpate.experiment.study import enrolment
+from palpate.experiment.study import enrolment, privacy
 
 COLUMNS = 80
 """Width of the screen, characters."""
@@ -330,7 +330,7 @@ def _reminders(root: Path, dataset: Dataset, people: list[Person]) -> Iterator[s
                 f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
                 f"Unless it is running now, it was cut off; {again} goes on with it."
             )
-    if warning := storage.readers_warning(root):
+    if warning := privacy.readers_warning(root):
         yield warning
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:
         yield f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."

@@ -17,7 +17,8 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.dataset import bids, build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset
-from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, Signer, anchors_of_file
+from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
+from palpate.experiment.dataset.signatures import Signer, soundly_signed
 from palpate.experiment.errors import DatasetError, Finding, OtherFormat, PalpateError, RecordingError, Remedy, Verdict
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.blocks import count
@@ -369,7 +370,7 @@ def _evidence(
         if signer and (unsigned := len(mine) - len(counted)):
             do = "1 anchor does" if unsigned == 1 else f"{unsigned} anchors do"
             findings.append(Finding(f"{do} not count: {signer.path} did not sign them", str(path), verdict="unknown"))
-        if signer and not counted and any(map(register.soundly_signed, mine)):
+        if signer and not counted and any(map(soundly_signed, mine)):
             raise DatasetError(
                 signer.path,
                 f"is not the key that signed the anchors of this dataset in {path}; give that one",

@@ -229,7 +229,9 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     if not rig.rig.simulated:
         raise DatasetError(rig_file, "is a real rig", "give such a rig file", allowed="one that says simulated = true")
     if protocol.rendered is not None:
-        opening.servo_of(rig)
+        from palpate.experiment.apparatus.servo.opening import servo_of
+
+        servo_of(rig)
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     return rig
 

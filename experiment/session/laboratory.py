@@ -54,13 +54,13 @@ def open_laboratory(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
         microphone: Microphone | None = None
         computing: Executor | None = None
         if protocol.answers.microphone:
+            from palpate.experiment.desk.voice import ear
+
             if sound is not None:
-                microphone = opening.open_microphone(rig, stream=sound.stream)
+                microphone = ear.open_microphone(rig, stream=sound.stream)
             if microphone is None:
                 console.tell(Notice("The rig names no microphone (audio.channels.microphone): no answer is proposed."))
             else:
-                from palpate.experiment.desk.voice import ear
-
                 computing = opened.enter_context(ear.computing())
         yield Devices(
             kind=kind,

@@ -24,7 +24,6 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock, monotonic_ns
@@ -118,7 +117,7 @@ def desk(folder: Path) -> Iterator[Desk]:
 @contextmanager
 def listening(rig: Rig, stream: AudioStream, clock: Clock, desk: Desk) -> Iterator[Ear]:
     """Listen to the rig's microphone as a session does that compares what it hears with an enrolment."""
-    microphone = opening.open_microphone(rig, stream=stream)
+    microphone = ears.open_microphone(rig, stream=stream)
     if microphone is None:
         raise ValueError("the rig has no microphone")
     with ears.computing() as computing:

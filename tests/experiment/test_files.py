@@ -6,8 +6,6 @@ import errno
 import fcntl
 import os
 import socket
-import tempfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -212,42 +210,3 @@ def test_a_disk_that_is_full_names_the_file(tmp_path: Path, monkeypatch: pytest.
     with pytest.raises(OSError, match="Errno") as caught, storage.new_folder(tmp_path / "folder") as partial:
         storage.create(partial / "a" / "file", b"new")
     assert caught.value.filename == str(tmp_path / "a" / "file")
-
-
-@pytest.fixture
-def shared() -> Iterator[Path]:
-    """A dataset in a folder that everybody may enter."""
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder) / "study"
-        storage.people_folder(root)
-        Path(folder).chmod(0o755)
-        root.chmod(0o755)
-        for path in (storage.seed_path(root), storage.roster_path(root)):
-            path.write_bytes(b"")
-            path.chmod(0o644)
-        yield root
-
-
-def test_what_others_can_read_of_people_seed_and_roster_is_named(shared: Path) -> None:
-    source = shared / "sourcedata"
-    assert storage.readable_by_others(shared) == ()
-    assert storage.readers_warning(shared) == ""
-    # As an unzip leaves it, or a file system without modes.
-    source.chmod(0o755)
-    files = (storage.seed_path(shared), storage.roster_path(shared))
-    assert storage.readable_by_others(shared) == (source, *files)
-    files[0].chmod(0o600)
-    assert storage.readable_by_others(shared) == (source, files[1])
-    # Whoever knows a name may still read it.
-    source.chmod(0o711)
-    assert storage.readable_by_others(shared) == (files[1],)
-    shared.chmod(0o700)
-    assert storage.readable_by_others(shared) == ()
-    shared.chmod(0o755)
-    source.chmod(0o750)
-    assert storage.readable_by_others(shared) == (source, files[1])
-    # A group that may write shares the files.
-    source.chmod(0o770)
-    files[1].chmod(0o660)
-    assert storage.readable_by_others(shared) == ()
-    assert str(files[1]) not in storage.readers_warning(shared)

@@ -387,7 +387,7 @@ PATCHES = (
     Patch(
         "unknown files left out after an erasure",
         "experiment/cli/laboratory.py",
-        "    unknown = () if storage.left_of(root, participant) else storage.unknown_files(root)\n",
+        "    unknown = () if storage.left_of(root, participant) else privacy.unknown_files(root)\n",
         "    unknown: tuple[str, ...] = ()\n",
         (f"{_T}study/test_erasure.py",),
     ),

@@ -18,7 +18,6 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import response_table as response
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
@@ -29,6 +28,7 @@ from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
 from palpate.experiment.clock import Clock, day, wall_ns
 from palpate.experiment.errors import ActuatorError, Finding, PalpateError, Remedy, Verdict
 from palpate.experiment.protocol.models import Step
+from palpate.experiment.study.privacy import CLOSING, readable_by_others
 
 COLORS: Mapping[Verdict, str] = {"passes": "green", "unknown": "not checked", "refuses": "red"}
 """How a verdict is shown, and its word in the document for programs."""
@@ -332,8 +332,8 @@ def writing(folder: Path, clock: Clock) -> Finding:
 
 def privacy(folder: Path) -> Iterator[Finding]:
     """Yield what others on this machine can read of a dataset's people, seed and roster; nothing where they cannot."""
-    if shown := storage.readable_by_others(folder):
-        yield Finding(f"others can read {', '.join(map(str, shown))}", remedy=storage.CLOSING, check="privacy")
+    if shown := readable_by_others(folder):
+        yield Finding(f"others can read {', '.join(map(str, shown))}", remedy=CLOSING, check="privacy")
 
 
 def _there(folder: Path) -> Path:

@@ -6,11 +6,11 @@ from contextlib import closing
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
 from palpate.experiment.apparatus.servo.device import ForceDevice
+from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.apparatus.servo.rendering import NO_FORCE
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.clock import Clock
@@ -32,7 +32,7 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
     virtual = protocol.rendered if protocol is not None else None
     rate_hz = rig.tracker.rate_hz if virtual is None else virtual.rate_hz
     try:
-        device = rig.servo if virtual is None else opening.servo_of(rig)
+        device = rig.servo if virtual is None else servo_of(rig)
     except RigError as error:
         yield refused("virtual surfaces", error)
         return

@@ -25,8 +25,11 @@ from numpy.typing import NDArray
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host
-from palpate.experiment.apparatus.audio.microphone import objection
+from palpate.experiment.apparatus.audio.microphone import AudioMicrophone, objection
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.opening import audio_of
 from palpate.experiment.apparatus.ports import Microphone, Recorded
+from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import Clock
 from palpate.experiment.desk.messages import Lamp
 from palpate.experiment.desk.questions import Console, Proposed
@@ -63,6 +66,12 @@ ENDS_S = 1.0
 
 CLIPPED_S = 5.0
 """So long the lamp tells of a clipped sample, s."""
+
+
+def open_microphone(rig: Rig, *, stream: AudioStream) -> Microphone | None:
+    """Return the rig's microphone, an input of the session's stream; None where the rig has none."""
+    audio = audio_of(rig)
+    return AudioMicrophone(stream, audio) if audio.channels.microphone is not None else None
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_dr
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
-from palpate.experiment.apparatus.servo.opening import open_servo
+from palpate.experiment.apparatus.servo.opening import open_servo, servo_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
@@ -61,7 +61,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     """
     protocol, rig, clock = sitting.protocol, sitting.rig, sitting.clock
     virtual = protocol.surfaces
-    device = opening.servo_of(rig)
+    device = servo_of(rig)
     if not rig.rig.simulated:
         settings.refuse_beyond(virtual, device, rig=rig.rig.name)
         zeroing.check_age(rig, day(clock.now_ns()))
@@ -102,7 +102,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
-    settings.refuse_beyond(protocol.surfaces, opening.servo_of(rig), rig=rig.rig.name)
+    settings.refuse_beyond(protocol.surfaces, servo_of(rig), rig=rig.rig.name)
     opening.refuse_simulated_table(rig_file, rig)
     zeroing.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
@@ -110,7 +110,7 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
 
 def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
     """Return what the board reads of a rig, and why it bears no block of the protocol, if so; raises as `left_out`."""
-    bears, told = settings.judged(protocol.surfaces, opening.servo_of(rig))
+    bears, told = settings.judged(protocol.surfaces, servo_of(rig))
     planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
     omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     told = f"{told} The tracker {planar} pushes along the face." + (

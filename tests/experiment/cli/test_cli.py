@@ -32,7 +32,7 @@ from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.session import run
 from palpate.experiment.settings.characters import hidden
-from palpate.experiment.study import withdrawal
+from palpate.experiment.study import privacy, withdrawal
 from tests.approved import anywhere
 from tests.conftest import Palpate
 from tests.rig.laboratory import STOPS
@@ -708,6 +708,6 @@ def test_who_enrols_is_told_what_others_can_read(
         asked.append(root)
         return "SHOWN"
 
-    monkeypatch.setattr(storage, "readers_warning", warning)
+    monkeypatch.setattr(privacy, "readers_warning", warning)
     code, _, err = palpate("enrol", protocol, "-p", "01", "--dataset", tmp_path / "data")
     assert (code, asked, "SHOWN" in err) == (0, [tmp_path / "data"], True)

@@ -24,7 +24,7 @@ from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import chain
-from palpate.experiment.study import enrolment, withdrawal
+from palpate.experiment.study import enrolment, privacy, withdrawal
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.wrong import copied
@@ -326,6 +326,6 @@ def test_a_figure_replaces_a_figure_of_palpate_and_nothing_else(
 
 def test_what_others_can_read_is_a_reminder(made: MadeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
     before = status(made.root, DAY).reminders
-    monkeypatch.setattr(storage, "readers_warning", lambda root: f"Others can read {root}.")
+    monkeypatch.setattr(privacy, "readers_warning", lambda root: f"Others can read {root}.")
     after = status(made.root, DAY).reminders
     assert [one for one in after if one not in before] == [f"Others can read {made.root}."]

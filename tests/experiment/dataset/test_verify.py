@@ -14,6 +14,7 @@ import pytest
 
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids, build, checks, register, status
+from palpate.experiment.dataset.signatures import Signer
 from palpate.experiment.dataset.verify import FOREIGN, MISTYPED, Report, verify
 from palpate.experiment.errors import DatasetError, OtherFormat
 from palpate.experiment.protocol import approval
@@ -231,7 +232,7 @@ def test_a_register_inside_the_dataset_proves_nothing_however_its_path_is_spelt(
 
 def test_a_signer_without_a_register_is_refused(study: MadeStudy, tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="got --signer without --register"):
-        verify(study.root, signer=register.Signer(tmp_path / "key.pub"))
+        verify(study.root, signer=Signer(tmp_path / "key.pub"))
 
 
 @pytest.mark.parametrize("digits", [1, 2, 3])

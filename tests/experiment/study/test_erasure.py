@@ -20,7 +20,7 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, PalpateError
 from palpate.experiment.protocol import files
 from palpate.experiment.records import chain
-from palpate.experiment.study import people, withdrawal
+from palpate.experiment.study import people, privacy, withdrawal
 from palpate.experiment.study.roster import Roster
 from tests.approved import Refuses, anywhere
 from tests.conftest import Palpate
@@ -188,14 +188,14 @@ COPIES = (
 
 
 def test_files_that_palpate_does_not_know_are_listed_after_an_erasure(study: MadeStudy, palpate: Palpate) -> None:
-    assert storage.unknown_files(study.root) == []
+    assert privacy.unknown_files(study.root) == []
     for name in COPIES:
         (study.root / name).parent.mkdir(parents=True, exist_ok=True)
         (study.root / name).write_text("foil", "utf-8")
     code, out, _ = palpate(*asked(study, "--erase", "--yes"))
     # The tables are not made beside what looks like a journal; the data are gone.
     assert (code, storage.left_of(study.root, "02")) == (2, [])
-    listed = storage.unknown_files(study.root)
+    listed = privacy.unknown_files(study.root)
     assert listed == sorted(COPIES)
     assert all(f"  {name}\n" in out for name in listed)
     (study.root / COPIES[2]).unlink()

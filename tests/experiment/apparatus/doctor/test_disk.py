@@ -13,7 +13,6 @@ from pathlib import Path
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment import storage
 from palpate.experiment.apparatus.doctor import checks
 from palpate.experiment.clock import ManualClock, MonotonicClock
 
@@ -83,6 +82,6 @@ def test_a_disk_that_fills_up_meanwhile_is_red(
 
 def test_what_others_can_read_is_red(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(checks.privacy(tmp_path)) == []
-    monkeypatch.setattr(storage, "readable_by_others", lambda folder: (folder / "sourcedata",))
+    monkeypatch.setattr(checks, "readable_by_others", lambda folder: (folder / "sourcedata",))
     (found,) = checks.privacy(tmp_path)
     assert (found.verdict, str(tmp_path / "sourcedata") in found.what) == ("refuses", True)

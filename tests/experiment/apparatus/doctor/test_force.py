@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor import force
+from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import Finding, RigError
@@ -65,7 +65,7 @@ def test_a_rig_that_renders_no_surface_is_red_before_a_study_of_them_alone(name:
     """The words are those of `palpate check --rig` and of a session."""
     rig = rigs.load(shipped(f"rigs/{name}.toml"))
     with pytest.raises(RigError) as refused:
-        opening.servo_of(rig)
+        servo_of(rig)
     (found,) = force.checks(rig, None, protocol=PAPER, clock=MonotonicClock())
     assert (found.check, found.verdict) == ("virtual surfaces", "refuses")
     assert replace(found, check="") == refused.value.finding
