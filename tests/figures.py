@@ -18,7 +18,7 @@ import grimp
 from tests.measures import imports, kinds, parameters, patterns
 from tests.measures.source import FOLDERS, PACKAGE, REPOSITORY, Source, entries, read_sources, tracked_files
 
-TRUNKS: Mapping[str, int] = {"session": 20_100, "analysis": 14_500}
+TRUNKS: Mapping[str, int] = {"session": 19_500, "analysis": 14_500}
 """The most lines of each trunk. With those of a wing they take the place of limits on all lines, modules and imports of
 the source: what a session or an analysis cannot do without is to stay small, and what can be taken away may come."""
 

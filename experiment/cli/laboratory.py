@@ -76,6 +76,7 @@ def enrol(
     --dataset. Once all are enrolled whom the study plans, each further one takes the place of somebody who withdrew
     before completing, in the same order of tasks.
     """
+    from palpate.experiment.protocol.approval import sealing
     from palpate.experiment.study import enrolment, privacy
 
     _check_roster(protocol_file, dataset, pilot=pilot)
@@ -83,7 +84,7 @@ def enrol(
     typer.echo(f"Participant {participant} is enrolled: {path}")
     if warning := privacy.readers_warning(path.parent.parent):
         options.say(f"palpate: {warning}", err=True)
-    if told := enrolment.unsealed(protocol_file):
+    if told := sealing.unsealed(protocol_file):
         options.say(f"palpate: {told}", err=True)
 
 

@@ -83,17 +83,6 @@ def enrol(
     return path
 
 
-def unsealed(protocol_file: Path) -> str:
-    """Return what to tell of a protocol under which somebody was enrolled before it was sealed; nothing otherwise."""
-    if approval.seal_path(protocol_file).exists():
-        return ""
-    texts = f"Texts of it still say {approval.UNFILLED}. " if approval.unfilled(files.load(protocol_file)) else ""
-    return (
-        f"the protocol is not sealed. {texts}No session begins before it is, and this dataset keeps to the version "
-        "that it was begun with: after a change, name another folder (--dataset)"
-    )
-
-
 def seed_of(root: Path) -> int:
     """Return the seed of the dataset's draws.
 

@@ -32,9 +32,6 @@ MOST_FIELDS = 5
 WHOLE, BEFORE = 55, 20
 """Characters of a text that is told whole; and of a longer one, before the place where it was changed."""
 
-UNFILLED = "TO BE FILLED IN"
-"""Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
-
 FORMAT: Literal[1] = 1
 """The format of the seal's file."""
 
@@ -55,12 +52,6 @@ def canonical(protocol: Protocol) -> bytes:
 def sha256(protocol: Protocol) -> str:
     """Return the SHA-256 of the canonical form, 64 hexadecimal digits."""
     return hashlib.sha256(canonical(protocol)).hexdigest()
-
-
-def unfilled(protocol: Protocol) -> tuple[str, ...]:
-    """Return the fields that still begin with `UNFILLED`, as users read their paths."""
-    leaves = _leaves(protocol.model_dump(mode="json"))
-    return tuple(written(path) for path, value in leaves if isinstance(value, str) and value.startswith(UNFILLED))
 
 
 class Seal(Confined):
@@ -144,13 +135,13 @@ def changes(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Finding
 def differences(protocol: Protocol, approved: str) -> tuple[list[tuple[str, str, str]], int]:
     """Return the first few fields that differ from the form in the seal, now and as approved, and how many more do."""
     forms = approved, canonical(protocol)
-    sealed, found = (dict(_leaves(storage.json_of(form))) for form in forms)
+    sealed, found = (dict(leaves(storage.json_of(form))) for form in forms)
     differing = [path for path in {**sealed, **found} if sealed.get(path, ...) != found.get(path, ...)]
     few = [(written(path), *_parted(found.get(path, ...), sealed.get(path, ...))) for path in differing[:MOST_FIELDS]]
     return few, len(differing) - len(few)
 
 
-def _leaves(value: object, at: Place = ()) -> Iterator[tuple[Place, object]]:
+def leaves(value: object, at: Place = ()) -> Iterator[tuple[Place, object]]:
     """Yield every value that holds no others, an empty list or table included, with its path."""
     held: Iterable[tuple[str | int, object]] = ()
     if isinstance(value, dict):
@@ -163,7 +154,7 @@ def _leaves(value: object, at: Place = ()) -> Iterator[tuple[Place, object]]:
     if not value:
         yield at, value
     for part, inner in held:
-        yield from _leaves(inner, (*at, part))
+        yield from leaves(inner, (*at, part))
 
 
 def _parted(found: object, sealed: object) -> tuple[str, str]:

@@ -6,23 +6,33 @@ from pathlib import Path
 
 from palpate.experiment import storage
 from palpate.experiment.errors import Finding, PalpateError, mismatch
+from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval import (
     FORMAT,
-    UNFILLED,
     Seal,
     canonical,
     changes,
     contradictions,
     differences,
+    leaves,
     read,
     refuse,
     seal_path,
     sha256,
-    unfilled,
 )
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
 from palpate.experiment.settings.characters import quoted
+from palpate.experiment.settings.load import written
+
+UNFILLED = "TO BE FILLED IN"
+"""Begins a text that a new protocol has until its laboratory writes its own; see `new`."""
+
+
+def unfilled(protocol: Protocol) -> tuple[str, ...]:
+    """Return the fields that still begin with `UNFILLED`, as users read their paths."""
+    texts = leaves(protocol.model_dump(mode="json"))
+    return tuple(written(path) for path, value in texts if isinstance(value, str) and value.startswith(UNFILLED))
 
 
 def write(
@@ -65,6 +75,17 @@ def write(
         refuse(path, [mismatch("seal", None, "an existing seal", allowed)])
     _write(path, seal)
     return seal
+
+
+def unsealed(protocol_file: Path) -> str:
+    """Return what to tell of a protocol under which somebody was enrolled before it was sealed; nothing otherwise."""
+    if seal_path(protocol_file).exists():
+        return ""
+    texts = f"Texts of it still say {UNFILLED}. " if unfilled(files.load(protocol_file)) else ""
+    return (
+        f"the protocol is not sealed. {texts}No session begins before it is, and this dataset keeps to the version "
+        "that it was begun with: after a change, name another folder (--dataset)"
+    )
 
 
 def replaced(protocol_path: Path, protocol: Protocol) -> str:

@@ -1,6 +1,6 @@
 """A new protocol file: from the answers to a few questions, or as a copy of another under an id of its own.
 
-Every key has a comment. Fields that only a laboratory can complete are `approval.UNFILLED`: such a study can be
+Every key has a comment. Fields that only a laboratory can complete are `UNFILLED`: such a study can be
 practiced and rehearsed, not sealed. Each answer is checked as the file that it would become.
 """
 
@@ -16,7 +16,7 @@ import tomlkit
 from palpate.experiment import storage
 from palpate.experiment.errors import PalpateError, ProtocolError
 from palpate.experiment.protocol import files
-from palpate.experiment.protocol.approval import UNFILLED
+from palpate.experiment.protocol.approval.sealing import UNFILLED
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings import load
 from palpate.experiment.settings.characters import plain, quoted

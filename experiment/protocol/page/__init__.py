@@ -8,7 +8,7 @@ from pathlib import Path
 
 from palpate.experiment.errors import Finding, mismatch
 from palpate.experiment.protocol import approval, rendering
-from palpate.experiment.protocol.approval import Seal
+from palpate.experiment.protocol.approval import Seal, sealing
 from palpate.experiment.protocol.blocks import (
     Block,
     Facts,
@@ -456,7 +456,7 @@ def _planned(planned: PlannedTest) -> str:
 def _left_empty(protocol: Protocol) -> Iterator[Block]:
     optional = (("ethics.contact", protocol.ethics.contact), ("duration", protocol.duration))
     empty = [name for name, value in optional if not value]
-    unfilled = approval.unfilled(protocol)
+    unfilled = sealing.unfilled(protocol)
     if not empty and not unfilled:
         yield Said("Nothing is left: every field is filled in.")
     if empty:
@@ -464,7 +464,7 @@ def _left_empty(protocol: Protocol) -> Iterator[Block]:
     for name in empty:
         yield Item(name)
     if unfilled:
-        yield Said(f"These still say {approval.UNFILLED}, and the protocol can be sealed once none does:")
+        yield Said(f"These still say {sealing.UNFILLED}, and the protocol can be sealed once none does:")
     for name in unfilled:
         yield Item(name)
 

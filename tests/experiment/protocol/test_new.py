@@ -82,14 +82,14 @@ def tuples(value: object) -> object:
 def test_what_is_to_be_filled_in_stands_on_the_page_and_is_not_sealed(tmp_path: Path, refuses: Refuses) -> None:
     file, made = written(new.NewStudy(materials=FIVE[:2]), tmp_path)
     wanted = ["study.source", "ethics.board", "ethics.statement", *(f"materials[{i}].description" for i in range(2))]
-    assert list(approval.unfilled(made)) == wanted
+    assert list(sealing.unfilled(made)) == wanted
     _, left = page(made, str(file)).split("12. Left for the laboratory")
     assert [name for name in wanted if f"  - {name}\n" in left] == wanted
     days: dict[str, Any] = {"approved_on": date(2026, 1, 1), "expires_on": date(2027, 1, 1)}
     with refuses(ProtocolError):
         sealing.write(file, made, approval_number="1", board=made.ethics.board, **days)
     assert not approval.seal_path(file).exists()
-    file.write_text(file.read_text("utf-8").replace(f"{approval.UNFILLED}: ", ""), "utf-8")
+    file.write_text(file.read_text("utf-8").replace(f"{sealing.UNFILLED}: ", ""), "utf-8")
     filled = files.load(file)
     assert sealing.write(file, filled, approval_number="1", board=filled.ethics.board, **days)
 
