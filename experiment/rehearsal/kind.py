@@ -11,10 +11,10 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.protocol.models import Task
 
 if TYPE_CHECKING:
-    from palpate.experiment.rehearsal.footstep.foot import Foot
-    from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
     from palpate.experiment.rehearsal.participant import SimulatedPerson
     from palpate.experiment.rehearsal.voice import Speaker
+    from palpate.experiment.rehearsal.wires.foot import Foot
+    from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 
 
 @dataclass(frozen=True)

@@ -31,13 +31,13 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings.manifest import MANIFEST
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose
-from palpate.experiment.rehearsal.footstep.foot import Foot
-from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind
 from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
 from palpate.experiment.rehearsal.tapping import hand
 from palpate.experiment.rehearsal.voice import Speaker
+from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
+from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import runner, scene
@@ -47,7 +47,7 @@ from palpate.experiment.synthesis import waveforms
 from palpate.experiment.synthesis.waveforms import Basis
 
 if TYPE_CHECKING:
-    from palpate.experiment.rehearsal.footstep.modes import MovingPanel
+    from palpate.experiment.rehearsal.wires.modes import MovingPanel
 
 SIMULATED_START_NS = int(datetime(2000, 1, 1, 9, tzinfo=UTC).timestamp()) * 10**9
 """When simulated time begins, so that the same seed writes the same files."""
@@ -233,7 +233,7 @@ def moving_panel(dataset: Path) -> MovingPanel | None:
     file = storage.protocol_path(dataset).with_name(PANEL_FILE)
     if not file.exists():
         return None
-    from palpate.experiment.rehearsal.footstep import modes
+    from palpate.experiment.rehearsal.wires import modes
 
     return modes.MovingPanel(modes.read(file))
 

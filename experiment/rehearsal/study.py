@@ -240,7 +240,7 @@ def _panel(panel_file: Path | None, rig_file: Path, rig: rigs.Rig) -> bytes | No
     """Return the file of a panel's modes, if any, which can be used with a rig. Raises `PalpateError`."""
     if panel_file is None:
         return None
-    from palpate.experiment.rehearsal.footstep import modes
+    from palpate.experiment.rehearsal.wires import modes
 
     modes.read(panel_file)
     if rig.actuator.shaping is None:

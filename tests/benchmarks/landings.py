@@ -42,7 +42,7 @@ from palpate.experiment.desk.questions import Arm
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
-from palpate.experiment.rehearsal.footstep.foot import Foot, trajectory
+from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import scene

@@ -20,8 +20,8 @@ from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.desk.questions import Arm, Question, Reply, TrialAnswer
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal import study
-from palpate.experiment.rehearsal.footstep import foot
 from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment.rehearsal.wires import foot
 from tests.benchmarks.scheduling import STEP, STEPS, loaded, report, spread
 
 LEADS_MS = (5.0, 10.0, 12.0, 15.0, 20.0)

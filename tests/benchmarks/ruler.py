@@ -2,7 +2,7 @@
 
 The truth is a simulated foot's: a minimum-jerk reach whose pace wavers, drawn as straight lines between 2,001 knots and
 cut where it meets the panel, so that true contact is known to rounding (`trajectory` in
-`experiment/rehearsal/footstep/foot.py`). What follows contact is a sole and a panel that give way. Sensors have noise,
+`experiment/rehearsal/wires/foot.py`). What follows contact is a sole and a panel that give way. Sensors have noise,
 or none, and frames come at 1 or 5 kHz at a random phase.
 
 Three rulers judge the same feet: contact as recorded, the root of a straight line through the last 3 mm, which was on
@@ -24,7 +24,7 @@ from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.apparatus.tracker.gate import Contact, GateDetector
 from palpate.experiment.apparatus.tracker.landing import Landing, LandingPredictor
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.rehearsal.footstep import foot
+from palpate.experiment.rehearsal.wires import foot
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)
 STEPS = 2000

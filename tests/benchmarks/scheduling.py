@@ -42,8 +42,8 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.records.stimulus import Delivered
 from palpate.experiment.rehearsal import study
-from palpate.experiment.rehearsal.footstep import foot
-from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires import foot
+from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
 from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.stimulus import Sounder

@@ -34,8 +34,8 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import TrackerRig
 from palpate.experiment.apparatus.tracker.frames import Samples, encode
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
-from palpate.experiment.rehearsal.footstep.foot import trajectory
 from palpate.experiment.rehearsal.footstep.participant import SPEED_MEDIAN_MM_S
+from palpate.experiment.rehearsal.wires.foot import trajectory
 
 RATES_HZ = (1000, 5000)
 FEET = ("rests", "steps", "moves")

@@ -30,7 +30,7 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.desk import link
 from palpate.experiment.desk.messages import Choose, Pause, Reply, Stop, TakeNote, View
 from palpate.experiment.records import journal
-from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
+from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
 from tests.faults.live import KEYS, SCREEN
 from tests.rig import visited

@@ -26,7 +26,7 @@ from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
 from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.rehearsal.footstep.foot import Hesitation
+from palpate.experiment.rehearsal.wires.foot import Hesitation
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from tests.experiment.session.scripted import Endless

@@ -17,7 +17,7 @@ from palpate.experiment.apparatus.tracker.frames import Decoder, Samples, encode
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.foot import Hesitation, Trajectory, trajectory
+from palpate.experiment.rehearsal.wires.foot import Hesitation, Trajectory, trajectory
 
 BASE = rigs.load(shipped("rigs/rehearsal.toml")).tracker
 BEFORE_S = 1.5

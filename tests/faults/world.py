@@ -24,7 +24,7 @@ import numpy as np
 
 from palpate.experiment.apparatus import rig
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.foot import Foot, trajectory
+from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
 from palpate.experiment.rehearsal.wires.sound_card import SoundCard
 from tests.plugged import PluggedLine
 

@@ -11,8 +11,8 @@ import numpy as np
 
 from palpate.experiment.apparatus import rig
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.foot import Foot, trajectory
-from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
+from palpate.experiment.rehearsal.wires.panel import Panel
 from tests.plugged import PluggedLine
 from tests.rig.faults import Faults
 

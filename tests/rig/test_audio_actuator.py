@@ -22,7 +22,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import ActuatorError, RigError
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.panel import CardPanel
+from palpate.experiment.rehearsal.wires.panel import CardPanel
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, SoundCard
 from tests.approved import Refuses
 from tests.experiment.synthesis.stimuli import given

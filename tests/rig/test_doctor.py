@@ -23,9 +23,9 @@ from palpate.experiment.apparatus.rig import TrackerRig
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.foot import Foot
-from palpate.experiment.rehearsal.footstep.panel import Panel
 from palpate.experiment.rehearsal.session import simulated_far_ends
+from palpate.experiment.rehearsal.wires.foot import Foot
+from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig.faults import Faults

@@ -18,7 +18,7 @@ from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.doctor import devices
 from palpate.experiment.apparatus.rig import AudioRig, TrackerRig
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.conftest import Palpate
 from tests.rig import sound

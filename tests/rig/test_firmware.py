@@ -19,7 +19,7 @@ from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetecto
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.errors import TrackerStopped
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.rehearsal.footstep.foot import trajectory
+from palpate.experiment.rehearsal.wires.foot import trajectory
 from tests.rig import board
 from tests.rig.board import Board, Events
 

@@ -15,8 +15,8 @@ from palpate.experiment.records.entries import MaskerSet, Redo
 from palpate.experiment.records.kinds.footstep import FootStep, Probed, Zeroed
 from palpate.experiment.rehearsal import session, study
 from palpate.experiment.rehearsal.footstep import participant
-from palpate.experiment.rehearsal.footstep.modes import MovingPanel
-from palpate.experiment.rehearsal.footstep.panel import CardPanel
+from palpate.experiment.rehearsal.wires.modes import MovingPanel
+from palpate.experiment.rehearsal.wires.panel import CardPanel
 from palpate.experiment.rehearsal.wires.sound_card import WiredCard
 from tests.approved import Refuses
 from tests.rig import sound

@@ -14,9 +14,9 @@ from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_dr
 from palpate.experiment.apparatus.panel.pcm import PcmActuator
 from palpate.experiment.errors import DatasetError, ProtocolError
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.modes import MovingPanel, read
-from palpate.experiment.rehearsal.footstep.panel import Panel
 from palpate.experiment.rehearsal.session import PANEL_FILE, moving_panel
+from palpate.experiment.rehearsal.wires.modes import MovingPanel, read
+from palpate.experiment.rehearsal.wires.panel import Panel
 from tests.approved import Refuses
 from tests.experiment.synthesis.stimuli import of_bins
 from tests.rig.rehearsed import counted, rehearse

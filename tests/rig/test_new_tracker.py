@@ -20,7 +20,7 @@ from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.errors import RigError, TrackerStopped
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.rehearsal.footstep import foot
+from palpate.experiment.rehearsal.wires import foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.approved import Refuses
 

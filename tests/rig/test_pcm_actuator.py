@@ -28,9 +28,9 @@ from palpate.experiment.apparatus.rig import ActuatorRig, ShapingRig
 from palpate.experiment.errors import ActuatorError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep import panel as response
 from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires import panel as response
+from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.session import scene
 from palpate.experiment.synthesis.spectra import bin_frequencies_hz, spectrum
 from palpate.experiment.synthesis.waveforms import Basis, Stimulus

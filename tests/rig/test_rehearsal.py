@@ -21,8 +21,8 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.questions import Arm, Question, Reply
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
 from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
+from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
 from tests.reference.okamoto2012 import MATERIALS, TABLE_1, TABLE_2

@@ -24,7 +24,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal import session, study
 from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
+from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from tests.approved import Refuses
 from tests.rig.faults import Faults
 from tests.rig.rehearsed import counted, rehearse

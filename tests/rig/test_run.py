@@ -27,7 +27,7 @@ from palpate.experiment.records.entries import Answer, Footer
 from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.panel import Panel
 from tests.approved import on_any_machine
 from tests.conftest import Palpate
 from tests.plugged import PluggedLine

@@ -17,8 +17,8 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
 from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.rehearsal.footstep.foot import Foot
-from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.foot import Foot
+from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.approved import on_any_machine
 from tests.conftest import Palpate

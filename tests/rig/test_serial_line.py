@@ -20,7 +20,7 @@ from palpate.experiment.apparatus.tracker.serial_tracker import REFILL_S, Serial
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory, trajectory
+from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import Kind, SerialLine, UnpluggedError
 from tests.plugged import PluggedLine
 from tests.rig.faults import Faults

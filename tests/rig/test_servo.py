@@ -28,7 +28,7 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo.link import ServoProcess
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.clock import MonotonicClock
-from palpate.experiment.rehearsal.footstep.foot import Foot, Trajectory
+from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from palpate.experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import falling, pressing

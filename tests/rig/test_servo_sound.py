@@ -19,7 +19,7 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamSettings
 from palpate.experiment.apparatus.servo.link import ServoProcess
 from palpate.experiment.clock import MonotonicClock
-from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.listener import Tap
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine

@@ -13,8 +13,8 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.foot import Foot
-from palpate.experiment.rehearsal.footstep.panel import Panel
+from palpate.experiment.rehearsal.wires.foot import Foot
+from palpate.experiment.rehearsal.wires.panel import Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig import sound
 

@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply, Rest, Say, TrialAnswer
 from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.rehearsal.footstep.foot import Foot, Hesitation
-from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, generic
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.voice import Speaker
+from palpate.experiment.rehearsal.wires.foot import Foot, Hesitation
+from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 from palpate.experiment.synthesis.spectra import spectrum
 
 NOTICEABLE = 10 ** (2.5 / 20)

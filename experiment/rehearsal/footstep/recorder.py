@@ -29,8 +29,8 @@ from palpate.experiment.recordings.manifest import Recordings
 from palpate.experiment.recordings.store import Condition, Plan, plan
 from palpate.experiment.recordings.workflow import Step
 from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.footstep.recorded_takes import CRUSH_MM, RecordingSession
+from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 
 REST_NOISE_M_S2 = 0.002

@@ -1,4 +1,4 @@
-"""SIMULATED hand: how it taps, at the far end of the tracker's line; `footstep.foot` is its sensor and firmware.
+"""SIMULATED hand: how it taps, at the far end of the tracker's line; `wires.foot` is its sensor and firmware.
 
 A tap is a minimum jerk reach that aims below the face, is stopped there by the fingers' compliance (exponentially),
 presses for a moment, and is lifted. Meanwhile it reaches along the face and back, which a planar tracker sees. The
@@ -7,7 +7,7 @@ force does not push it. Speeds are ours, mostly below the 175 mm/s of Wellman an
 
 import numpy as np
 
-from palpate.experiment.rehearsal.footstep.foot import Trajectory, progress
+from palpate.experiment.rehearsal.wires.foot import Trajectory, progress
 
 REST_MM = 8.0
 """Where the hand waits above the face, mm. Ours."""

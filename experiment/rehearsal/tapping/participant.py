@@ -16,11 +16,11 @@ import numpy as np
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply
 from palpate.experiment.errors import ActuatorError
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, WORDS
-from palpate.experiment.rehearsal.footstep.foot import Foot
-from palpate.experiment.rehearsal.footstep.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.tapping import hand, surfaces
+from palpate.experiment.rehearsal.wires.foot import Foot
+from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 
 DISCRIMINATION = 0.25
 SPREAD = 0.3

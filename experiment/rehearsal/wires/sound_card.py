@@ -23,12 +23,12 @@ from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus.audio.stream import looking_anew
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.errors import AudioError
-from palpate.experiment.rehearsal.footstep.panel import LONGEST_S, CardPanel
 from palpate.experiment.rehearsal.wires.listener import Tap
 from palpate.experiment.rehearsal.wires.mouth import Mouth, Samples, leak
+from palpate.experiment.rehearsal.wires.panel import LONGEST_S, CardPanel
 
 if TYPE_CHECKING:
-    from palpate.experiment.rehearsal.footstep.modes import MovingPanel
+    from palpate.experiment.rehearsal.wires.modes import MovingPanel
 
 DEVICE = "system"
 """As PortAudio names the simulated card."""

@@ -28,7 +28,7 @@ from palpate.experiment.apparatus.tracker.serial_port import SerialDevice
 from palpate.experiment.dataset import build
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.rehearsal.footstep.foot import Foot
+from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from palpate.experiment.session import run
 from palpate.experiment.settings.characters import hidden

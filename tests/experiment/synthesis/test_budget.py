@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from palpate.experiment.rehearsal.footstep.panel import FREQUENCIES_HZ, LEVELS_VRMS, answered
+from palpate.experiment.rehearsal.wires.panel import FREQUENCIES_HZ, LEVELS_VRMS, answered
 from palpate.experiment.synthesis import budget, tap
 from palpate.experiment.synthesis.budget import Budget, of_accelerations, of_voltages
 from palpate.experiment.synthesis.crinkle import CrinkleSpectra, leave_out

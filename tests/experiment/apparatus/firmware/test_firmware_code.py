@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES, Samples, encode
 from palpate.experiment.apparatus.tracker.gate import Gate, GateDetector
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.rehearsal.footstep.foot import trajectory
+from palpate.experiment.rehearsal.wires.foot import trajectory
 from tests.conftest import REPOSITORY
 
 FIRMWARE = REPOSITORY / "experiment" / "apparatus" / "firmware"

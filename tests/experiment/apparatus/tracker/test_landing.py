@@ -22,7 +22,7 @@ from palpate.experiment.apparatus.tracker.landing import (
     LandingPredictor,
 )
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.rehearsal.footstep import foot
+from palpate.experiment.rehearsal.wires import foot
 from tests.benchmarks.ruler import ruled, sensed
 
 STEP = Step(gate_top_mm=20.0, gate_bottom_mm=10.0, contact_mm=0.0)

@@ -16,10 +16,10 @@ from palpate.experiment.desk.terminal import TerminalConsole
 from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
-from palpate.experiment.rehearsal.footstep.foot import Foot
 from palpate.experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
 from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from palpate.experiment.rehearsal.participant import Practised
+from palpate.experiment.rehearsal.wires.foot import Foot
 from tests.approved import Refuses
 from tests.experiment.session.scripted import ScriptedTracker, rest_samples
 

@@ -9,7 +9,7 @@ from palpate.experiment.apparatus.tracker.frames import Samples
 from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import Landing, LandingPredictor
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.rehearsal.footstep import foot
+from palpate.experiment.rehearsal.wires import foot
 from palpate.experiment.session.footstep.watch import Feed, Watch, WatchedStep, watch
 from tests.benchmarks.ruler import STEP
 from tests.experiment.session.scripted import START_NS, Endless, ScriptedTracker

@@ -16,7 +16,7 @@ from palpate.experiment.apparatus.tracker.frames import Decoder, Frames, LinkCou
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.models import Step
-from palpate.experiment.rehearsal.footstep.foot import Foot, Hesitation, Trajectory, trajectory
+from palpate.experiment.rehearsal.wires.foot import Foot, Hesitation, Trajectory, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 from tests.approved import Refuses
 from tests.rig.faults import Faults

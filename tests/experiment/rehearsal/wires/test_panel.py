@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.experiment.rehearsal.footstep.panel import (
+from palpate.experiment.rehearsal.wires.panel import (
     FREQUENCIES_HZ,
     LEVELS_VRMS,
     SOFT_V,

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from scipy import linalg, signal
 
 from palpate.experiment.errors import ProtocolError
-from palpate.experiment.rehearsal.footstep.modes import FINER, RINGS_S, MovingPanel, read, respond
-from palpate.experiment.rehearsal.footstep.panel import gain
+from palpate.experiment.rehearsal.wires.modes import FINER, RINGS_S, MovingPanel, read, respond
+from palpate.experiment.rehearsal.wires.panel import gain
 from tests.benchmarks.panel import off
 
 RATE_HZ = 20_000

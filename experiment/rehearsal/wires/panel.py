@@ -26,7 +26,7 @@ from palpate.experiment.synthesis.shaping import Response
 from palpate.experiment.synthesis.spectra import bin_frequencies_hz, inverse, spectrum
 
 if TYPE_CHECKING:
-    from palpate.experiment.rehearsal.footstep.modes import MovingPanel
+    from palpate.experiment.rehearsal.wires.modes import MovingPanel
 
 SUSPENSION_HZ, SUSPENSION_DAMPING = 35.0, 0.5
 PANEL_HZ, PANEL_DAMPING = 360.0, 0.12
