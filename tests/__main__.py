@@ -34,23 +34,13 @@ def pytest(arguments: list[str]) -> list[str]:
     return [sys.executable, "-m", "pytest", *arguments]
 
 
-def in_ordinary_time() -> list[str]:
-    """Return what a command begins with so that none of its threads runs in real time, where the system has that.
-
-    Of several sessions at once in real time, each holds up the simulated feet of the others.
-    """
-    words = ["setpriv", "--bounding-set=-sys_nice", "--inh-caps=-sys_nice"]
-    able = which(words[0]) and not subprocess.call([*words, "true"], stderr=subprocess.DEVNULL)
-    return words if able else []
-
-
 def main() -> int:
     """Run the parts, and return the largest of their exit codes: 0 if every test passed."""
     begun_s = time.monotonic()
     yielding = ["nice", "-n", "10"] if which("nice") else []
     computing, waiting, alone = parts()
     with TemporaryFile() as kept:
-        beside = subprocess.Popen(in_ordinary_time() + pytest(waiting), stdout=kept, stderr=subprocess.STDOUT)
+        beside = subprocess.Popen(pytest(waiting), stdout=kept, stderr=subprocess.STDOUT)
         codes = [subprocess.call(yielding + pytest(computing)), beside.wait()]
         kept.seek(0)
         sys.stdout.buffer.write(kept.read())

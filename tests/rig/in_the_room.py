@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
 
-from palpate.experiment.apparatus import host
 from palpate.experiment.rehearsal.session import Job, SimulatedEnds
 from palpate.experiment.session import laboratory, run
 from palpate.experiment.session.attempt import Devices
@@ -29,6 +28,5 @@ def _opened(sitting: Sitting, ends: FarEnds) -> Iterator[Devices]:
 
 
 def simulate() -> None:
-    """Have the sessions of this process meet simulated devices, in no hurry: others run beside them."""
-    vars(host)["raised"] = lambda: nullcontext("")
+    """Have the sessions of this process meet simulated devices."""
     vars(run)["open_laboratory"] = _opened

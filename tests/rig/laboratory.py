@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus import host, rig
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
 from palpate.experiment.rehearsal.wires.panel import Panel
@@ -72,8 +72,9 @@ class Laboratory:
         self.power()
 
     def power(self, sole_mm: float = 0.0) -> None:
-        """The device begins to send, its clock at zero."""
-        self.foot = Foot(self.line, self.settings, real_time=True, sole_mm=sole_mm)
+        """The device begins to send, its clock at zero; as a device does, whatever the machine is busy with."""
+        with host.raised():
+            self.foot = Foot(self.line, self.settings, real_time=True, sole_mm=sole_mm)
 
     def drained(self) -> None:
         """The tracker listens anew."""

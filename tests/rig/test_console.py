@@ -19,8 +19,6 @@ from tests.experiment.protocol.small import SMALL
 from tests.rig.terminal import PATIENCE_S, Terminal
 from tests.working_folder import WorkingFolder
 
-pytestmark = pytest.mark.clocked
-
 TRIALS = 4
 
 SECOND = "--participant", "02", "--task", "one"

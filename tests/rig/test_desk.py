@@ -24,8 +24,6 @@ from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import write_rig
 from tests.rig.visited import PATIENCE_S, Desk
 
-pytestmark = pytest.mark.clocked
-
 TASKS = ("one", "two")
 """In the order in which participant 01 practises them."""
 
@@ -194,8 +192,8 @@ def test_what_is_asked_for_at_any_moment_is_done_answered_and_on_record(
     assert armed.trial is not None
     desk.there.send(TakeNote(text="The phone rings.", trial=armed.trial))
     desk.there.send(Typed(keys="ff"))
+    desk.look(STEPS["answer"])
     desk.there.send(Repeat(trial=armed.trial, reason="the phone rang"))
-    # The foot may have stepped before these came.
     later = desk.visit(lambda view: STEPS["answer"](view) and view.trial != armed.trial)
     desk.visit(lambda view: view.standing.answered == 1)
     desk.there.send(Correct(trial=later.trial or 0, key="0", reason="said nothing"))

@@ -23,8 +23,6 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.session import simulated_far_ends
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
 
-pytestmark = pytest.mark.clocked
-
 STOPS_S = 0.2
 """Everything is silent so long after a press."""
 

@@ -25,8 +25,6 @@ from tests.experiment.protocol.small import SMALL
 from tests.rig.laboratory import write_rig
 from tests.rig.rehearsed import assert_all_say
 
-pytestmark = pytest.mark.clocked
-
 COMMAND = """\
 from palpate.experiment.__main__ import main
 from palpate.experiment.rehearsal.footstep import participant
