@@ -194,7 +194,7 @@ def test_what_is_asked_for_at_any_moment_is_done_answered_and_on_record(
     desk.there.send(Typed(keys="ff"))
     desk.look(STEPS["answer"])
     desk.there.send(Repeat(trial=armed.trial, reason="the phone rang"))
-    later = desk.visit(lambda view: STEPS["answer"](view) and view.trial != armed.trial)
+    later = desk.look(lambda view: STEPS["answer"](view) and view.trial != armed.trial)
     desk.visit(lambda view: view.standing.answered == 1)
     desk.there.send(Correct(trial=later.trial or 0, key="0", reason="said nothing"))
     desk.there.send(Correct(trial=99, key="0", reason="no such trial"))
