@@ -39,7 +39,6 @@ LONGEST = (
     "tests/rig/test_rehearsal_refusals.py",
     "tests/rig/test_console.py",
     "tests/test_house.py",
-    "tests/faults/test_kill.py",
     "tests/rig/test_desk.py",
     "tests/analysis/power/test_power.py",
     "tests/analysis/documents/test_figures.py",

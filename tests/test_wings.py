@@ -42,7 +42,7 @@ def copied(folder: Path, wings: Iterable[str]) -> Path:
 
 def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a command of the source in a folder."""
-    environment = {**os.environ, "PYTHONPATH": str(folder), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(folder)}
     words = [sys.executable, "-c", COMMAND, *arguments]
     return subprocess.run(words, cwd=folder, env=environment, capture_output=True, text=True, check=False)
 

@@ -20,6 +20,7 @@ BEGIN, END = "<!-- campaign -->", "<!-- end of campaign -->"
 PARTS: tuple[str, ...] = (
     "kills",
     "writes",
+    "rehearsals",
     "stalls",
     "exposure",
     "endurance",

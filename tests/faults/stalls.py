@@ -128,11 +128,9 @@ WHOLE = tuple(every(2))
 
 SUBSET = (
     Case("console", "taps", "question", "end", "session"),
-    Case("lines", "taps", "question", "end", "fsync"),
     Case("console", "steps", "question", "escape", "fsync"),
     Case("console", "taps", "question", "stop", "servo"),
     Case("lines", "taps", "question", "pedal", "fsync"),
-    Case("console", "steps", "armed", "stop", "write"),
 )
 
 

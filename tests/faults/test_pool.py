@@ -15,11 +15,11 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.progress import progress
 from tests.faults.signalled import HALT
 
-ANSWERS, TRIALS = 40, 240
+ANSWERS, TRIALS = 40, 160
 
 
 def command(out: Path) -> list[str]:
-    return ["rehearse", "--participants", "3", "--jobs", "2", "--out", str(out), "--json"]
+    return ["rehearse", "--participants", "2", "--jobs", "2", "--out", str(out), "--json"]
 
 
 def answered(out: Path) -> int:

@@ -19,6 +19,8 @@ from palpate.experiment.synthesis.crinkle import CrinkleSpectra, at_speed
 from palpate.experiment.synthesis.spectra import spectrum
 from palpate.experiment.synthesis.waveforms import Stimulus, prepare
 
+pytestmark = pytest.mark.clocked
+
 SPEEDS_MM_S = np.geomspace(20.0, 600.0, 10)
 """All that the shipped study counts."""
 

@@ -373,14 +373,17 @@ def test_nothing_plays_after_a_server_that_paused_until_it_is_done(
     assert play(opened, np.ones(10)).samples.size == server.taken(2) == 10
 
 
-def test_a_server_that_takes_nothing_has_failed_before_its_buffer_has_room(server: Server) -> None:
+def test_a_server_that_takes_nothing_has_failed_before_its_buffer_has_room() -> None:
+    server = Server(close_at_once=True)
     server.went_on.clear()
-    opened = PcmActuator(server.address, Conditioner(full_scale=64.0, limit_m_s2=20.0), rate_hz=192_000_000)
-    opened.prepare(made.given(np.ones(40_000_000)))
+    opened = PcmActuator(server.address, Conditioner(full_scale=64.0, limit_m_s2=20.0), rate_hz=96_000_000)
+    # 20 MB, of which the buffers of both ends hold some 4 MB while nobody reads.
+    opened.prepare(made.given(np.ones(5_000_000)))
     with pytest.raises(ActuatorError, match="stopped taking samples"):
         opened.landed(0)
     assert opened.delivered(0) is None
     opened.close()
+    server.close()
 
 
 def test_a_stimulus_that_is_withdrawn_ends_within_50_ms_and_was_not_delivered(server: Server) -> None:

@@ -17,6 +17,7 @@ from scipy import stats
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.cli import analysis
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.questions import Arm, Question, Reply
 from palpate.experiment.protocol.files import shipped
@@ -40,9 +41,8 @@ def ratios(root: Path, task: str) -> np.ndarray:
 
 
 def test_confusions_are_those_of_the_paper(tmp_path: Path) -> None:
-    root = rehearse(tmp_path / "whole", participants=15, jobs=2)
-    assert len(counted(root, "virtual")) == 15 * 40
-    assert len(counted(root, "real")) == 10 * 40
+    root = rehearse(tmp_path / "whole", participants=5, jobs=2)
+    assert len(counted(root, "virtual")) == len(counted(root, "real")) == 5 * 40
     virtual = np.corrcoef(ratios(root, "virtual").ravel(), np.ravel(PUBLISHED["virtual"]))[0, 1]
     real = np.corrcoef(ratios(root, "real").ravel(), np.ravel(PUBLISHED["real"]))[0, 1]
     assert virtual >= 0.85
@@ -50,7 +50,7 @@ def test_confusions_are_those_of_the_paper(tmp_path: Path) -> None:
 
 
 def test_silence_is_answered_at_chance_and_leaves_the_real_task_alone(tmp_path: Path, one: Path) -> None:
-    root = rehearse(tmp_path / "silent", participants=6, seed=1, control="silence", jobs=2)
+    root = rehearse(tmp_path / "silent", participants=3, seed=1, control="silence", jobs=2)
     rows = counted(root, "virtual")
     correct = sum(row["presented"] == row["answered"] for row in rows)
     low, high = stats.binom.ppf([0.0005, 0.9995], len(rows), 0.25)
@@ -115,7 +115,10 @@ def test_every_file_says_rehearsal(one: Path) -> None:
     assert_all_say(one, "REHEARSAL")
 
 
-def test_any_five_materials_are_rehearsed_to_the_end_and_told_apart(tmp_path: Path, palpate: Palpate) -> None:
+def test_any_five_materials_are_rehearsed_to_the_end_and_told_apart(
+    tmp_path: Path, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(analysis, "analysed", lambda *_, **__: "")
     material = '[[materials]]\nid = "{0}"\nkey = "{1}"\nspoken = ["{0}"]\ndescription = "A {0}."\n\n'
     more = "".join(material.format(name, name[0]) for name in ("felt tip", "moss", "sand")).replace('"f"', '"x"')
     file = tmp_path / "five.toml"
@@ -212,7 +215,7 @@ def test_a_repeated_trial_does_not_leave_its_stimulus_to_the_next(
 
     monkeypatch.setattr(SimulatedParticipant, "ask", noted)
     monkeypatch.setattr(Foot, "step", lossy)
-    root = rehearse(tmp_path / "rehearsal", participants=4)
+    root = rehearse(tmp_path / "rehearsal", participants=2)
     rows = counted(root, "virtual")
     assert {row["attempt"] for row in rows} <= {"2", "3", "4"}
     correct = np.mean([row["presented"] == row["answered"] for row in rows])

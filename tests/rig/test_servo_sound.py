@@ -132,5 +132,7 @@ def sounds_after_ms(card: SoundCard) -> float:
 
 def test_the_vibration_of_a_session_that_is_killed_ends_within_2_ms_and_a_block() -> None:
     with host.raised(), sound.sound_card(block=BLOCK) as card:
-        late_ms = [sounds_after_ms(card) for _ in range(TRIES)]
+        late_ms: list[float] = []
+        while len(late_ms) < TRIES and not any(ms <= WITHIN_MS for ms in late_ms):
+            late_ms.append(sounds_after_ms(card))
     assert min(late_ms) <= WITHIN_MS, late_ms

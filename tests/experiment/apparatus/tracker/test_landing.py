@@ -119,7 +119,7 @@ def wandering(rng: np.random.Generator, speed_mm_s: float, rate_hz: int = 1000) 
 def test_errors_are_as_large_as_their_standard_error_says(noise_mm: float) -> None:
     rng = np.random.default_rng(2)
     errors = []
-    for _ in range(1000):
+    for _ in range(500):
         us, drawn = wandering(rng, float(rng.uniform(50, 400)))
         if us.size > 1000:
             # An eighth of such feet come to rest above the panel instead.
@@ -129,8 +129,8 @@ def test_errors_are_as_large_as_their_standard_error_says(noise_mm: float) -> No
         predictor = LandingPredictor(STEP, noise_mm=noise_mm)
         landing = expected(predictor, us, mm, lead_ms=12)
         errors.append((landing.us - contact_us) / landing.standard_error_us)
-    # 800 draws: the standard deviation of unit normals is known to 2.5 %; a root of a parabola is not quite normal.
-    assert len(errors) > 800
+    # 400 draws: the standard deviation of unit normals is known to 3.5 %; a root of a parabola is not quite normal.
+    assert len(errors) > 400
     assert abs(np.mean(errors)) < 0.15
     assert 0.85 < np.std(errors) < 1.15
 
@@ -242,12 +242,15 @@ def test_predictions_come_closer_as_the_foot_does() -> None:
 
 
 @pytest.mark.parametrize(("noise_mm", "spread_ms"), [(0.1, 1.0), (0.0, 0.1)])
-def test_onset_against_true_contact_over_2000_steps(noise_mm: float, spread_ms: float) -> None:
-    """Issue 4: feet of 50-400 mm/s at 1 kHz; a stimulus that can be moved until 12 ms before its onset."""
+def test_onset_against_true_contact_over_500_steps(noise_mm: float, spread_ms: float) -> None:
+    """Feet of 50-400 mm/s at 1 kHz; a stimulus that can be moved until 12 ms before its onset.
+
+    A standard deviation of 500 draws is known to 3 %. The benchmark `onset` has 2,000 feet.
+    """
     rng = np.random.default_rng(6)
     predictor = LandingPredictor(STEP, noise_mm=noise_mm)
     errors_ms = []
-    for speed_mm_s in rng.uniform(50, 400, 2000):
+    for speed_mm_s in rng.uniform(50, 400, 500):
         step = foot.trajectory(rng, float(speed_mm_s), hesitation="none")
         us = np.arange(int(step.gate_top_us) - int(rng.integers(1000)), int(step.contact_us), 1000)
         mm = step.at(us.astype(np.float64)) + rng.normal(0, noise_mm, us.size)
