@@ -60,6 +60,15 @@ def _actuator_rules(table: Any) -> Iterator[Broken]:
         yield Broken(("high_hz",), f"a number greater than low_hz ({low})")
 
 
+TableName = Annotated[
+    str,
+    Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file"),
+    ONE_LINE,
+]
+Digest = Annotated[str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")]
+Days = Annotated[int, Field(ge=1, le=3650)]
+
+
 class ShapingRig(Confined):
     """How a device that takes volts moves the panel, as measured: frequency shaping (Okamoto et al., equation (7)).
 
@@ -71,16 +80,44 @@ class ShapingRig(Confined):
             without bound.
     """
 
-    response: Annotated[
-        str,
-        Field(pattern=r"^[^/\\\s]+\.csv$", description="the name of a .csv file in the folder of the rig file"),
-        ONE_LINE,
-    ]
-    response_sha256: Annotated[
-        str, Field(pattern=r"^[0-9a-f]{64}$", description="64 hexadecimal digits, as sha256sum prints them")
-    ]
+    response: TableName
+    response_sha256: Digest
     full_scale_v: Annotated[float, Field(gt=0, le=1000)]
     gain_limit_v_per_m_s2: Annotated[float, Field(gt=0, le=1000)]
+
+
+class MeasuredRig(Confined):
+    """The panel, as `palpate calibrate actuator` measured it.
+
+    Attributes:
+        response: the complex response to a sample of 1.0, a table in the folder of the rig file.
+        response_sha256: its hash, so that the rig's own hash names one measurement.
+        load: what stood on the panel.
+        full_scale_m_s2: the acceleration of a sample of 1.0, for a small drive: the mean level of the usable band.
+        low_hz: where the usable band begins, in which the response stays within 3 dB of its middle.
+        high_hz: where it ends.
+        resonances_hz: peaks of the response.
+        loudest: the highest sample that was played.
+        compression_db: by how much less the panel moved then than a small drive has it move, for what it was driven.
+        accelerometer_m_s2: `accelerometer.full_scale_m_s2` in this measurement.
+        accelerometer_calibrated_on: when that was calibrated.
+        calibrated_on: when the panel was measured.
+        calibration_days: for how many days that holds.
+    """
+
+    response: TableName
+    response_sha256: Digest
+    load: Line
+    full_scale_m_s2: Annotated[float, Field(gt=0)]
+    low_hz: Annotated[float, Field(gt=0)]
+    high_hz: Annotated[float, Field(gt=0)]
+    resonances_hz: tuple[Annotated[float, Field(gt=0)], ...]
+    loudest: Annotated[float, Field(gt=0, le=1)]
+    compression_db: float
+    accelerometer_m_s2: Annotated[float, Field(gt=0)]
+    accelerometer_calibrated_on: date | None = None
+    calibrated_on: date
+    calibration_days: Days
 
 
 class ActuatorRig(Confined):
@@ -94,6 +131,7 @@ class ActuatorRig(Confined):
         low_hz: the lowest frequency at which such a device was measured to move the panel as it is told.
         high_hz: the highest; without both, nobody knows what such a device leaves out.
         shaping: the measured response, for a device that takes volts.
+        measured: the panel, as `palpate calibrate actuator` measured it.
     """
 
     RULES: ClassVar[Rules] = _actuator_rules
@@ -105,6 +143,7 @@ class ActuatorRig(Confined):
     low_hz: Annotated[float, Field(ge=0)] | None = None
     high_hz: Annotated[float, Field(gt=0)] | None = None
     shaping: ShapingRig | None = None
+    measured: MeasuredRig | None = Field(None, json_schema_extra={"since": 4})
 
     @property
     def full_scale(self) -> float:
@@ -129,7 +168,7 @@ def _accelerometer_rules(table: Any) -> Iterator[Broken]:
 
 
 class AccelerometerRig(Confined):
-    """What measures the panel while takes are recorded.
+    """What measures the panel: while takes are recorded, and for `palpate calibrate actuator`.
 
     Attributes:
         driver: a server that sends raw float32 samples without end.
@@ -138,6 +177,7 @@ class AccelerometerRig(Confined):
         full_scale_m_s2: the acceleration of a sample of 1.0.
         trigger_m_s2: a take begins where a magnitude reaches this: above the noise of the panel at rest, below what
             matters.
+        calibrated_on: when `full_scale_m_s2` was calibrated; `palpate calibrate actuator` needs it of a real rig.
     """
 
     RULES: ClassVar[Rules] = _accelerometer_rules
@@ -147,9 +187,10 @@ class AccelerometerRig(Confined):
     rate_hz: Annotated[int, Field(ge=100, le=192_000)]
     full_scale_m_s2: Annotated[float, Field(gt=0, le=10_000)]
     trigger_m_s2: Annotated[float, Field(gt=0)]
+    calibrated_on: date | None = Field(None, json_schema_extra={"since": 4})
 
 
-def response_table(folder: Path, shaping: ShapingRig) -> bytes:
+def response_table(folder: Path, shaping: ShapingRig | MeasuredRig) -> bytes:
     """Return the response table in a folder. Raises `RigError` if it is unreadable or not of the rig file's hash."""
     path = folder / shaping.response
     try:
@@ -166,7 +207,6 @@ def response_table(folder: Path, shaping: ShapingRig) -> bytes:
 
 
 Channel = Annotated[int, Field(ge=1, le=256, description="a channel, from 1 as on the device")]
-Days = Annotated[int, Field(ge=1, le=3650)]
 
 
 def _channel_rules(table: Any) -> Iterator[Broken]:
@@ -560,7 +600,7 @@ class Rig(Confined):
         rig: what it is called.
         tracker: what follows the foot.
         actuator: what shakes the panel.
-        accelerometer: what measures the panel; only `palpate record` needs it.
+        accelerometer: what measures the panel, for `palpate record` and `palpate calibrate actuator`.
         audio: the audio device, where there is one: for the masker, the loopback and an actuator with `driver =
             "audio"`.
         servo: what pushes the hand back, for a task with virtual surfaces; the tracker then follows the hand, and
@@ -574,7 +614,7 @@ class Rig(Confined):
 
     RULES: ClassVar[Rules] = _rig_rules
 
-    format: Literal[1, 2, 3]
+    format: Literal[1, 2, 3, 4]
     rig: Identity
     tracker: TrackerRig
     actuator: ActuatorRig

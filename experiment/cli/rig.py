@@ -259,3 +259,56 @@ def calibrate_audio(
         storage.write(out, text.encode())
         rigs.load(out)
         typer.echo(f"# written: {out}")
+
+
+@calibrate.command("actuator", epilog="Example: palpate calibrate actuator --rig our-rig.toml --out new-rig.toml")
+def calibrate_actuator(
+    rig: RigFile,
+    out: Annotated[Path, typer.Option("--out", help="New rig file; the response's table goes beside it.")],
+    peak: Annotated[float, typer.Option("--peak", min=0.001, max=1.0, help="Highest sample; 1.0 is full scale.")] = 0.2,
+    days: Annotated[int, typer.Option("--days", min=1, max=3650, help="For how many days the calibration holds.")] = 30,
+    load: Annotated[str, typer.Option("--load", help="What stands on the panel. It may not be a person.")] = "nobody",
+    panel: Annotated[
+        Path | None, typer.Option("--panel", help="File of a SIMULATED panel, for a simulated rig.")
+    ] = None,
+    seed: options.Seed = 1,
+) -> None:
+    """Measure the panel with the rig's accelerometer.
+
+    Nobody may be on the panel, for it moves. Multisines are played at three levels for about 40 s. The command prints
+    full scale, usable band, resonances and linearity. It writes the complex response with its standard error and
+    coherence into a table, and a new rig file that names the table in [actuator.measured]. A sensor that is dead, or
+    is not on this panel, and a response that is too uncertain are refused.
+    """
+    from datetime import UTC, datetime
+
+    from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.panel import calibration
+    from palpate.experiment.errors import Interrupted, RigError
+
+    before = rigs.load(rig)
+    calibration.check_accelerometer(before)
+    for file in (out, calibration.table_beside(out)):
+        if file.exists():
+            raise RigError(file, "got a file that exists", "name another", allowed="a new file")
+    if panel is not None and not before.rig.simulated:
+        raise RigError(rig, "is a real rig", "leave out --panel", allowed="one that says simulated = true")
+    with ExitStack() as opened:
+        if before.rig.simulated:
+            from palpate.experiment.rehearsal.footstep import bench, modes
+
+            typer.echo("SIMULATED: this panel is software and not a device", err=True)
+            moving = modes.MovingPanel(modes.read(panel)) if panel is not None else None
+            devices = opened.enter_context(bench.bench(before, moving, seed=seed))
+        else:
+            devices = opened.enter_context(calibration.devices(before, loudest=peak))
+        try:
+            input(f"Load: {load}. Nobody may stand on the panel or touch it: it moves for about 40 s. Press Enter: ")
+            made = calibration.measure(devices, loudest=peak, seed=seed)
+        except (KeyboardInterrupt, EOFError):
+            raise Interrupted("the calibration was interrupted", remedy="nothing was written") from None
+    for line in calibration.report(made):
+        typer.echo(line)
+    today = datetime.now(tz=UTC).astimezone().date()
+    calibration.write(rig, out, made, load=load, today=today, days=days)
+    typer.echo(f"Rig file: {out}")

@@ -73,13 +73,29 @@ class PcmAccelerometer:
         samples, begun_ns, knock_ns = raw
         if samples is None:
             return Heard(None, knock_ns=knock_ns)
-        clipped = int(np.count_nonzero(np.abs(samples) >= 1.0))
-        return Heard(Window(samples.astype(np.float64) * self._settings.full_scale_m_s2, clipped), begun_ns, knock_ns)
+        return Heard(self._window(samples), begun_ns, knock_ns)
+
+    def heard_since_armed(self) -> Window:
+        """Return the armed samples, from the first that came on, once all have. Raises `RecordingError` as `heard`."""
+        if self._listening is None:
+            raise RecordingError("accelerometer", "got nothing to hear before it was armed", "arm it first")
+        listening, self._listening = self._listening, None
+        try:
+            raw = listening.armed()
+        finally:
+            listening.stop()
+        if isinstance(raw, str):
+            raise self._failed(raw)
+        return self._window(raw)
 
     def close(self) -> None:
         if self._listening is not None:
             self._listening.stop()
             self._listening = None
+
+    def _window(self, samples: NDArray[np.float32]) -> Window:
+        clipped = int(np.count_nonzero(np.abs(samples) >= 1.0))
+        return Window(samples.astype(np.float64) * self._settings.full_scale_m_s2, clipped)
 
     def _failed(self, problem: str) -> RecordingError:
         return RecordingError(
@@ -88,6 +104,9 @@ class PcmAccelerometer:
             "see that its server runs and sends float32 without end, then do the take again",
         )
 
+
+NOT_NUMBERS = "sent NaN or infinite samples"
+"""What a broken server does."""
 
 _Taken = tuple[NDArray[np.float32] | None, int | None, int | None]
 """A take, when it begins and when there was a knock before; see `Heard`."""
@@ -139,8 +158,16 @@ class _Listening:
             first, held = self._held()
         taken = held[start - first : start - first + self._samples]
         if not np.all(np.isfinite(taken)):
-            return "sent NaN or infinite samples"
+            return NOT_NUMBERS
         return taken, self._time_ns(triggered, start_ns), knock_ns
+
+    def armed(self) -> NDArray[np.float32] | str:
+        """Return the first samples that came, or what went wrong."""
+        with self._changed:
+            if not self._wait(lambda: self._samples):
+                return self._missing()
+            taken = self._held()[1][: self._samples]
+        return taken if np.all(np.isfinite(taken)) else NOT_NUMBERS
 
     def stop(self) -> None:
         # A server that has closed already raises an error that does not matter.

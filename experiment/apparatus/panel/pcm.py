@@ -104,9 +104,13 @@ class PcmActuator:
 
     def play_silence(self, seconds: float) -> float:
         """Play zeros for so long, as `landed` plays a stimulus, and return `closed_ms`."""
-        self._cut.clear()
-        self._play(bytes(round(seconds * self.rate_hz) * SAMPLE.itemsize))
+        self.play(np.zeros(round(seconds * self.rate_hz), np.float32))
         return self.closed_ms
+
+    def play(self, samples: NDArray[np.float32]) -> None:
+        """Play samples that are no stimulus, as `landed` plays one; 1.0 is full scale, which nothing exceeds."""
+        self._cut.clear()
+        self._play(np.clip(samples, -1.0, 1.0).astype(SAMPLE).tobytes())
 
     def withdraw(self) -> bool:
         """Forget what was prepared, hang up on what plays, and return whether nothing of it will sound."""

@@ -1,0 +1,296 @@
+"""`palpate calibrate actuator`: plays multisines through a panel, hears them with its accelerometer, and judges both.
+
+A measurement is refused where the sensor hears nothing of what is played, clips, runs at another rate, or leaves the
+response too uncertain. The last is measured once more, for longer, before it is refused.
+"""
+
+import hashlib
+import re
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
+from dataclasses import dataclass
+from datetime import date
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import tomlkit
+from numpy.typing import NDArray
+from tomlkit.items import Table
+
+from palpate.experiment import storage
+from palpate.experiment.apparatus import host, opening
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio.stream import AudioStream
+from palpate.experiment.apparatus.panel import accelerometer as accelerometers
+from palpate.experiment.apparatus.panel import measured, multisine
+from palpate.experiment.apparatus.panel.accelerometer import PcmAccelerometer
+from palpate.experiment.apparatus.panel.conditioning import Conditioner
+from palpate.experiment.apparatus.panel.measured import Figures
+from palpate.experiment.apparatus.panel.multisine import Estimate, Level
+from palpate.experiment.apparatus.panel.pcm import PcmActuator
+from palpate.experiment.apparatus.ports import Window
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import RecordingError, RigError
+
+LEVELS = (0.25, 0.5, 1.0, 1.0)
+"""Peaks of the multisines, as parts of the loudest, which is played with two draws of phases."""
+
+PERIODS, LONGER = 8, 32
+"""Seconds of each level that count, at first and the second time."""
+
+BEFORE_S, AFTER_S = 1, 0.5
+"""What is played before them, until the panel's own ringing has died away, and after them, s."""
+
+LATE_S = 0.5
+"""How late the sensor's samples may come, s."""
+
+LOW_HZ, HIGH_HZ = 10.0, 500.0
+"""Where the response must be certain."""
+
+UNCERTAIN_DB, MOST = 0.3, 0.95
+"""The standard error of the level that this part of the lines may not exceed."""
+
+UNHEARD = 0.5
+"""With less coherence, in the middle of all lines, the sensor hears something else."""
+
+DRIFT_PPM = 500.0
+"""How far the clocks of player and sensor may differ."""
+
+
+class Player(Protocol):
+    """What shakes the panel by samples as they are, 1.0 being full scale."""
+
+    def play(self, samples: NDArray[np.float32]) -> None:
+        """Play them to their end."""
+
+
+class Listener(Protocol):
+    """What hears the panel."""
+
+    def arm(self, samples: int) -> None:
+        """Listen from now on for so many samples. Raises `RecordingError`."""
+
+    def heard_since_armed(self) -> Window:
+        """Return them once they have come. Raises `RecordingError`."""
+
+
+class AudioPlayer:
+    """Implements `Player` on an output channel, from 1, of an audio stream. The samples repeat each second."""
+
+    def __init__(self, stream: AudioStream, channel: int) -> None:
+        self._stream = stream
+        self._channel = channel
+
+    def play(self, samples: NDArray[np.float32]) -> None:
+        loop = self._stream.play_loop(samples[: self._stream.rate_hz], (self._channel - 1,))
+        loop.wanted = 1.0
+        self._stream.wait(self._stream.next_frame + samples.size)
+        loop.wanted = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """A panel as it was measured.
+
+    Attributes:
+        found: its response.
+        figures: what that says.
+        loudest: the highest sample played.
+        seconds: of each level that counted.
+    """
+
+    found: Estimate
+    figures: Figures
+    loudest: float
+    seconds: int
+
+    @property
+    def compression_db(self) -> float:
+        """By how much less the panel moved at the loudest level than a small drive has it move, dB."""
+        return -20 * float(np.log10(np.mean(self.found.gains[-2:])))
+
+
+@dataclass(frozen=True)
+class Devices:
+    """What a calibration plays on and hears with, with their sampling rates, Hz."""
+
+    player: Player
+    listener: Listener
+    played_hz: int
+    heard_hz: int
+
+
+@contextmanager
+def devices(rig: Rig, *, loudest: float) -> Iterator[Devices]:
+    """Yield the opened devices of a real rig; no sample exceeds `loudest`. Raises `PalpateError`."""
+    settings, clock = accelerometers.settings_of(rig), MonotonicClock()
+    with ExitStack() as opened:
+        listener = opened.enter_context(closing(PcmAccelerometer(settings, clock=clock)))
+        player: Player
+        if rig.actuator.address is not None:
+            full_scale = rig.actuator.full_scale
+            condition = Conditioner(full_scale=full_scale, limit_m_s2=full_scale)
+            server = PcmActuator(rig.actuator.address, condition, rate_hz=rig.actuator.rate_hz, clock=clock)
+            player = opened.enter_context(closing(server))
+            server.reach()
+        else:
+            opened.enter_context(host.raised())
+            stream = opened.enter_context(closing(opening.open_probing(rig, peak=loudest, clock=clock)))
+            player = AudioPlayer(stream, opening.audio_of(rig).channels.actuator)
+        yield Devices(player, listener, rig.actuator.rate_hz, settings.rate_hz)
+
+
+def measure(on: Devices, *, loudest: float, seed: int) -> Calibration:
+    """Return the panel's calibration, measured a second time for longer if its errors are too large.
+
+    `loudest` is the highest sample played, and `seed` names the draws of phases. Raises `RecordingError` with the
+    reason where there is none.
+    """
+    rng = np.random.default_rng(seed)
+    for seconds in (PERIODS, LONGER):
+        found = _estimated(on, loudest, seconds, rng)
+        within = (found.lines_hz >= LOW_HZ) & (found.lines_hz <= HIGH_HZ)
+        error_db = float(np.quantile(found.standard_error_db[within], MOST))
+        if error_db <= UNCERTAIN_DB:
+            clear = found.standard_error_db <= UNCERTAIN_DB
+            return Calibration(found, measured.figures(found, clear), loudest, seconds)
+    raise _refused(
+        f"the response from {LOW_HZ:g} to {HIGH_HZ:g} Hz has a standard error of {error_db:.2f} dB",
+        "find what else shakes the panel, or raise --peak",
+        allowed=f"{UNCERTAIN_DB:g} dB at {MOST:.0%} of the frequencies, after {LONGER} s at each level",
+    )
+
+
+def _estimated(on: Devices, loudest: float, seconds: int, rng: np.random.Generator) -> Estimate:
+    """Play each level once, and return the response. Raises `RecordingError` for what is not of this panel."""
+    played_hz, heard_hz = on.played_hz, on.heard_hz
+    lines_hz = multisine.lines(min(played_hz, heard_hz))
+    lasts_s = BEFORE_S + seconds + AFTER_S
+    levels = []
+    for part in LEVELS:
+        amplitudes = multisine.drawn(lines_hz, rate_hz=played_hz, rng=rng) * part * loudest
+        second = multisine.period(amplitudes, lines_hz, rate_hz=played_hz).astype(np.float32)
+        on.listener.arm(round((lasts_s + LATE_S) * heard_hz))
+        on.player.play(np.resize(second, round(lasts_s * played_hz)))
+        window = on.listener.heard_since_armed()
+        if window.clipped:
+            raise _refused(f"{window.clipped} samples reached full scale", "lower --peak", allowed="none")
+        heard = window.samples_m_s2
+        if not np.ptp(heard):
+            raise _refused("the sensor sends one value again and again", "see to the sensor and its cable")
+        begin = multisine.begins(heard, round(lasts_s * heard_hz)) + BEFORE_S * heard_hz
+        steady = heard[begin : begin + seconds * heard_hz]
+        levels.append(Level(amplitudes, multisine.spectra(steady, lines_hz, rate_hz=heard_hz)))
+    within = (lines_hz >= LOW_HZ) & (lines_hz <= HIGH_HZ)
+    found = multisine.estimate(levels, lines_hz, within)
+    coherence = float(np.median(found.coherence[within]))
+    if coherence < UNHEARD:
+        raise _refused(
+            f"the sensor hears nothing of what is played (coherence {coherence:.2f})",
+            "see that actuator and accelerometer in the rig file are those of one panel, and switched on",
+            allowed=f"{UNHEARD:g} or more",
+        )
+    if abs(found.drift_ppm) > DRIFT_PPM:
+        raise _refused(
+            f"the sensor's clock differs from the actuator's by {found.drift_ppm:.0f} ppm",
+            "correct rate_hz in the rig file",
+            allowed=f"{DRIFT_PPM:g} ppm",
+        )
+    return found
+
+
+def _refused(what: str, remedy: str, allowed: str = "") -> RecordingError:
+    return RecordingError("panel calibration", what, f"{remedy}; then calibrate again", allowed=allowed)
+
+
+def check_accelerometer(rig: Rig) -> None:
+    """Raise `RigError` for a rig without an accelerometer, and a real one that does not say when it was calibrated."""
+    if accelerometers.settings_of(rig).calibrated_on is None and not rig.rig.simulated:
+        raise RigError(
+            f"rig '{rig.rig.name}'",
+            "got no accelerometer.calibrated_on",
+            "write it into the rig file: the certificate has it",
+            allowed="the day on which accelerometer.full_scale_m_s2 was calibrated",
+        )
+
+
+def table_beside(out: Path) -> Path:
+    """Return where the response of a new rig file is written."""
+    return out.with_name(f"{out.stem}-panel.csv")
+
+
+def write(rig_file: Path, out: Path, made: Calibration, *, load: str, today: date, days: int) -> None:
+    """Write a new rig file with [actuator.measured], and beside it what the rig names. Raises `PalpateError`."""
+    rig, text = rigs.load(rig_file), rig_file.read_text("utf-8-sig")
+    settings, figures, found = accelerometers.settings_of(rig), made.figures, made.found
+    remarks = (
+        *(("SIMULATED: no panel was measured.",) if rig.rig.simulated else ()),
+        f"Rig {rig.rig.name}, measured on {today} with {load} on the panel.",
+        "Acceleration of a sample of 1.0, for a small drive, as palpate calibrate actuator estimates it.",
+        "Any delay is taken out, for player and sensor share no clock.",
+        f"Clocks differ by {found.drift_ppm:.2f} ppm. {made.seconds} s at each level count.",
+    )
+    table, content = table_beside(out), measured.table(found, remarks)
+    dated = {} if settings.calibrated_on is None else {"accelerometer_calibrated_on": settings.calibrated_on}
+    values = {
+        "response": table.name,
+        "response_sha256": hashlib.sha256(content).hexdigest(),
+        "load": load,
+        "full_scale_m_s2": _digits(figures.full_scale_m_s2),
+        "low_hz": figures.low_hz,
+        "high_hz": figures.high_hz,
+        "resonances_hz": [_digits(one.hz) for one in figures.resonances],
+        "loudest": made.loudest,
+        "compression_db": round(made.compression_db, 3) + 0.0,
+        "accelerometer_m_s2": settings.full_scale_m_s2,
+        **dated,
+        "calibrated_on": today,
+        "calibration_days": days,
+    }
+    changed = rewritten(text, values)
+    opening.copy_rig(rig_file, out)
+    storage.write(table, content)
+    storage.write(out, changed.encode())
+    rigs.load(out)
+
+
+def _digits(number: float) -> float:
+    return float(f"{number:.5g}")
+
+
+def rewritten(rig_text: str, found: dict[str, Any]) -> str:
+    """Return a rig file with [actuator.measured]; a device that takes accelerations also gets its full scale and band.
+
+    Raises `RigError` if it has no table [actuator].
+    """
+    document = tomlkit.parse(re.sub(" *# NOT MEASURED: `palpate calibrate actuator`.*", "", rig_text))
+    actuator = document.get("actuator")
+    if not isinstance(actuator, Table):
+        raise RigError("actuator", "got no table of its own", "write it as [actuator]", allowed="one")
+    document["format"] = 4
+    if "shaping" not in actuator:
+        for key in ("full_scale_m_s2", "low_hz", "high_hz"):
+            actuator[key] = found[key]
+    inner = tomlkit.table()
+    inner.update(found)
+    actuator.pop("measured", None)
+    actuator["measured"] = inner
+    return tomlkit.dumps(document)
+
+
+def report(made: Calibration) -> list[str]:
+    """Return the results of a calibration line by line."""
+    figures, found = made.figures, made.found
+    gains = ", ".join(
+        f"{20 * np.log10(gain):+.2f} dB at {part * made.loudest:g}"
+        for part, gain in zip(LEVELS, found.gains, strict=True)
+    )
+    return [
+        f"Full scale    {figures.full_scale_m_s2:.4g} m/s^2, standard error {figures.standard_error_m_s2:.2g}",
+        f"Usable band   {figures.low_hz:g} to {figures.high_hz:g} Hz, within {measured.FLAT_DB / 2:g} dB",
+        *(f"Resonance     {one.hz:.1f} Hz, standard error {one.standard_error_hz:.1g}" for one in figures.resonances),
+        f"Gain          {gains}",
+        f"Clocks        differ by {found.drift_ppm:.1f} ppm; {made.seconds} s at each level count",
+    ]
