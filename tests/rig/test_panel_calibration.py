@@ -15,6 +15,7 @@ from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import calibration, multisine
 from palpate.experiment.apparatus.panel.calibration import Devices
+from palpate.experiment.apparatus.ports import Window
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RecordingError, RigError
@@ -108,8 +109,8 @@ def test_a_load_moves_the_resonance() -> None:
 class Dead(Bench):
     """A sensor whose cable is off: one value."""
 
-    def sensed(self, moved_m_s2: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.full(moved_m_s2.size, 0.5)
+    def heard_since_armed(self) -> Window:
+        return Window(np.full_like(super().heard_since_armed().samples_m_s2, 0.5), 0)
 
 
 class AtRest(Bench):
@@ -195,7 +196,12 @@ def test_the_command_writes_a_new_rig_file_and_its_table(
     palpate: Palpate, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[str] = []
-    monkeypatch.setattr("builtins.input", lambda prompt: asked.append(prompt) or "")
+
+    def presses(prompt: str) -> str:
+        asked.append(prompt)
+        return ""
+
+    monkeypatch.setattr("builtins.input", presses)
     out, before = tmp_path / "new.toml", RIG.read_bytes()
     code, printed, _ = calibrated(palpate, RIG, out, "--load", "sand bag", "--days", 12)
     assert code == 0

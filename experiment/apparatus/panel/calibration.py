@@ -178,10 +178,10 @@ def _estimated(on: Devices, loudest: float, seconds: int, rng: np.random.Generat
         if window.clipped:
             raise _refused(f"{window.clipped} samples reached full scale", "lower --peak", allowed="none")
         heard = window.samples_m_s2
-        if not np.ptp(heard):
-            raise _refused("the sensor sends one value again and again", "see to the sensor and its cable")
         begin = multisine.begins(heard, round(lasts_s * heard_hz)) + BEFORE_S * heard_hz
         steady = heard[begin : begin + seconds * heard_hz]
+        if not np.ptp(steady):
+            raise _refused("the sensor sends one value again and again", "see to the sensor and its cable")
         levels.append(Level(amplitudes, multisine.spectra(steady, lines_hz, rate_hz=heard_hz)))
     within = (lines_hz >= LOW_HZ) & (lines_hz <= HIGH_HZ)
     found = multisine.estimate(levels, lines_hz, within)

@@ -17,6 +17,9 @@ FLAT_DB = 6.0
 PROMINENT_DB = 3.0
 """A resonance stands out by so much."""
 
+BROAD = 2.0
+"""A peak whose highest decibel reaches so many times its lowest frequency is no resonance."""
+
 COLUMNS = ("frequency_hz", "real_m_s2", "imaginary_m_s2", "standard_error_m_s2", "coherence")
 
 
@@ -85,6 +88,8 @@ def _resonances(
             low -= 1
         while high < hz.size - 1 and level_db[peak] - level_db[high + 1] <= 1.0:
             high += 1
+        if hz[high] > BROAD * hz[low]:
+            continue
         low, high = min(low, int(peak) - 1), max(high, int(peak) + 1)
         part = slice(low, high + 1)
         x, weights = np.log(hz[part] / hz[peak]), 1 / np.maximum(error_db[part], 1e-6)

@@ -49,7 +49,7 @@ def drawn(lines_hz: NDArray[np.int64], *, rate_hz: int, rng: np.random.Generator
     tried = [shape * np.exp(2j * np.pi * rng.random(lines_hz.size)) for _ in range(DRAWS)]
     peaks = [float(np.abs(period(one, lines_hz, rate_hz=rate_hz)).max()) for one in tried]
     lowest = int(np.argmin(peaks))
-    return tried[lowest] / peaks[lowest]
+    return np.asarray(tried[lowest] / peaks[lowest])
 
 
 def period(amplitudes: NDArray[np.complex128], lines_hz: NDArray[np.int64], *, rate_hz: int) -> NDArray[np.float64]:
@@ -115,22 +115,23 @@ class Estimate:
     @property
     def standard_error_db(self) -> NDArray[np.float64]:
         """Of the response's level, dB; of its phase it is 6.6 degrees for each dB."""
-        return 20 / np.log(10) * self.standard_error_m_s2 / np.abs(self.response_m_s2)
+        return np.asarray(20 / np.log(10) * self.standard_error_m_s2 / np.abs(self.response_m_s2))
 
 
 def estimate(levels: Sequence[Level], lines_hz: NDArray[np.int64], within: NDArray[np.bool_]) -> Estimate:
     """Return the response from levels of rising amplitude, two or more; the lines `within` say how gains differ."""
     drifts = [_drift_s(level.heard, lines_hz) for level in levels]
     # Of the loudest level, which is heard best.
-    turned = _later(lines_hz, drifts[-1] * np.arange(levels[-1].heard.shape[0])[:, None])
+    turned = _later(lines_hz, drifts[-1] * np.arange(levels[-1].heard.shape[0], dtype=np.float64)[:, None])
     heard = [level.heard * turned for level in levels]
     means = [one.mean(axis=0) / level.played for one, level in zip(heard, levels, strict=True)]
     delays = [_delay_s(mean * means[-1].conj(), lines_hz) for mean in means]
     means = [mean * _later(lines_hz, delay) for mean, delay in zip(means, delays, strict=True)]
     heard = [one * _later(lines_hz, delay) for one, delay in zip(heard, delays, strict=True)]
-    gains = relative_gains(
-        [level.rms for level in levels], [float((mean / means[-1]).real[within].mean()) for mean in means]
-    )
+    # Weighted by what is heard best, so that no line of the response is as uncertain as these gains are.
+    loudest = (np.square(np.abs(levels[-1].played)) * means[-1].conj())[within]
+    beside_loudest = [float((mean[within] * loudest).sum().real) for mean in means]
+    gains = relative_gains([level.rms for level in levels], beside_loudest)
     played = np.concatenate(
         [np.broadcast_to(level.played * gain, one.shape) for level, gain, one in zip(levels, gains, heard, strict=True)]
     )
