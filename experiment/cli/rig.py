@@ -295,7 +295,7 @@ def calibrate_actuator(
         raise RigError(rig, "is a real rig", "leave out --panel", allowed="one that says simulated = true")
     with ExitStack() as opened:
         if before.rig.simulated:
-            from palpate.experiment.rehearsal.footstep import bench, modes
+            from palpate.experiment.rehearsal.wires import bench, modes
 
             typer.echo("SIMULATED: this panel is software and not a device", err=True)
             moving = modes.MovingPanel(modes.read(panel)) if panel is not None else None

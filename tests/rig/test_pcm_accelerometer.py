@@ -16,7 +16,7 @@ from palpate.experiment.apparatus.ports import Heard
 from palpate.experiment.apparatus.rig import AccelerometerRig
 from palpate.experiment.clock import Clock, ManualClock
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.rehearsal.footstep.recorder import Sensor
+from palpate.experiment.rehearsal.wires.sensor import Sensor
 from tests.approved import Refuses
 
 pytestmark = pytest.mark.alone

@@ -20,9 +20,9 @@ from palpate.experiment.apparatus.ports import Window
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError
-from palpate.experiment.rehearsal.footstep.modes import MovingPanel
-from palpate.experiment.rehearsal.footstep.panel import Panel
-from palpate.experiment.rehearsal.footstep.recorder import REST_NOISE_M_S2, Sensor
+from palpate.experiment.rehearsal.wires.modes import MovingPanel
+from palpate.experiment.rehearsal.wires.panel import Panel
+from palpate.experiment.rehearsal.wires.sensor import REST_NOISE_M_S2, Sensor
 
 LATE_NS = 12_345_678
 """How long after a sample is played the sensor sends what it moved, ns."""
