@@ -79,25 +79,14 @@ def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker:
         volts = rig.actuator.shaping is not None
         conditioner = Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2)
         ceilings[channels.actuator - 1] = 1.0 if volts else conditioner.ceiling
-    return _settings(audio, ceilings, inputs=inputs, sent=listens and channels.microphone is not None, stimuli=plays)
+    return stream_settings(
+        audio, ceilings, inputs=inputs, sent=listens and channels.microphone is not None, stimuli=plays
+    )
 
 
-def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = None) -> AudioStream:
-    """Open the rig's audio device, whatever its calibrations' age, with probes up to `peak`, 1.0 being full scale.
-
-    Raises as `open_audio`.
-    """
-    from palpate.experiment.apparatus.audio.stream import AudioStream
-
-    audio = audio_of(rig)
-    channels = audio.channels
-    ceilings = [0.0] * channels.outputs
-    ceilings[channels.actuator - 1] = peak
-    settings = _settings(audio, ceilings, inputs=channels.inputs, sent=channels.microphone is not None, stimuli=True)
-    return AudioStream(replace(settings, device=device or audio.device), clock)
-
-
-def _settings(audio: AudioRig, ceilings: list[float], *, inputs: int, sent: bool, stimuli: bool) -> StreamSettings:
+def stream_settings(
+    audio: AudioRig, ceilings: list[float], *, inputs: int, sent: bool, stimuli: bool
+) -> StreamSettings:
     """Return how a stream is opened; `sent` has what leaves to the first of the headphones kept."""
     from palpate.experiment.apparatus.audio.stream import StreamSettings
 
@@ -195,23 +184,6 @@ def open_pedal(rig: Rig, *, port: str | None = None) -> Pedal | None:
     if port is None and rig.pedal.port == REHEARSAL:
         raise RigError.at(simulated_only(rig, "pedal.port"))
     return pedal.Pedal(port or rig.pedal.port, rig.pedal.baud)
-
-
-def refuse_simulated_table(rig_file: Path, rig: Rig) -> None:
-    """Raise `RigError` if a real rig would make and limit voltages by the response of a panel that nobody measured."""
-    if (simulated := simulated_table(rig_file, rig_file.parent, rig)) is not None:
-        raise RigError.at(simulated)
-
-
-def simulated_table(where: Path | str, rig_folder: Path, rig: Rig) -> Finding | None:
-    """Return what is wrong with a real rig, named by `where`, whose response table is SIMULATED; None otherwise."""
-    from palpate.experiment.apparatus.panel.response_table import is_simulated
-
-    shaping = rig.actuator.shaping
-    if rig.rig.simulated or shaping is None or not is_simulated(rigs.response_table(rig_folder, shaping)):
-        return None
-    what, remedy = f"{shaping.response} says that it is SIMULATED", "measure the loaded panel, and name that table"
-    return Finding(what, where, allowed="a table that was measured", remedy=remedy)
 
 
 def open_actuator(

@@ -247,7 +247,7 @@ def check(
         raise
     today = day(wall_ns())
     state, seal = sealing.state(protocol_file, protocol, today)
-    told, refusal = _judged(protocol, rig_file, recordings) if rig_file is not None else ("", None)
+    told, refusal = _judged(protocol, rig_file, recordings, today) if rig_file is not None else ("", None)
     screen = rigs.load(rig_file).screen if rig_file is not None else None
     words = screen.words.own if screen is not None and screen.words is not None else {}
     of_screen: list[blocks.Block] = []
@@ -287,10 +287,12 @@ def check(
         raise refusal
 
 
-def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tuple[str, PalpateError | None]:
-    """Return what is said of a rig for a study, and why it is refused for participants."""
-    from palpate.experiment.apparatus import opening
+def _judged(
+    protocol: "Protocol", rig_file: Path, recordings: Path | None, today: date
+) -> tuple[str, PalpateError | None]:
+    """Return what is said of a rig for a study, and why it is refused for participants `today`."""
     from palpate.experiment.apparatus import rig as rigs
+    from palpate.experiment.apparatus.panel import validity
     from palpate.experiment.session.kind import session_kind
 
     rig, said = rigs.load(rig_file), []
@@ -298,7 +300,7 @@ def _judged(protocol: "Protocol", rig_file: Path, recordings: Path | None) -> tu
     if not virtual:
         return f"Rig '{rig.rig.name}': every task is of real objects, so it renders nothing.", None
     try:
-        opening.refuse_simulated_table(rig_file, rig)
+        validity.refuse_unmeasured(rig_file, rig, today)
         for kind in {session_kind(task): None for task in virtual}:
             told, refusal = kind.examine(protocol=protocol, rig=rig, rig_file=rig_file, recordings=recordings)
             said.append(told)

@@ -231,7 +231,7 @@ def calibrate_audio(
             )
             opened.callback(card.close)
             device = DEVICE
-        stream = opening.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
+        stream = calibration.open_probing(loaded, peak=peak, clock=MonotonicClock(), device=device)
         opened.callback(stream.close)
         if card is not None:
             card.disconnect(entry)

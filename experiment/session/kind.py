@@ -296,6 +296,7 @@ class SessionKind:
         recorded: returns the ids of the materials of which tasks with virtual stimuli play recordings.
         check_rig: refuses a rig with which no session of a study can be run, by its calibration of a day.
         rig: the module that judges rigs, imported where one is judged.
+        board: the module of what the board reads of a rig.
         frames: whether the tracker's frames of a step are kept.
     """
 
@@ -303,6 +304,7 @@ class SessionKind:
     recorded: Callable[[StudyProtocol, Sequence[Task]], AbstractSet[str]]
     check_rig: Callable[[StudyProtocol, Rig, date], None]
     rig: str
+    board: str
     frames: bool
 
     def judge(self, **given: object) -> str:
@@ -311,7 +313,7 @@ class SessionKind:
 
     def examine(self, **given: object) -> tuple[str, PalpateError | None]:
         """Return in words what the board reads of a rig, and why it is refused for participants, if it is."""
-        return cast("tuple[str, PalpateError | None]", import_module(self.rig).examine(**given))
+        return cast("tuple[str, PalpateError | None]", import_module(self.board).examine(**given))
 
 
 def session_kind(task: Task) -> SessionKind:

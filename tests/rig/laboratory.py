@@ -32,10 +32,36 @@ tried_days = 30
 """
 
 
+MEASURED = """[actuator.measured]
+response = "panel.csv"
+response_sha256 = "{digest}"
+load = "nobody"
+full_scale_m_s2 = {full_m_s2}
+low_hz = 10.0
+high_hz = 500.0
+resonances_hz = []
+loudest = 0.2
+compression_db = 0.0
+accelerometer_m_s2 = 100.0
+calibrated_on = {day}
+calibration_days = 30
+
+[tracker]"""
+
+
+def measured(text: str, folder: Path) -> str:
+    """The text of a rig file whose panel was measured today, with the table of its response in its folder."""
+    (folder / "panel.csv").write_bytes(table := b"# Measured with nobody on the panel.\n")
+    stated_m_s2 = re.search(r"(?m)^full_scale_m_s2 = (\S+)", text.partition("[accelerometer]")[0])
+    full_m_s2 = stated_m_s2[1] if stated_m_s2 else "50.0"
+    stated = MEASURED.format(digest=hashlib.sha256(table).hexdigest(), full_m_s2=full_m_s2, day=date.today())
+    return re.sub(r"(?m)^format = \d+", "format = 4", text, count=1).replace("[tracker]", stated, 1)
+
+
 def write_rig(folder: Path, name: str, **changed: str) -> Path:
     """A rig file of a laboratory, calibrated and tried today, with the tracker's noise; `changed` replaces values.
 
-    The table of its response does not say that it is simulated.
+    No table of it says that it is simulated.
     """
     text = shipped(f"rigs/{name}.toml").read_text("utf-8").replace("simulated = true", "simulated = false")
     text = text.replace(
@@ -49,7 +75,7 @@ def write_rig(folder: Path, name: str, **changed: str) -> Path:
     (folder / "rehearsal-response.csv").write_bytes(table)
     text = re.sub('response_sha256 = "[0-9a-f]+"', f'response_sha256 = "{hashlib.sha256(table).hexdigest()}"', text)
     path = folder / "rig.toml"
-    path.write_text(text + STOPS.format(day=date.today()), "utf-8")
+    path.write_text(measured(text, folder) + STOPS.format(day=date.today()), "utf-8")
     return path
 
 

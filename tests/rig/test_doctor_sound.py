@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
-from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio import calibration
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.doctor import devices
 from palpate.experiment.apparatus.rig import AudioRig, TrackerRig
@@ -149,7 +149,7 @@ def test_a_laboratorys_card_is_green_and_an_old_calibration_red(
     files = re.sub(r"calibrated_on = \S+", f"calibrated_on = {date.today()}", files)
     rig.write_text(f"{files}[audio.latency]{latency}", "utf-8")
     foot = Foot(line, settings, real_time=True)
-    probing: Callable[..., AudioStream] = opening.open_probing
+    probing: Callable[..., AudioStream] = calibration.open_probing
     with sound.sound_card() as card:
 
         def laid(*given: Any, **named: Any) -> AudioStream:
@@ -158,7 +158,7 @@ def test_a_laboratorys_card_is_green_and_an_old_calibration_red(
             card.connect(3, 2)
             return opened
 
-        monkeypatch.setattr(opening, "open_probing", laid)
+        monkeypatch.setattr(calibration, "open_probing", laid)
         code, out, _ = palpate("doctor", "--rig", rig, "--json", "--dataset", tmp_path)
     foot.close()
     found = verdicts(out)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from collections.abc import Callable, Iterator
 from datetime import date, timedelta
 from hashlib import sha256
@@ -12,6 +13,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel.validity import CALIBRATE
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
@@ -141,6 +143,17 @@ def test_an_old_calibration_of_the_tracker(line: SerialLine, refusal: Run, tmp_p
     (said,) = re.findall(r"tracker\.calibrated_on: got .*", refusal(rig))
     assert f"{date.today() - timedelta(31)}" in said
     assert said.endswith("; run palpate calibrate tracker --rig RIG")
+
+
+def test_a_panel_that_was_measured_too_long_ago(refusal: Run, tmp_path: Path) -> None:
+    rig = write_rig(tmp_path, "rehearsal", port='"nowhere"', address='"127.0.0.1:9"')
+    stated, measured, rest = rig.read_text("utf-8").partition("[actuator.measured]")
+    table, tracker, others = rest.partition("[tracker]")
+    old = table.replace(str(date.today()), str(date.today() - timedelta(31)))
+    rig.write_text("".join((stated, measured, old, tracker, others)), "utf-8")
+    assert refusal(rig).endswith(f"{shlex.join(CALIBRATE)}\n")
+    rig.write_text("".join((stated, tracker, others)), "utf-8")
+    assert refusal(rig).endswith(f"{shlex.join(CALIBRATE)}\n")
 
 
 @pytest.mark.parametrize(

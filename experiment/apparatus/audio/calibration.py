@@ -2,16 +2,18 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 
 import numpy as np
 import tomlkit
 from numpy.typing import NDArray
 
+from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.audio import actuator
 from palpate.experiment.apparatus.audio.stream import AudioStream
-from palpate.experiment.apparatus.rig import AudioRig
+from palpate.experiment.apparatus.rig import AudioRig, Rig
+from palpate.experiment.clock import Clock
 from palpate.experiment.errors import AudioError, RigError
 
 SWEEP_S = 0.05
@@ -23,6 +25,20 @@ MOST_TIMES = 3
 
 LONGEST_S = 0.5
 """Longest way from output to input, s."""
+
+
+def open_probing(rig: Rig, *, peak: float, clock: Clock, device: str | None = None) -> AudioStream:
+    """Open the rig's audio device, whatever its calibrations' age, with probes up to `peak`, 1.0 being full scale.
+
+    Raises as `opening.open_audio`.
+    """
+    audio = opening.audio_of(rig)
+    channels = audio.channels
+    ceilings = [0.0] * channels.outputs
+    ceilings[channels.actuator - 1] = peak
+    sent = channels.microphone is not None
+    settings = opening.stream_settings(audio, ceilings, inputs=channels.inputs, sent=sent, stimuli=True)
+    return AudioStream(replace(settings, device=device or audio.device), clock)
 
 
 @dataclass(frozen=True)

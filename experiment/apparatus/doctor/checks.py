@@ -20,6 +20,7 @@ import numpy as np
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import response_table as response
+from palpate.experiment.apparatus.panel import validity
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.pcm import LOOK_S, PcmActuator
 from palpate.experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
@@ -113,6 +114,22 @@ def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
         level = "; its level was not checked, because the machine cannot hear it"
         found.append(age("headphones", lambda: rigs.check_age(audio.headphones, today), audio.headphones, level))
     return tuple(found)
+
+
+def panel(rig: Rig, rig_file: Path, today: date) -> Finding:
+    """Return whether the panel was measured, and the measurement still counts."""
+    name, measured = "panel", rig.actuator.measured
+    try:
+        found = validity.unmeasured_panel(rig_file, rig, today)
+    except PalpateError as error:
+        return refused(name, error)
+    if found is not None:
+        return replace(found, check=name)
+    if rig.rig.simulated or measured is None:
+        return unchecked(name, "measurements of a simulated rig do not age")
+    age = f"{(today - measured.calibrated_on).days} days old, with {measured.load} on it"
+    told = f"full scale {measured.full_scale_m_s2:g} m/s^2, {measured.low_hz:g} to {measured.high_hz:g} Hz"
+    return passed(name, f"{age}: {told}", f"0 to {measured.calibration_days} days")
 
 
 def stops(rig: Rig, peak_m_s2: float | None, today: date) -> Iterator[Finding]:

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio import calibration
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.doctor import checks, devices, force
 from palpate.experiment.apparatus.doctor.checks import passed, refused, unchecked
@@ -93,6 +94,8 @@ def _rig(rig: Rig, path: Path, protocol: Protocol | None, clock: Clock) -> Itera
         yield checks.reach(rig, protocol.gate)
     today = day(clock.now_ns())
     yield from checks.ages(rig, today)
+    if protocol is None or protocol.renders:
+        yield checks.panel(rig, path, today)
     peak_m_s2 = protocol.exposure.vibration_peak_m_s2 if protocol is not None and protocol.renders else None
     yield from checks.stops(rig, peak_m_s2, today)
 
@@ -166,7 +169,7 @@ def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
 
 def _audio(rig: Rig, settings: AudioRig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
     try:
-        stream = opening.open_probing(rig, peak=devices.PEAK, clock=clock, device=ends.device)
+        stream = calibration.open_probing(rig, peak=devices.PEAK, clock=clock, device=ends.device)
     except PalpateError as error:
         yield refused("audio device", error)
         yield from _tracker(rig, ends, clock)

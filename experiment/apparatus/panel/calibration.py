@@ -21,6 +21,7 @@ from tomlkit.items import Table
 from palpate.experiment import storage
 from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.audio import calibration as probing
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
 from palpate.experiment.apparatus.panel import measured, multisine
@@ -137,7 +138,7 @@ def devices(rig: Rig, *, loudest: float) -> Iterator[Devices]:
             server.reach()
         else:
             opened.enter_context(host.raised())
-            stream = opened.enter_context(closing(opening.open_probing(rig, peak=loudest, clock=clock)))
+            stream = opened.enter_context(closing(probing.open_probing(rig, peak=loudest, clock=clock)))
             player = AudioPlayer(stream, opening.audio_of(rig).channels.actuator)
         yield Devices(player, listener, rig.actuator.rate_hz, settings.rate_hz)
 

@@ -1,4 +1,4 @@
-"""What `palpate doctor` checks of a rig for footsteps, beside its devices: what it omits of the study's recordings."""
+"""What a rig for footsteps omits of a study's recordings: `palpate doctor` checks it, and the board reads it."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -6,8 +6,10 @@ from pathlib import Path
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor.checks import passed, refused, unchecked
-from palpate.experiment.errors import Finding, PalpateError, RigError
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.errors import Finding, PalpateError, RecordingError, RigError
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.fidelity import judged
 from palpate.experiment.study.enrolment import default_root
@@ -48,3 +50,27 @@ def omissions(
         yield refused(NAME, error)
         return
     yield passed(NAME, share, allowed)
+
+
+def examine(
+    *, protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path | None
+) -> tuple[str, PalpateError | None]:
+    """Return what the board reads of a rig, beside what the protocol allows it to leave out; raises as `judged`.
+
+    `recordings` None stands for those of the study's dataset; where there are none, a protocol that limits what is left
+    out has the rig refused.
+    """
+    folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
+    most = protocol.footsteps.synthesis.left_out_max
+    allowed = "sets no limit" if most is None else f"allows {most * 100:.6g}%"
+    if recordings is None and not folder.exists():
+        if most is not None:
+            limited = f"the protocol {allowed} of a vibration to be left out"
+            return "", RecordingError(
+                f"{limited}, and {folder} has no recordings", remedy="name their folder (--recordings)"
+            )
+        limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
+        return f"{name}: {limitless}. Name the folder of recordings (--recordings) to see what is left out.", None
+    told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+    mend = "palpate plan says what would lower this"
+    return f"{name}: {told}. The protocol {allowed}; {mend}. The recordings are those in {folder}.", None

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.experiment.apparatus.opening import simulated_table
+from palpate.experiment.apparatus.panel.validity import simulated_table
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from palpate.experiment.protocol.models import Protocol

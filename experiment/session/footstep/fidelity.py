@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from functools import partial
 from math import inf, sqrt
 from pathlib import Path
@@ -16,13 +17,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.experiment import storage
-from palpate.experiment.apparatus.opening import refuse_simulated_table
+from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.errors import Finding, PalpateError, RecordingError, RigError
+from palpate.experiment.errors import Finding, RigError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
-from palpate.experiment.study.enrolment import default_root
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.panel.conditioning import Played
@@ -121,35 +120,11 @@ def judged(
 
 
 def judge(
-    *, protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path, task_ids: Collection[str], **_: object
+    *, protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path, task_ids: Collection[str], today: date
 ) -> str:
-    """Return what `judged` says of a rig for tasks. Raises `RigError` too for a response that nobody measured."""
-    refuse_simulated_table(rig_file, rig)
+    """Return what `judged` says of a rig for tasks. Raises `RigError` too for a panel that was not measured lately."""
+    refuse_unmeasured(rig_file, rig, today)
     return judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings, task_ids=task_ids)
-
-
-def examine(
-    *, protocol: Protocol, rig: Rig, rig_file: Path, recordings: Path | None
-) -> tuple[str, PalpateError | None]:
-    """Return what the board reads of a rig, beside what the protocol allows it to leave out; raises as `judged`.
-
-    `recordings` None stands for those of the study's dataset; where there are none, a protocol that limits what is left
-    out has the rig refused.
-    """
-    folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
-    most = protocol.footsteps.synthesis.left_out_max
-    allowed = "sets no limit" if most is None else f"allows {most * 100:.6g}%"
-    if recordings is None and not folder.exists():
-        if most is not None:
-            limited = f"the protocol {allowed} of a vibration to be left out"
-            return "", RecordingError(
-                f"{limited}, and {folder} has no recordings", remedy="name their folder (--recordings)"
-            )
-        limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
-        return f"{name}: {limitless}. Name the folder of recordings (--recordings) to see what is left out.", None
-    told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
-    mend = "palpate plan says what would lower this"
-    return f"{name}: {told}. The protocol {allowed}; {mend}. The recordings are those in {folder}.", None
 
 
 UNKNOWN = "nobody measured which frequencies its actuator carries"

@@ -470,4 +470,5 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     zeroing.check_age(rig, today)
 
 
-KIND = SessionKind(open_footsteps, _recorded, _check_rig, "palpate.experiment.session.footstep.fidelity", frames=True)
+_ROOM = "palpate.experiment.session.footstep"
+KIND = SessionKind(open_footsteps, _recorded, _check_rig, f"{_ROOM}.fidelity", f"{_ROOM}.doctor", frames=True)

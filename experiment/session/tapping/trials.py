@@ -77,4 +77,5 @@ def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
     """Real samples need no rig; what renders surfaces is judged by `_judge`."""
 
 
-KIND = SessionKind(open_comparisons, _recorded, _check_rig, "palpate.experiment.session.tapping.virtual", frames=False)
+_VIRTUAL = "palpate.experiment.session.tapping.virtual"
+KIND = SessionKind(open_comparisons, _recorded, _check_rig, _VIRTUAL, _VIRTUAL, frames=False)

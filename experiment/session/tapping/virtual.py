@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
+from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo import settings
@@ -103,7 +104,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
     settings.refuse_beyond(protocol.surfaces, servo_of(rig), rig=rig.rig.name)
-    opening.refuse_simulated_table(rig_file, rig)
+    refuse_unmeasured(rig_file, rig, today)
     zeroing.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
 

@@ -35,7 +35,7 @@ from palpate.experiment.settings.characters import hidden
 from palpate.experiment.study import privacy, withdrawal
 from tests.approved import anywhere
 from tests.conftest import Palpate
-from tests.rig.laboratory import STOPS
+from tests.rig.laboratory import STOPS, measured
 
 
 @pytest.fixture
@@ -324,7 +324,7 @@ class TestALaboratorysStudy:
         text = text.replace("[tracker]", f"[tracker]\ncalibrated_on = {date.today()}\ncalibration_days = 30")
         text = text.replace('port = "rehearsal"', f'port = "{(tmp_path / "no-such-port").as_posix()}"')
         text = text.replace('address = "rehearsal"', 'address = "127.0.0.1:9"')
-        path.write_text(text + STOPS.format(day=date.today()), "utf-8")
+        path.write_text(measured(text, tmp_path) + STOPS.format(day=date.today()), "utf-8")
         return path
 
     def seal(self, palpate: Palpate, protocol: Path, expires_on: date | None = None) -> tuple[int, str, str]:
@@ -388,7 +388,7 @@ class TestALaboratorysStudy:
 
         monkeypatch.setattr("builtins.input", asks)
         if missing == "calibrated_on":
-            rig.write_text(re.sub("calibrated_on = .*\n", "", rig.read_text("utf-8")), "utf-8")
+            rig.write_text(re.sub(r"(\[tracker\]\n)calibrated_on = .*\n", r"\1", rig.read_text("utf-8")), "utf-8")
         self.seal(palpate, protocol)
         where = ("--dataset", protocol.with_name("dataset"), "--seed", seed_for(protocol, task))
         assert palpate("enrol", protocol, "-p", "01", *where)[0] == 0

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.experiment.apparatus import opening, rig
-from palpate.experiment.apparatus import opening as opening_audio
+from palpate.experiment.apparatus.audio import calibration
 from palpate.experiment.apparatus.doctor import devices, doctor
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import AudioError, Finding, PalpateError, TrackerError
@@ -80,7 +80,7 @@ def test_audio_that_fails_is_named_by_what_failed_and_the_tracker_is_looked_at_a
 ) -> None:
     error = AudioError("audio", "the stream broke", "start again")
     part = Part(failing, error)
-    monkeypatch.setattr(opening_audio, "open_probing", lambda *_, **__: part)
+    monkeypatch.setattr(calibration, "open_probing", lambda *_, **__: part)
     monkeypatch.setattr(opening, "open_tracker", lambda *_, **__: Part("", TrackerError("")))
     for module, check in ((devices, "checks"), (devices, "steady"), (devices, "loopback")):
         monkeypatch.setattr(module, check, lambda *_, **__: ())

@@ -1,0 +1,68 @@
+"""Whether what a rig file states of its panel was measured, and still counts: without that a session shakes nobody.
+
+A real rig is refused whose panel nobody measured, or somebody too long ago, and one that states another full scale than
+was measured.
+"""
+
+from collections.abc import Iterator
+from datetime import date
+from pathlib import Path
+
+from palpate.experiment.apparatus.panel.response_table import is_simulated
+from palpate.experiment.apparatus.rig import Rig, response_table
+from palpate.experiment.errors import Finding, Remedy, RigError
+
+CALIBRATE = ("palpate", "calibrate", "actuator", "--rig", "RIG", "--out", "NEW-RIG")
+
+
+def refuse_unmeasured(rig_file: Path, rig: Rig, today: date) -> None:
+    """Raise `RigError` if a real rig would shake a panel, or make its voltages, by what was not measured lately."""
+    refused = simulated_table(rig_file, rig_file.parent, rig) or unmeasured_panel(rig_file, rig, today)
+    if refused is not None:
+        raise RigError.at(refused)
+
+
+def simulated_table(where: Path | str, rig_folder: Path, rig: Rig) -> Finding | None:
+    """Return what is wrong with a real rig, named by `where`, whose response table is SIMULATED; None otherwise."""
+    shaping = rig.actuator.shaping
+    if rig.rig.simulated or shaping is None or not is_simulated(response_table(rig_folder, shaping)):
+        return None
+    what, remedy = f"{shaping.response} says that it is SIMULATED", "measure the loaded panel, and name that table"
+    return Finding(what, where, allowed="a table that was measured", remedy=remedy)
+
+
+def unmeasured_panel(rig_file: Path, rig: Rig, today: date) -> Finding | None:
+    """Return why the panel of a real rig may shake nobody on a day; None otherwise.
+
+    Raises `RigError` for a table of its response that is missing or is another.
+    """
+    measured, remedy = rig.actuator.measured, Remedy("run {}", CALIBRATE)
+    if rig.rig.simulated:
+        return None
+    if measured is None:
+        return Finding("nobody measured its panel", rig_file, allowed="a table [actuator.measured]", remedy=remedy)
+    if is_simulated(response_table(rig_file.parent, measured)):
+        what = f"{measured.response} says that it is SIMULATED"
+        return Finding(what, rig_file, allowed="a panel that was measured", remedy=remedy)
+    made, days = measured.calibrated_on, measured.calibration_days
+    if not 0 <= (today - made).days <= days:
+        if made > today:
+            remedy = Remedy("see whether the clock is right, or run {}", CALIBRATE, suffices=False)
+        allowed = f"0 to {days} days before {today}"
+        return Finding(f"its panel was measured on {made}", rig_file, allowed=allowed, remedy=remedy)
+    for key, stated, then in _scales(rig):
+        if stated != then:
+            allowed = f"{then:g}, as when its panel was measured"
+            return Finding(f"got {stated:g}", rig_file, field=key, got=f"{stated:g}", allowed=allowed, remedy=remedy)
+    return None
+
+
+def _scales(rig: Rig) -> Iterator[tuple[str, float, float]]:
+    """Yield each full scale that a measured rig states, m/s^2, by its key, and what it was in the measurement."""
+    actuator, sensor = rig.actuator, rig.accelerometer
+    if (measured := actuator.measured) is None:
+        return
+    if (full_m_s2 := actuator.full_scale_m_s2) is not None:
+        yield "actuator.full_scale_m_s2", full_m_s2, measured.full_scale_m_s2
+    if sensor is not None:
+        yield "accelerometer.full_scale_m_s2", sensor.full_scale_m_s2, measured.accelerometer_m_s2

@@ -1,0 +1,103 @@
+"""A real rig's panel counts as measured for so many days, at the full scales that its rig file still states."""
+
+from __future__ import annotations
+
+from datetime import date, timedelta
+from hashlib import sha256
+from pathlib import Path
+
+import pytest
+
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.doctor import checks
+from palpate.experiment.apparatus.panel.validity import CALIBRATE, refuse_unmeasured, unmeasured_panel
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.errors import Finding, Remedy, RigError
+from palpate.experiment.protocol.files import shipped
+from tests.rig.laboratory import write_rig
+
+TODAY = date.today()
+
+
+@pytest.fixture
+def rig_file(tmp_path: Path) -> Path:
+    return write_rig(tmp_path, "rehearsal", port='"/dev/none"', address='"127.0.0.1:9"')
+
+
+@pytest.fixture
+def rig(rig_file: Path) -> Rig:
+    return rigs.load(rig_file)
+
+
+def changed(rig: Rig, **values: object) -> Rig:
+    return rig.model_copy(update={"actuator": rig.actuator.model_copy(update=values)})
+
+
+def refused(rig_file: Path, rig: Rig, day: date = TODAY) -> Finding:
+    """What a session, the board's page and the doctor refuse alike."""
+    with pytest.raises(RigError) as raised:
+        refuse_unmeasured(rig_file, rig, day)
+    found, check = raised.value.finding, checks.panel(rig, rig_file, day)
+    assert (check.check, check.verdict, check.what, check.remedy) == ("panel", "refuses", found.what, found.remedy)
+    return found
+
+
+def commanded(finding: Finding) -> tuple[tuple[str, ...], bool]:
+    assert isinstance(finding.remedy, Remedy)
+    return finding.remedy.command, finding.remedy.suffices
+
+
+def test_a_panel_measured_lately_may_shake_people(rig_file: Path, rig: Rig) -> None:
+    for days in (0, 30):
+        refuse_unmeasured(rig_file, rig, TODAY + timedelta(days))
+        assert checks.panel(rig, rig_file, TODAY + timedelta(days)).verdict == "passes"
+
+
+@pytest.mark.parametrize(("days", "suffices"), [(31, True), (-1, False)])
+def test_a_measurement_is_valid_for_as_long_as_the_rig_states(
+    rig_file: Path, rig: Rig, days: int, suffices: bool
+) -> None:
+    found = refused(rig_file, rig, TODAY + timedelta(days))
+    assert (found.where, commanded(found)) == (rig_file, (CALIBRATE, suffices))
+    assert f"{TODAY}" in found.what
+
+
+def test_a_panel_that_nobody_measured_is_refused_with_the_command_that_measures_it(rig_file: Path, rig: Rig) -> None:
+    assert commanded(refused(rig_file, changed(rig, measured=None))) == (CALIBRATE, True)
+
+
+def test_a_panel_that_was_simulated_is_not_measured(rig_file: Path, rig: Rig) -> None:
+    (rig_file.parent / "panel.csv").write_bytes(table := b"# SIMULATED: no panel was measured.\n")
+    assert rig.actuator.measured is not None
+    measured = rig.actuator.measured.model_copy(update={"response_sha256": sha256(table).hexdigest()})
+    assert commanded(refused(rig_file, changed(rig, measured=measured))) == (CALIBRATE, True)
+
+
+def test_a_table_that_is_not_that_of_the_measurement_is_refused(rig_file: Path, rig: Rig) -> None:
+    (rig_file.parent / "panel.csv").write_bytes(b"# Another.\n")
+    with pytest.raises(RigError) as raised:
+        refuse_unmeasured(rig_file, rig, TODAY)
+    assert raised.value.finding.where == rig_file.parent / "panel.csv"
+    assert checks.panel(rig, rig_file, TODAY).verdict == "refuses"
+
+
+def test_ten_times_the_full_scale_that_was_measured_is_refused(rig_file: Path, rig: Rig) -> None:
+    accelerations = {"shaping": None, "low_hz": 10.0, "high_hz": 500.0}
+    assert unmeasured_panel(rig_file, changed(rig, full_scale_m_s2=50.0, **accelerations), TODAY) is None
+    found = refused(rig_file, changed(rig, full_scale_m_s2=500.0, **accelerations))
+    assert (found.field, found.got, commanded(found)) == ("actuator.full_scale_m_s2", "500", (CALIBRATE, True))
+
+
+def test_a_sensor_whose_full_scale_was_corrected_since_did_not_measure_this_panel(rig_file: Path, rig: Rig) -> None:
+    sensor = rigs.load(shipped("rigs/rehearsal.toml")).accelerometer
+    assert sensor is not None
+    assert unmeasured_panel(rig_file, rig.model_copy(update={"accelerometer": sensor}), TODAY) is None
+    corrected = sensor.model_copy(update={"full_scale_m_s2": 98.0})
+    found = refused(rig_file, rig.model_copy(update={"accelerometer": corrected}))
+    assert (found.field, found.got) == ("accelerometer.full_scale_m_s2", "98")
+
+
+def test_a_simulated_rig_needs_no_measurement() -> None:
+    file = shipped("rigs/rehearsal.toml")
+    refuse_unmeasured(file, rigs.load(file), TODAY)
+    assert checks.panel(rigs.load(file), file, TODAY).verdict == "unknown"
