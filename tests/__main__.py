@@ -6,6 +6,7 @@ machine to itself runs last. No part imports the modules of another, of which im
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 import time
@@ -14,7 +15,8 @@ from shutil import which
 from tempfile import TemporaryFile
 
 SIDE_BY_SIDE = ("--dist", "loadfile", "--no-loadscope-reorder")
-RIG = Path(__file__).with_name("rig")
+TESTS = Path(__file__).parent
+RIG = TESTS / "rig"
 
 
 def marked(mark: str) -> list[str]:
@@ -34,9 +36,25 @@ def pytest(arguments: list[str]) -> list[str]:
     return [sys.executable, "-m", "pytest", *arguments]
 
 
+def compile_all() -> None:
+    """In a fresh checkout, have two processes import, and so compile, all that seven would each compile at once."""
+    if any(TESTS.glob("__pycache__/*-pytest-*.pyc")):
+        return
+    environment = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    folders = {str(path) for path in TESTS.iterdir() if path.is_dir() or path.match("test_*.py")}
+    some = {str(TESTS / "experiment"), str(RIG)}
+    importing = [
+        subprocess.Popen(pytest(["--collect-only", "-q", *sorted(part)]), stdout=subprocess.DEVNULL, env=environment)
+        for part in (some, folders - some)
+    ]
+    for one in importing:
+        one.wait()
+
+
 def main() -> int:
     """Run the parts, and return the largest of their exit codes: 0 if every test passed."""
     begun_s = time.monotonic()
+    compile_all()
     yielding = ["nice", "-n", "10"] if which("nice") else []
     computing, waiting, alone = parts()
     with TemporaryFile() as kept:
