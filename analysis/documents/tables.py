@@ -154,6 +154,14 @@ def without(records: Iterable[Record], keys: Container[str]) -> tuple[Record, ..
     return tuple({key: value for key, value in record.items() if key not in keys} for record in records)
 
 
+def crossed(records: Iterable[Record], row: str, column: str) -> list[Record]:
+    """Return a record for each value under the key `row`: it is under "", and each record under its `column`."""
+    rows: dict[str, dict[str, Any]] = {}
+    for record in records:
+        rows.setdefault(record[row], {"": record[row]})[record[column]] = record
+    return list(rows.values())
+
+
 def side_by_side(records: Iterable[Record]) -> list[Record]:
     """Return a record for each thing that records hold quantities `of`, one quantity each.
 

@@ -259,13 +259,13 @@ def _budget(result: Sequence[Played]) -> Section:
     for unit in dict.fromkeys(one.unit for one in result):
         names = list(dict.fromkeys(one.material for one in result))
         of = {name: [one for one in result if (one.unit, one.material) == (unit, name)] for name in names}
-        rows = [
-            (label, *(_range([getattr(one.budget, cause) for one in of[name]]) for name in names))
-            for cause, label in figures.CAUSES.items()
+        shares: list[Record] = [
+            {"cause": label, **{name: [getattr(one.budget, cause) for one in of[name]] for name in names}}
+            for cause, label in {**figures.CAUSES, "total": "all of it"}.items()
         ]
-        rows.append(("all of it", *(_range([one.budget.total for one in of[name]]) for name in names)))
-        rows.append(("truth", *(_range([one.truth for one in of[name]]) for name in names)))
-        tables.append(Table(f"A rig in {unit}", ("cause", *names), tuple(rows)))
+        shares.append({"cause": "truth", **{name: [one.truth for one in of[name]] for name in names}})
+        columns = Column("cause", left=True), *(Column(name, show=_range) for name in names)
+        tables.append(replace(tabulate(f"A rig in {unit}", columns, shares), records=()))
     records = tuple(
         {"unit": one.unit, "material": one.material, "speed_mm_s": one.speed_mm_s, **asdict(one.budget),
          "left_out": one.budget.left_out, "total": one.budget.total, "truth": one.truth, "holds": one.holds}
@@ -304,16 +304,21 @@ def methods(result: Numerics) -> Section:
     ]
     diagrams = dict.fromkeys((one.given["stiffness_n_m"], one.given["mass_kg"]) for one in of_contact)
     by_place = {
-        (one.way, one.given["stiffness_n_m"]): (
-            f"{'wrong' if one.error >= NO_ANSWER else f'{one.error:.1e}'}, {time_text(one.timed.median_s)}"
-        )
-        for one in of_contact
-        if one.given["step_s"] == contact.SERVO_S
+        (one.way, one.given["stiffness_n_m"]): one for one in of_contact if one.given["step_s"] == contact.SERVO_S
     }
-    heads = ("method", *(f"{stiffness:g} N/m, {mass:g} kg" for stiffness, mass in diagrams))
-    steps = [(way, *(by_place[way, k] for k, _ in diagrams)) for way in dict.fromkeys(one.way for one in of_contact)]
-    servo = Table(f"Contact in steps of {contact.SERVO_S * 1e6:g} µs", heads, tuple(steps))
+    heads = {stiffness: f"{stiffness:g} N/m, {mass:g} kg" for stiffness, mass in diagrams}
+    steps: list[Record] = [
+        {"method": way, **{head: by_place[way, stiffness] for stiffness, head in heads.items()}}
+        for way in dict.fromkeys(one.way for one in of_contact)
+    ]
+    columns = Column("method", left=True), *(Column(head, show=_error_and_time) for head in heads.values())
+    servo = replace(tabulate(f"Contact in steps of {contact.SERVO_S * 1e6:g} µs", columns, steps), records=())
     return Section("methods", "Methods", tables=(tabulate("", METHODS, records), servo))
+
+
+def _error_and_time(one: Measured) -> str:
+    error = "wrong" if one.error >= NO_ANSWER else f"{one.error:.1e}"
+    return f"{error}, {time_text(one.timed.median_s)}"
 
 
 def _usual(subject: str, rows: list[Measured]) -> list[Measured]:

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from palpate.analysis.documents.tables import Record, Table, plural
+from palpate.analysis.documents.tables import Column, Record, plural, tabulate
 from palpate.analysis.identification.confusion import confusion
 from palpate.analysis.power.planned_tests import Answers as Every
 from palpate.analysis.power.planned_tests import Design, Model, Shown, starred
@@ -82,21 +82,19 @@ class ChoiceModel(Model):
 
     def shown(self, planned: Design, said: tuple[str, ...]) -> Shown:
         """Return the mean share of each answer, with the spread."""
-        header = ("task", "presented", *planned.materials, "none", "spread")
-        rows: list[tuple[str, ...]] = []
+        answers = (*planned.materials, "none")
         records: list[Record] = []
         for task in self.tasks:
             for place in planned.places(task.task):
-                material, shares_of, spread = planned.materials[place], task.shares[place], task.spread[place]
-                rows.append((task.task, material, *(f"{share:.3f}" for share in shares_of), f"{spread:.3f}"))
-                named = dict(zip((*planned.materials, "none"), shares_of.tolist(), strict=True))
-                records.append({"task": task.task, "presented": material, **named, "spread": float(spread)})
+                named = dict(zip(answers, task.shares[place].tolist(), strict=True))
+                spread = float(task.spread[place])
+                records.append({"task": task.task, "presented": planned.materials[place], **named, "spread": spread})
         note = (
             "Mean share of each answer; spread is the intraclass correlation of one participant's answers to a "
             "material."
         )
-        table = Table("Choice model", header, tuple(rows), left=frozenset({0, 1}), notes=(note,))
-        return said, (table,), tuple(records)
+        columns = Column("task", left=True), Column("presented", left=True), *map(Column, (*answers, "spread"))
+        return said, (tabulate("Choice model", columns, records, [note]),)
 
 
 def from_print(printed: Published, protocol: Protocol) -> ChoiceModel:

@@ -14,7 +14,7 @@ from pydantic import Field
 from scipy.special import expit, stdtr
 
 from palpate.analysis.designs.comparison.results import CHOSEN
-from palpate.analysis.documents.tables import Table
+from palpate.analysis.documents.tables import Column, Record, tabulate
 from palpate.analysis.power.planned_tests import ABOUT, Answer, Answers, Design, Model, Question, Shown
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading import dataset
@@ -53,6 +53,9 @@ class Observers:
     order_spread: float
 
 
+VALUES = Column("task", left=True), Column("material", left=True), Column("value"), Column("spread", "SD")
+
+
 @dataclass(frozen=True)
 class PairModel(Model):
     """How observers compare in every task whose scale is planned."""
@@ -81,18 +84,17 @@ class PairModel(Model):
             ABOUT["observers"].substitute(repeated=", ".join(f"{one.id} {one.repetitions}" for one in tasks)),
             *said[2:],
         )
-        records = tuple(
+        records: list[Record] = [
             {"task": one.task, "material": name, "value": value, "spread": one.spread, "order": one.order,
              "order_spread": one.order_spread}
             for one in self.tasks for name, value in zip(planned.materials, one.values.tolist(), strict=True)
-        )  # fmt: skip
-        rows = [
-            (str(row["task"]), str(row["material"]), f"{row['value']:.3f}", f"{row['spread']:.3f}") for row in records
+        ]  # fmt: skip
+        first: list[Record] = [
+            {"task": one.task, "material": "being first", "value": one.order, "spread": one.order_spread}
+            for one in self.tasks
         ]
-        rows += [(one.task, "being first", f"{one.order:.3f}", f"{one.order_spread:.3f}") for one in self.tasks]
-        header = ("task", "material", "value", "SD")
-        table = Table("Model of comparisons, in logits", header, tuple(rows), left=frozenset({0, 1}))
-        return paragraphs, (table,), records
+        table = tabulate("Model of comparisons, in logits", VALUES, (*records, *first))
+        return paragraphs, (replace(table, records=tuple(records)),)
 
 
 class StatedValue(Confined):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import helmert
 
-from palpate.analysis.documents.tables import Record, Table, blocks
+from palpate.analysis.documents.tables import Table, blocks
 from palpate.analysis.identification.confusion import most_confused
 from palpate.analysis.identification.results import EVERY
 from palpate.analysis.statistics.anova import one_way_tests, tasks_by_materials, two_way_tests, variance_component_icc
@@ -82,8 +82,8 @@ class Answer:
 Answers = tuple[dict[Question, Answer], dict[Question, int]]
 """The answers to each question, and how many studies err in its family where any can."""
 
-Shown = tuple[tuple[str, ...], tuple[Table, ...], tuple[Record, ...]]
-"""The paragraphs, tables and records of a model."""
+Shown = tuple[tuple[str, ...], tuple[Table, ...]]
+"""The paragraphs and tables of a model."""
 
 
 @dataclass(frozen=True)

@@ -150,14 +150,17 @@ def _by_size(result: Power, kind: Kind, slug: str, name: str, about: str) -> Sec
 def _sizes_table(
     result: Power, kind: Kind, questions: Sequence[Question], shown: Callable[[Row | None], str], notes: tuple[str, ...]
 ) -> Table:
-    rows = tuple(
-        (_sizes(result, size), *(shown(result.row(question, size, kind)) for question in questions))
+    # Questions may have one name.
+    places = {f"{place}": question for place, question in enumerate(questions)}
+    columns = Column("n", left=True), *(Column(place, subject(one), show=shown) for place, one in places.items())
+    records: list[Record] = [
+        {"n": _sizes(result, size), **{place: result.row(one, size, kind) for place, one in places.items()}}
         for size in result.participants
-    )
+    ]
     of_tasks = ", ".join(task.id for task in result.design.tasks)
     apart = any(len(set(result.design.sizes(size))) > 1 for size in result.participants)
     sizes = (f"n is the number of participants of the study ({of_tasks}).",) if apart else ()
-    return Table(title(questions[0]), ("n", *map(subject, questions)), rows, notes=(*sizes, *notes))
+    return replace(tabulate(title(questions[0]), columns, records, (*sizes, *notes)), records=())
 
 
 def _error(rows: Sequence[Row]) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ from scipy.special import betaincinv, ndtr, ndtri, stdtr
 
 from palpate.analysis.documents import page
 from palpate.analysis.documents.output import publish
-from palpate.analysis.documents.tables import Section, Table, number
+from palpate.analysis.documents.tables import Column, Record, Section, tabulate
 from palpate.analysis.documents.tables import text as in_terminal
 from palpate.analysis.power import simulate
 from palpate.analysis.power.choice_models import ChoiceModel
@@ -257,6 +257,17 @@ def _mean(shares: Floats, looks: Sequence[int]) -> float:
     return float(stopped @ np.array(looks))
 
 
+def _share(share: float, low: float, high: float) -> str:
+    return f"{share:.3f} ({low:.3f}-{high:.3f})"
+
+
+OUTCOMES = (
+    Column("of", left=True), Column(("power", "power_low", "power_high"), "power", show=_share),
+    Column(("type_i_error", "type_i_low", "type_i_high"), "type I error", show=_share),
+    Column("participants", "n", 1), Column("participants_control", "n, control", 1),
+)  # fmt: skip
+
+
 def section(result: Sequential) -> Section:
     """Return the design and its outcomes."""
     looks = ", ".join(map(str, result.looks))
@@ -273,26 +284,23 @@ def section(result: Sequential) -> Section:
         "In the control they differ as much, right answers are as frequent as by chance, and what is found is the type "
         "I error. Each question stops by itself.",
     )
-    rows, records = [], []
+    found_at, none_at = (tuple(f"{what}_at_{look}" for look in result.looks) for what in ("found", "none"))
+    records: list[Record] = []
     for one in result.outcomes:
         power, error = sum(one.found), sum(one.control)
         own, control = (wilson(round(share * result.studies), result.studies) for share in (power, error))
-        rows.append(
-            (one.subject, f"{power:.3f} ({own.low:.3f}-{own.high:.3f})",
-             f"{error:.3f} ({control.low:.3f}-{control.high:.3f})",
-             number(one.mean, 1), number(one.control_mean, 1), " ".join(f"{share:.2f}" for share in one.found),
-             *((f"{sum(one.none):.3f}",) if result.rule == "bayes" else ()))
-        )  # fmt: skip
         records.append(
             {"of": one.subject, "rule": result.rule, "power": power, "power_low": own.low,
              "power_high": own.high, "type_i_error": error, "type_i_low": control.low, "type_i_high": control.high,
              "participants": one.mean,
              "participants_control": one.control_mean,
-             **{f"found_at_{look}": share for look, share in zip(result.looks, one.found, strict=True)},
-             **{f"none_at_{look}": share for look, share in zip(result.looks, one.none, strict=True)}}
+             **dict(zip(found_at, one.found, strict=True)), **dict(zip(none_at, one.none, strict=True))}
         )  # fmt: skip
-    header = ("of", "power", "type I error", "n", "n, control", f"found at {looks}",
-              *(("for none",) if result.rule == "bayes" else ()))  # fmt: skip
+    columns = (
+        *OUTCOMES,
+        Column(found_at, f"found at {looks}", show=lambda *shares: " ".join(f"{share:.2f}" for share in shares)),
+        *([Column(none_at, "for none", show=lambda *shares: f"{sum(shares):.3f}")] if result.rule == "bayes" else []),
+    )
     note = "n is the number of participants on average. In brackets is Wilson's 95 % interval, the Monte Carlo error."
     same = "Where all participants give the same ratio t is not defined, and nothing is found; sign flips have a P."
     fewest = next(people for people in range(3, MOST) if log_bayes_factor(0.0, people) <= -math.log(EVIDENCE))
@@ -301,8 +309,7 @@ def section(result: Sequential) -> Section:
         f"So much evidence for none takes {fewest} participants or more: "
         f"{f'looks before {fewest}' if result.looks[-1] >= fewest else 'these looks'} cannot stop for none.",
     ) * (result.rule == "bayes")  # fmt: skip
-    return Section("looks", "Design with looks", paragraphs,
-                   (Table("", header, tuple(rows), notes=(note, same, *bayes)),), tuple(records))  # fmt: skip
+    return Section("looks", "Design with looks", paragraphs, (tabulate("", columns, records, (note, same, *bayes)),))
 
 
 def text(result: Sequential) -> str:

@@ -2,8 +2,9 @@
 
 import math
 import statistics
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +17,11 @@ from palpate.analysis.documents.tables import (
     bounds,
     count_of,
     ends,
-    interval,
     number,
     p_is,
     plural,
     probability,
+    side_by_side,
     span,
     tabulate,
     without,
@@ -74,8 +75,9 @@ def intervals_section(results: Results) -> Section:
 def confusions_section(results: Results, materials: tuple[str, ...], remark: tuple[str, ...]) -> Section:
     """Return information, d', the similarity-choice model, and confusion against dissimilarity."""
     found = results.identifications
+    quantities = {one.task: _quantities(one, materials) for one in found}
     tables = (
-        _information(found),
+        _information(found, quantities),
         _detection(found),
         *(_choice(one.task, one.choice, materials) for one in found if one.choice),
         _scaling(found),
@@ -91,16 +93,30 @@ def confusions_section(results: Results, materials: tuple[str, ...], remark: tup
         for one in found
         for key, reason in one.statements.items()
     )
-    shown = tuple(table for table in tables if table.rows)
-    records = tuple(record for one in found for record in _records(one, materials))
+    # The records stand by task, not by table.
+    shown = tuple(replace(table, records=()) for table in tables if table.rows)
+    records = tuple(record for task in quantities.values() for record in task)
     return Section("confusions", "Information, d', similarity and bias", (*remark, *reasons), shown, records)
 
 
-def _information(found: tuple[Identification, ...]) -> Table:
+TASK = Column("task", left=True)
+JACKKNIFE = "information, jackknife (ours)"
+INFORMATION = (
+    TASK, Column("trials"), Column("entropy presented", "presented"), Column("information, bits", "transmitted"),
+    Column("information, Miller-Madow", "Miller-Madow"), Column("information, Panzeri-Treves", "Panzeri-Treves"),
+    Column(JACKKNIFE, "jackknife (ours)"), Column((f"{JACKKNIFE}_low", f"{JACKKNIFE}_high"), "95 % CI"),
+)  # fmt: skip
+
+
+def _information(found: tuple[Identification, ...], quantities: Mapping[str, list[Record]]) -> Table:
     notes = [ABOUT["information"].substitute()]
+    records: list[Record] = []
     for one in found:
         if (bits := one.information) is None:
             continue
+        of_all = side_by_side(record for record in quantities[one.task] if not record["of"])[0]
+        missing = {JACKKNIFE: None, **ends(None, f"{JACKKNIFE}_")}
+        records.append({"task": one.task, "trials": bits.trials, **missing, **of_all})
         if max(bits.miller_madow, bits.panzeri_treves) > bits.presented:
             notes.append(
                 f"{one.task}: a corrected value is above the bits presented, although no more can be transmitted; the "
@@ -108,51 +124,82 @@ def _information(found: tuple[Identification, ...]) -> Table:
             )
         if min(bits.miller_madow, bits.panzeri_treves) < 0:
             notes.append(f"{one.task}: a corrected value is below 0, although no less can be transmitted.")
-    rows = tuple(
-        (one.task, str(bits.trials), number(bits.presented), number(bits.transmitted),
-         number(bits.miller_madow), number(bits.panzeri_treves), number(one.jackknife.value if one.jackknife else None),
-         interval(one.jackknife))
-        for one in found if (bits := one.information)
-    )  # fmt: skip
-    header = (
-        "task", "trials", "presented", "transmitted", "Miller-Madow", "Panzeri-Treves", "jackknife (ours)", "95 % CI"
-    )  # fmt: skip
-    return Table("Information, bits a trial", header, rows, notes=tuple(notes))
+    return tabulate("Information, bits a trial", INFORMATION, records, notes)
+
+
+def _among(values: Sequence[float]) -> str:
+    """Return the mean and the SD of the values of participants."""
+    if not values:
+        return "-"
+    spread = f" ± {statistics.stdev(values):.2f}" if len(values) > 1 else ""
+    return f"{statistics.mean(values):.2f}{spread}"
+
+
+DETECTION = (
+    TASK, Column("alternatives", "m"), Column("correct"), Column("d'", decimals=2),
+    Column(("low", "high"), "95 % CI", show=lambda *limits: bounds(Limits(*limits), 2)),
+    Column("each", "among participants", show=_among),
+)  # fmt: skip
 
 
 def _detection(found: tuple[Identification, ...]) -> Table:
-    rows, notes = [], []
+    records: list[Record] = []
+    notes = []
     for one in found:
         if (d := one.detection) is None:
             continue
-        values = list(d.by_participant.values())
-        among = f"{statistics.mean(values):.2f}" if values else "-"
-        spread = f" ± {statistics.stdev(values):.2f}" if len(values) > 1 else ""
-        cells = (number(d.proportion), number(d.d_prime, 2), bounds(d.interval, 2), f"{among}{spread}")
-        rows.append((one.task, str(d.alternatives), *cells))
+        records.append(
+            {"task": one.task, "alternatives": d.alternatives, "correct": d.proportion, "d'": d.d_prime,
+             **ends(d.interval), "each": tuple(d.by_participant.values())}
+        )  # fmt: skip
         if d.statement:
             notes.append(f"{one.task}: {d.statement}.")
         if d.moved:
             notes.append(f"{one.task}: a share of 0 or 1 was moved in by half a trial for {', '.join(d.moved)}.")
-    header = ("task", "m", "correct", "d'", "95 % CI", "among participants")
     notes.append("This d' of m-alternative identification assumes unbiased answers and equally spaced materials.")
-    return Table("d'", header, tuple(rows), notes=tuple(notes))
+    return tabulate("d'", DETECTION, records, notes)
+
+
+def _estimate(value: float, limits: NDArray[np.float64] | None) -> Record:
+    """Return an estimate with its interval, (2,) or None, as values of a record."""
+    low, high = (None, None) if limits is None else limits.tolist()
+    return {"value": float(value), "low": low, "high": high}
+
+
+def _similarity(fitted: ChoiceIntervals, i: int, j: int) -> Record:
+    limits = None if fitted.similarities is None else fitted.similarities[i, j]
+    return _estimate(fitted.model.similarities[i, j], limits)
+
+
+def _biases(fitted: ChoiceIntervals) -> list[Record]:
+    """Return the bias to each material, none where they are not defined."""
+    if (biases := fitted.model.biases) is None:
+        return []
+    limits = [None] * len(biases) if fitted.biases is None else fitted.biases
+    return list(map(_estimate, biases, limits))
+
+
+def _shown(estimate: Record | None) -> str:
+    """Return an estimate with its interval in brackets, or `-` for None."""
+    if estimate is None:
+        return "-"
+    limits = "" if estimate["low"] is None else f" ({span(estimate['low'], estimate['high'])})"
+    return f"{number(estimate['value'])}{limits}"
 
 
 def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> Table:
     model = fitted.model
-    rows = []
-    for i, first in enumerate(materials):
-        bias = "-" if model.biases is None else f"{model.biases[i]:.3f}"
-        if fitted.biases is not None:
-            bias += f" ({fitted.biases[i, 0]:.3f} to {fitted.biases[i, 1]:.3f})"
-        cells = []
-        for j in range(len(materials)):
-            text = "" if j > i else "1" if i == j else f"{model.similarities[i, j]:.3f}"
-            if j < i and fitted.similarities is not None:
-                text += f" ({fitted.similarities[i, j, 0]:.3f} to {fitted.similarities[i, j, 1]:.3f})"
-            cells.append(text)
-        rows.append((first, *cells, bias))
+    biases: Sequence[Record | None] = _biases(fitted) or [None] * len(materials)
+    records: list[Record] = [
+        {"material": first, **{f"to {second}": _similarity(fitted, i, j) for j, second in enumerate(materials[:i])},
+         f"to {first}": None, "bias": biases[i]}
+        for i, first in enumerate(materials)
+    ]  # fmt: skip
+    columns = (
+        Column("material", "", left=True),
+        *(Column(f"to {name}", name, show=lambda of: "1" if of is None else _shown(of)) for name in materials),
+        Column("bias", show=_shown),
+    )
     tested = f"G² = {model.g2:.2f}, {model.df} df"
     bracketed = f" Brackets hold 95 % percentile intervals from {CHOICE_RESAMPLES} resamples of participants."
     resampled = fitted.similarities is not None or fitted.biases is not None
@@ -165,41 +212,48 @@ def _choice(task: str, fitted: ChoiceIntervals, materials: tuple[str, ...]) -> T
         notes.append(f"{fitted.statement}." if resampled else f"There are no intervals: {fitted.statement}.")
     if model.biases is None:
         notes.append("The biases are not defined: some groups of materials were never taken for one another.")
-    title = f"{task}: similarity-choice model, similarities and biases"
-    return Table(title, ("", *materials, "bias"), tuple(rows), notes=tuple(notes))
+    return tabulate(f"{task}: similarity-choice model, similarities and biases", columns, records, notes)
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.0f} %"
+
+
+SCALING = TASK, Column("explained", "in two dimensions", show=_percent), Column("negative", show=_percent)
 
 
 def _scaling(found: tuple[Identification, ...]) -> Table:
-    rows = tuple(
-        (one.task, f"{100 * one.scaling.explained:.0f} %", f"{100 * one.scaling.negative:.0f} %")
+    records: list[Record] = [
+        {"task": one.task, "explained": one.scaling.explained, "negative": one.scaling.negative}
         for one in found
         if one.scaling
-    )
-    header = ("task", "in two dimensions", "negative")
+    ]
     notes = (
         "The map is the classical scaling of 1 - (p_ij + p_ji) / (p_ii + p_jj). The columns give the share of the "
         "positive eigenvalues on the two axes, and the share of all eigenvalues that is negative.",
     )
-    return Table("Map of the materials", header, rows, notes=notes)
+    return tabulate("Map of the materials", SCALING, records, notes)
+
+
+MANTEL = (
+    TASK, Column("pairs"), Column("r"), Column("orders"),
+    Column("p_less", "P, fewer confusions", show=partial(probability, decimals=4)),
+    Column("p_two", "P, two-sided", show=partial(probability, decimals=4)),
+)  # fmt: skip
 
 
 def _mantel(found: tuple[Identification, ...], source: str) -> Table:
-    rows = tuple(
-        (one.task, str(test.pairs), f"{test.r:.3f}", str(test.orders), probability(test.p_less, 4),
-         probability(test.p_two, 4))
-        for one in found if (test := one.mantel)
-    )  # fmt: skip
-    header = ("task", "pairs", "r", "orders", "P, fewer confusions", "P, two-sided")
+    records: list[Record] = [{"task": one.task, **asdict(one.mantel)} for one in found if one.mantel]
     notes = (ABOUT["Mantel"].substitute(source=source),)
-    return Table("Confusion against dissimilarity (Mantel's test)", header, rows, notes=notes)
+    return tabulate("Confusion against dissimilarity (Mantel's test)", MANTEL, records, notes)
 
 
-def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[str, object]]:
-    records: list[Mapping[str, object]] = []
+def _quantities(one: Identification, materials: tuple[str, ...]) -> list[Record]:
+    """Return a record of each number of a task."""
+    records: list[Record] = []
 
-    def add(quantity: str, value: float | None, limits: Ends = (None, None), of: str = "") -> None:
-        low, high = limits
-        records.append({"task": one.task, "quantity": quantity, "of": of, "value": value, "low": low, "high": high})
+    def add(quantity: str, value: float | None, limits: Limits | Jackknife | None = None, of: str = "") -> None:
+        records.append({"task": one.task, "quantity": quantity, "of": of, "value": value, **ends(limits)})
 
     if bits := one.information:
         add("information, bits", bits.transmitted)
@@ -207,20 +261,20 @@ def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[st
         add("information, Panzeri-Treves", bits.panzeri_treves)
         add("entropy presented", bits.presented)
         if one.jackknife:
-            add("information, jackknife (ours)", one.jackknife.value, _ends(one.jackknife))
+            add(JACKKNIFE, one.jackknife.value, one.jackknife)
     if d := one.detection:
-        add("d'", d.d_prime, _ends(d.interval))
+        add("d'", d.d_prime, d.interval)
         for label, value in d.by_participant.items():
             add("d'", value, of=f"sub-{label}")
     if fitted := one.choice:
-        model = fitted.model
+        biases = _biases(fitted)
         for i, first in enumerate(materials):
-            for j in range(i + 1, len(materials)):
-                limits = None if fitted.similarities is None else fitted.similarities[i, j]
-                add("similarity", float(model.similarities[i, j]), _row(limits), f"{first}, {materials[j]}")
-            if model.biases is not None:
-                add("bias", float(model.biases[i]), _row(None if fitted.biases is None else fitted.biases[i]), first)
-        add("choice model, G2", model.g2, of=f"{model.df} df")
+            for j, second in enumerate(materials[i + 1 :], i + 1):
+                of = f"{first}, {second}"
+                records.append({"task": one.task, "quantity": "similarity", "of": of, **_similarity(fitted, i, j)})
+            if biases:
+                records.append({"task": one.task, "quantity": "bias", "of": first, **biases[i]})
+        add("choice model, G2", fitted.model.g2, of=f"{fitted.model.df} df")
     if one.scaling:
         for material, (x, y) in zip(materials, one.scaling.points.tolist(), strict=True):
             add("map, first axis", x, of=material)
@@ -230,17 +284,6 @@ def _records(one: Identification, materials: tuple[str, ...]) -> list[Mapping[st
         add("Mantel P, fewer confusions", test.p_less, of=f"{test.orders} orders")
         add("Mantel P, two-sided", test.p_two, of=f"{test.orders} orders")
     return records
-
-
-Ends = tuple[float | None, float | None]
-
-
-def _ends(limits: Limits | Jackknife | None) -> Ends:
-    return (None, None) if limits is None else (limits.low, limits.high)
-
-
-def _row(limits: NDArray[np.float64] | None) -> Ends:
-    return (None, None) if limits is None else (float(limits[0]), float(limits[1]))
 
 
 def trials_section(results: Results) -> Section:
@@ -337,7 +380,6 @@ def course_section(found: TimeCourse) -> Section:
     return Section("course", "Course of the tasks", tuple(paragraphs), shown, missing)
 
 
-TASK = Column("task", left=True)
 RIGHT = (
     Column(("right", "trials"), "right", show=count_of), Column("value", "ratio"), Column(("low", "high"), "95 % CI"),
 )  # fmt: skip

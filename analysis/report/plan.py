@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.analysis.documents.tables import Column, Record, Section, Table, blocks, number, p_is, plural, tabulate
+from palpate.analysis.documents.tables import Column, Record, Section, blocks, number, p_is, plural, tabulate
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Exclusion, Study, sentences
 
@@ -273,6 +273,12 @@ EXCLUSIONS = (
 )  # fmt: skip
 
 
+RULES = (
+    Column("rule", left=True), Column("count", "left out"), Column("action", "what it leaves out", left=True),
+    Column("when", left=True),
+)  # fmt: skip
+
+
 def exclusions_section(study: Study) -> Section:
     """Return everything that was left out: by rule with counts, those of the protocol that left out nothing too."""
     records = tuple({**asdict(one), "participant": f"sub-{one.participant}"} for one in study.exclusions)
@@ -283,7 +289,7 @@ def exclusions_section(study: Study) -> Section:
         else "Nothing was left out: every attempt in the dataset is analysed."
     )
     by_rule = _by_rule(study)
-    brief = Table("Rules", ("rule", "left out", "what it leaves out", "when"), by_rule, left=frozenset({0, 2, 3}))
+    brief = replace(tabulate("Rules", RULES, by_rule), records=())
     if not records:
         shown = (replace(brief, standing=_rules_standing(study)),) if by_rule else ()
         # A table without a row could not say what the dataset is.
@@ -299,25 +305,27 @@ def _rules_standing(study: Study) -> str:
     return PLANNED if any(part.protocol for part in study.parts) else DESCRIPTIVE
 
 
-def _by_rule(study: Study) -> tuple[tuple[str, ...], ...]:
-    """Return rule, count, what it leaves out, and when: rules of the protocols first, then what no rule names."""
+def _by_rule(study: Study) -> list[Record]:
+    """Return each rule with its count, what it leaves out, and when: those of the protocols first, then others."""
     times = Counter(one.rule for one in study.exclusions)
     rules: dict[str, ExclusionRule] = {}
     for part in study.parts:
         for rule in part.protocol.exclusion if part.protocol else ():
             rules.setdefault(rule.id, rule)
-    rows = [
-        (rule.id, "-" if rule.action == "repeat-trial" else str(times.pop(rule.id, 0)), ACTION[rule.action],
-         WHEN[rule.when].format("" if rule.limit is None else f"{rule.limit:g}"))
+    records: list[Record] = [
+        {"rule": rule.id, "count": None if rule.action == "repeat-trial" else times.pop(rule.id, 0),
+         "action": ACTION[rule.action],
+         "when": WHEN[rule.when].format("" if rule.limit is None else f"{rule.limit:g}")}
         for rule in rules.values()
     ]  # fmt: skip
     whole = {one.rule for one in study.exclusions if one.trial is None}
     named = {"done again": "attempt was done again", "no data": "no events in the dataset", "withdrawn": "withdrew"}
-    rows += [
-        (rule, str(count), "participant" if rule in whole else "attempt", named.get(rule, "-"))
+    records += [
+        {"rule": rule, "count": count, "action": "participant" if rule in whole else "attempt",
+         "when": named.get(rule, "-")}
         for rule, count in times.items()
-    ]
-    return tuple(rows)
+    ]  # fmt: skip
+    return records
 
 
 def _unasked(study: Study) -> list[str]:

@@ -11,6 +11,7 @@ from palpate.analysis.documents.tables import (
     Section,
     Table,
     bayes_factor,
+    crossed,
     ends,
     formulas,
     joined,
@@ -59,6 +60,9 @@ FORMS = (
     Column(("low", "high"), "95 % CI"), Column("f", "F", 2), Column("df1"), Column("df2"), P,
 )  # fmt: skip
 
+IN_SHORT = Column("matrix", left=True), *map(Column, NAMES)
+COMPONENTS = Column("k"), Column("icc", "ICC"), Column("model", "k is", left=True)
+
 
 def icc_section(results: Results) -> Section:
     """Return every ICC form for every matrix, and the variance-component form."""
@@ -71,12 +75,13 @@ def icc_section(results: Results) -> Section:
             for form in (one.icc.forms if one.icc else ())
         ]  # fmt: skip
         tables.append(tabulate(one.matrix, FORMS, records, _icc_notes(one)))
-    shown = tuple(
-        (r.matrix, *(number(r.icc.form(name).value) if r.icc else "-" for name in NAMES)) for r in results.reliabilities
-    )
+    shown: list[Record] = [
+        {"matrix": r.matrix, **{name: r.icc and r.icc.form(name).value for name in NAMES}}
+        for r in results.reliabilities
+    ]
     told = dict.fromkeys(note for r in results.reliabilities for note in _icc_notes(r, FEW))
     more = "The report and icc.csv give F, P and the intervals."
-    brief = [Table("", ("matrix", *NAMES), shown, notes=(*told, more))]
+    brief = [tabulate("", IN_SHORT, shown, (*told, more))]
     if results.components:
         tables.append(_components_table(results.components))
         brief.append(tables[-1])
@@ -115,13 +120,11 @@ def _components_table(reliability: ComponentReliability) -> Table:
     if any(value is None for _, _, value in reliability.by_k):
         notes.append("The ICC is not defined, because no component is above zero.")
     records: list[Record] = [
-        {"matrix": "two-way ANOVA", "form": f"variance-component, k = {k}", "model": meaning, "icc": value}
+        {"matrix": "two-way ANOVA", "form": f"variance-component, k = {k}", "model": meaning, "icc": value, "k": k}
         for k, meaning, value in reliability.by_k
     ]
-    rows = tuple((str(k), number(value), meaning) for k, meaning, value in reliability.by_k)
     title = "Two-way ANOVA, task x material: variance-component ICC of the mean of k participants"
-    left, header = frozenset({2}), ("k", "ICC", "k is")
-    return Table(title, header, rows, left, notes=tuple(notes), records=tuple(records), key="components")
+    return tabulate(title, COMPONENTS, records, notes, key="components", in_print={"k"})
 
 
 def sections(
@@ -193,15 +196,7 @@ def overview_section(study: Study, results: Results) -> Section:
 
 def confusion_section(results: Results) -> Section:
     """Return the confusion matrices in the layout of Okamoto's Tables 1 and 2."""
-    records: list[Record] = [
-        {"task": task.task.id, "presented": presented, "answered": answered, "participants": matrix.n(i),
-         "trials": int(matrix.trials[:, i].sum()), "count": int(matrix.counts[:, i, j].sum()),
-         "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.stars(task.test(presented)) if i == j else ""}
-        for task in results.tasks for matrix in (task.confusion,)
-        for i, presented in enumerate(matrix.materials) if i in matrix.presented
-        for j, answered in enumerate((*matrix.materials, NO_ANSWER))
-    ]  # fmt: skip
-    return Section("confusion", "Answer ratios", (), tuple(map(_confusion_table, results.tasks)), tuple(records))
+    return Section("confusion", "Answer ratios", (), tuple(map(_confusion_table, results.tasks)))
 
 
 TESTS = (
@@ -325,18 +320,24 @@ def _about_anova(results: Results, lines: list[Record]) -> Iterator[str]:
         yield f"There is no two-way ANOVA: {results.two_way_statement}."
 
 
+def _ratio(cell: Record) -> str:
+    """Return a mean ± SD, with its stars."""
+    spread = "" if cell["sd"] is None else f" ± {cell['sd']:.3f}"
+    return f"{number(cell['mean'])}{spread}{cell['stars']}"
+
+
 def _confusion_table(task: TaskResult) -> Table:
     matrix = task.confusion
-    answers = range(len(matrix.materials) + bool(matrix.unanswered))
-    rows = []
-    for i in matrix.presented:
-        presented, cells = matrix.materials[i], []
-        for j in answers:
-            mean, sd = matrix.mean(i, j), matrix.sd(i, j)
-            spread = "" if sd is None else f" ± {sd:.3f}"
-            cells.append(f"{number(mean)}{spread}{task.stars(task.test(presented)) if i == j else ''}")
-        rows.append((presented, *cells))
-    header = ("presented", *matrix.materials, NO_ANSWER)[: len(answers) + 1]
+    answers = (*matrix.materials, NO_ANSWER)
+    records: list[Record] = [
+        {"task": task.task.id, "presented": presented, "answered": answered, "participants": matrix.n(i),
+         "trials": int(matrix.trials[:, i].sum()), "count": int(matrix.counts[:, i, j].sum()),
+         "mean": matrix.mean(i, j), "sd": matrix.sd(i, j), "stars": task.stars(task.test(presented)) if i == j else ""}
+        for i, presented in enumerate(matrix.materials) if i in matrix.presented
+        for j, answered in enumerate(answers)
+    ]  # fmt: skip
+    named = answers if matrix.unanswered else matrix.materials
+    columns = Column("", "presented", left=True), *(Column(name, show=_ratio) for name in named)
     people = len(matrix.participants)
     notes = [
         f"Each column is an answer. *, ** and *** mark correct answers above chance ({task.chance:.4g}) with "
@@ -347,7 +348,8 @@ def _confusion_table(task: TaskResult) -> Table:
     spread = "mean ± SD among" if people > 1 else "of"
     title = f"{task.task.title}: answer ratios, {spread} {plural(people, 'participant')}"
     places = frozenset((row, i + 1) for row, i in enumerate(matrix.presented))
-    return Table(title, header, tuple(rows), marked=places, notes=tuple(notes), matrix=True)
+    table = tabulate(title, columns, crossed(records, "presented", "answered"), notes, marked=places)
+    return replace(table, matrix=True, records=tuple(records))
 
 
 ABSENT = "is not presented in this task"

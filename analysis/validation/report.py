@@ -1,7 +1,8 @@
 """The report of a validation: sections, numbers for JSON, figures (6, 7, 12 and 13 of Okamoto et al.), and files."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.analysis.documents import drawing, page
 from palpate.analysis.documents.output import check, publish
-from palpate.analysis.documents.tables import WIDTH, Column, Record, Section, Table, number, tabulate, text
+from palpate.analysis.documents.tables import WIDTH, Column, Record, Section, count_of, tabulate, text
 from palpate.analysis.reading import dissimilarities
 from palpate.analysis.report.figures import against_dissimilarity
 from palpate.analysis.validation.validate import Classified, Overlay, Recorded, Validation, compute
@@ -112,16 +113,21 @@ def numbers(validation: Validation) -> dict[str, Any]:
 
 def _classification(validation: Validation) -> Section:
     tables = []
-    records: list[dict[str, object]] = []
     verdicts = []
     for one in validation.classified:
         close, total = int(one.close.sum()), one.takes
         enough = "" if 2 * close >= total else ": fewer than half"
         verdicts.append(f"{one.material}: {close} of {total}{enough}")
         per_speed = one.chosen.shape[1]
-        rows = tuple(
-            (f"{v:g}", *(str(n) if n else "" for n in counts), f"{near} of {per_speed}")
+        candidates = [f"{speed:g}" for speed in one.candidates_mm_s]
+        speeds: list[Record] = [
+            {"observed_mm_s": v, **dict(zip(candidates, counts, strict=True)), "near": near}
             for v, counts, near in zip(one.observed_mm_s, one.counts, one.close, strict=True)
+        ]
+        columns = (
+            Column("observed_mm_s", "observed mm/s", show="{:g}".format, left=True),
+            *(Column(speed, show=lambda n: str(n) if n else "") for speed in candidates),
+            Column("near", "same or neighbour", show=partial(count_of, total=per_speed)),
         )
         marked = frozenset(
             (row, 1 + column)
@@ -129,9 +135,8 @@ def _classification(validation: Validation) -> Section:
             for column, candidate in enumerate(one.candidates_mm_s)
             if candidate == v
         )
-        header = ("observed mm/s", *(f"{v:g}" for v in one.candidates_mm_s), "same or neighbour")
-        tables.append(Table(f"{one.material}: takes put on each speed", header, rows, marked=marked))
-        records += _records(one)
+        table = tabulate(f"{one.material}: takes put on each speed", columns, speeds, marked=marked)
+        tables.append(replace(table, records=tuple(_takes(one))))
     text = "; ".join(
         f"{material} at {observed:g} mm/s, {n} on {chosen:g} mm/s"
         for material, observed, chosen, n in dissimilarities.load().counts
@@ -149,10 +154,10 @@ def _classification(validation: Validation) -> Section:
         f"{others}.",
         f"The paper's text reports, of ten takes each: {text}.",
     )
-    return Section("classification", "Takes put on speeds", paragraphs, tuple(tables), tuple(records))
+    return Section("classification", "Takes put on speeds", paragraphs, tuple(tables))
 
 
-def _records(one: Classified) -> list[dict[str, object]]:
+def _takes(one: Classified) -> list[Record]:
     return [
         {
             "material": one.material,
@@ -169,10 +174,15 @@ def _records(one: Classified) -> list[dict[str, object]]:
     ]
 
 
+OVERLAID = (
+    Column("material", left=True), Column("speed_mm_s", "mm/s", show="{:g}".format),
+    Column("dissimilarity", "dissimilarity m/s^2", 2),
+)  # fmt: skip
+
+
 def _overlay(validation: Validation) -> Section:
-    rows = tuple((one.material, f"{one.speed_mm_s:g}", number(one.dissimilarity, 2)) for one in validation.overlays)
-    table = Table("Synthesised and averaged observed spectra", ("material", "mm/s", "dissimilarity m/s^2"), rows)
-    records: list[dict[str, object]] = [
+    shown = tabulate("Synthesised and averaged observed spectra", OVERLAID, map(asdict, validation.overlays))
+    records: list[Record] = [
         {"material": one.material, "speed_mm_s": one.speed_mm_s, "frequency_hz": float(f),
          "observed_m_s2": float(observed), "synthesised_m_s2": float(synthesised)}
         for one in validation.overlays
@@ -180,7 +190,8 @@ def _overlay(validation: Validation) -> Section:
         if f <= BAND_HZ[1]
     ]  # fmt: skip
     paragraphs = ("Both spectra average as many takes as were recorded at each speed, less the panel.",)
-    return Section("overlay", "Synthesised and observed spectra", paragraphs, (table,), tuple(records))
+    table = replace(shown, records=tuple(records))
+    return Section("overlay", "Synthesised and observed spectra", paragraphs, (table,))
 
 
 def _dissimilarity(validation: Validation) -> Section:

@@ -7,7 +7,7 @@ the sections and figures that show them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -36,6 +36,7 @@ from palpate.analysis.documents.tables import (
     Table,
     blocks,
     count_of,
+    crossed,
     ends,
     formulas,
     interval,
@@ -44,6 +45,7 @@ from palpate.analysis.documents.tables import (
     p_is,
     plural,
     tabulate,
+    without,
 )
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
@@ -224,22 +226,20 @@ def _done(results: Compared, test: PlannedTest) -> str:
 
 def _pairs(results: Compared) -> Section:
     about = ABOUT["pairs"].substitute()
-    records: list[Mapping[str, object]] = [
-        {"task": task.task.id, "low": results.materials[pair.low], "high": results.materials[pair.high],
-         "right": pair.right.count, "ties": pair.ties, "trials": pair.right.trials, "share": pair.right.value,
-         "share_low": pair.right.interval.low if pair.right.interval else None,
-         "share_high": pair.right.interval.high if pair.right.interval else None}
-        for task in results.tasks for pair in task.pairs
-    ]  # fmt: skip
     tables = tuple(_matrix(results, task) for task in results.tasks)
-    return Section("pairs", "Right choices by pair", (), tables, tuple(records), aside=(about,))
+    return Section("pairs", "Right choices by pair", (), tables, aside=(about,))
 
 
 def _matrix(results: Compared, task: TaskComparisons) -> Table:
-    count = len(results.materials)
-    rows = tuple(
-        (material, *(_with_interval(task.pair(low, high).right) if low <= high else "" for low in range(count)))
-        for high, material in enumerate(results.materials)
+    records: list[Record] = [
+        {"task": task.task.id, "low": results.materials[pair.low], "high": results.materials[pair.high],
+         "right": pair.right.count, "ties": pair.ties, "trials": pair.right.trials, "share": pair.right.value,
+         **ends(pair.right.interval, "share_"), "cell": pair.right}
+        for pair in task.pairs
+    ]  # fmt: skip
+    columns = (
+        Column("", left=True),
+        *(Column(name, show=lambda pair: _with_interval(pair["cell"])) for name in results.materials),
     )
     each = sorted({pair.right.trials for pair in task.pairs})
     between = f"{each[0]} to {each[-1]}" if len(each) > 1 else f"{each[0]}"
@@ -252,9 +252,10 @@ def _matrix(results: Compared, task: TaskComparisons) -> Table:
         notes.append(f"{plural(ties, 'trial')} ended in a tie; these count as trials and are right for nobody.")
     if task.unanswered:
         notes.append(f"{plural(task.unanswered, 'trial')} without an answer count nowhere.")
-    same = frozenset((place, place + 1) for place in range(count))
+    same = frozenset((place, place + 1) for place in range(len(results.materials)))
     title = f"{task.task.title}: percent right (95 % CI)"
-    return Table(title, ("", *results.materials), rows, marked=same, notes=tuple(notes), matrix=True)
+    table = tabulate(title, columns, crossed(records, "high", "low"), notes, marked=same)
+    return replace(table, matrix=True, records=without(records, {"cell"}))
 
 
 def _in_print(study: Study, results: Compared, tasks: list[TaskComparisons]) -> Section:
