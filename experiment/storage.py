@@ -27,7 +27,7 @@ if sys.platform != "win32":
 RECORDINGS = Path("stimuli") / "recordings"
 """Where the recordings stand that a study's stimuli are made from, inside its dataset."""
 
-DATASET_FORMAT: Literal[1] = 1
+DATASET_FORMAT: Literal[2] = 2
 """The format of a dataset: its files, their columns and keys, and what stands in `sourcedata` beside journals."""
 
 TEMPORARY = re.compile(r"\.palpate-[0-9a-f]{16}")

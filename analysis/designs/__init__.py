@@ -2,8 +2,7 @@
 
 A design is what a trial asks. Each has a module or a room here with one `AnalysisDesign` called `DESIGN`. A study's
 tasks name their design, and its module is imported when it is looked up, so that an analysis imports no other one, and
-an installation may lack it. A new design needs its module, and a line in `LAYOUTS` of `reading/study.py`. Audits and
-power are named here by their modules, and are imported where one is asked for.
+an installation may lack it. Audits and power are named here by their modules, and are imported where one is asked for.
 """
 
 from __future__ import annotations

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from palpate.analysis.documents.tables import plural
-from palpate.analysis.reading.study import LAYOUTS, Part, Study, Task, TaskDesign, check_chances, exclude
+from palpate.analysis.reading.study import Part, Study, Task, TaskDesign, check_chances, exclude
 from palpate.experiment import storage
 from palpate.experiment.errors import DatasetError, other_format
+from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.records.events import NO_ANSWER, columns_of
-from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE
 from palpate.experiment.settings.characters import JOINERS, hidden, quoted
 
 if TYPE_CHECKING:
@@ -46,7 +46,8 @@ OF_STEPS = {
 }
 """What only footsteps have: its name in the frame, its column, and what that may hold; NaN of other trials."""
 
-ANSWERS = (FIRST, SECOND, TIE)
+PRESENTED = ("presented", "first", "second")
+"""Columns that say what a trial presented; a kind has the first, or the others."""
 
 ORIGINS = ("PARTICIPANT", "PILOT", "PRACTICE", "REHEARSAL", "RECONSTRUCTION", "IMPORTED")
 
@@ -65,7 +66,7 @@ def read(root: Path) -> Study:
     session_ids: dict[tuple[str, str], str] = {}
     tasks: dict[str, Task] = {}
     materials: tuple[str, ...] = ()
-    designs: dict[str, TaskDesign] = {}
+    asked: dict[str, TaskDesign] = {}
     for participant in withdrawn:
         for task in facts["Tasks"]:
             path = root / f"sub-{participant}" / "beh" / f"sub-{participant}_task-{task}_events.tsv"
@@ -78,9 +79,11 @@ def read(root: Path) -> Study:
                 raise DatasetError(beside, "Materials differ from those of other files", "mend one of them")
             materials = tuple(sidecar["Materials"])
             own = _design(sidecar)
-            if designs and own not in designs.values():
-                raise DatasetError(beside, "Answers differ from those of other files", "mend one of them")
-            designs[task] = own
+            if asked and own not in asked.values():
+                raise DatasetError(
+                    beside, "Kind, Design or Answers differ from those of other files", "mend one of them"
+                )
+            asked[task] = own
             shown = tuple(sidecar.get("Presented", materials))
             if task in tasks and tasks[task].presented != shown:
                 raise DatasetError(beside, f"Presented differs from that of other files of task {task}", "mend one")
@@ -104,7 +107,7 @@ def read(root: Path) -> Study:
         first_tasks=first_tasks, session_ids=session_ids, attempts=attempts, exclusions=exclusions, unasked=unasked,
         ordered=facts["Origin"] != "RECONSTRUCTION" and facts.get("Ordered", True) is True,
         parts=(Part(root.resolve().name, tuple(withdrawn), tuple(task.id for task in done), protocol, sealed),),
-        designs=designs,
+        designs=asked,
     )  # fmt: skip
 
 
@@ -156,9 +159,7 @@ class _Levels:
 
 def _design(sidecar: dict[str, Any]) -> TaskDesign:
     # A sidecar names its answers where these are not the materials.
-    if "Answers" in sidecar:
-        return TaskDesign("comparison", tuple(sidecar["Answers"]))
-    return TaskDesign("identification", tuple(sidecar["Materials"]))
+    return TaskDesign(sidecar["Design"], sidecar["Kind"], tuple(sidecar.get("Answers", sidecar["Materials"])))
 
 
 def _facts(description: dict[str, Any], path: Path) -> dict[str, Any]:
@@ -226,11 +227,21 @@ def _sidecar(path: Path) -> dict[str, Any]:
     if not (isinstance(shown, list) and shown and shown == [one for one in materials if one in shown]):
         raise _wrong(path, "Presented", shown, f"a list of some of {', '.join(materials)}, in this order")
     answers = sidecar.get("Answers", [])
-    if not (isinstance(answers, list) and all(answer in ANSWERS for answer in answers)):
-        raise _wrong(path, "Answers", answers, f"a list of {', '.join(ANSWERS)}")
+    if not (isinstance(answers, list) and all(isinstance(answer, str) for answer in answers)):
+        raise _wrong(path, "Answers", answers, "a list of texts")
+    for key, known in (("Kind", kinds.NAMES), ("Design", designs.NAMES)):
+        if sidecar.get(key) not in known:
+            raise _wrong(path, key, sidecar.get(key), ", ".join(known))
+    if len(_presented(sidecar["Kind"])) != designs.design_of(sidecar["Design"]).intervals:
+        raise _wrong(path, "Design", sidecar["Design"], f"a design that asks of what {sidecar['Kind']} presents")
     if not isinstance(rows, int):
         raise _wrong(path, "Rows", rows, "the number of rows")
     return sidecar
+
+
+def _presented(kind: str) -> list[str]:
+    """Return the columns that say what a trial of a kind presented."""
+    return [column for column in PRESENTED if column in columns_of(kind)]
 
 
 def _wrong(path: Path, key: str, got: object, allowed: str) -> DatasetError:
@@ -282,7 +293,7 @@ def _refuse_strangers(root: Path, participants: set[str], tasks: Sequence[str]) 
 
 def _events(path: Path, participant: str, task: str, levels: _Levels, count: int) -> list[dict[str, object]]:
     columns, lines = _table(path)
-    own = columns_of(LAYOUTS[levels.design.name].kind)
+    own = columns_of(levels.design.kind)
     if missing := [column for column in own if column not in columns]:
         raise DatasetError(path, f"missing columns: {', '.join(missing)}", "make the dataset again")
     if len(lines) != count:
@@ -301,7 +312,7 @@ def _events(path: Path, participant: str, task: str, levels: _Levels, count: int
 
 def _event(cells: Mapping[str, str], where: str, levels: _Levels) -> dict[str, object]:
     counted = cells["counted"]
-    presented = LAYOUTS[levels.design.name].presented
+    presented = _presented(levels.design.kind)
     answers = (*levels.design.answers, NO_ANSWER)
     choices = {
         "counted": ("0", "1"),

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -166,25 +166,11 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Layout:
-    """How a table of events is read: the `kind` of its columns, and those that say what was `presented`."""
-
-    kind: Literal["footstep", "tapping"]
-    presented: tuple[str, ...]
-
-
-LAYOUTS: Mapping[str, Layout] = {
-    "identification": Layout("footstep", ("presented",)),
-    "comparison": Layout("tapping", ("first", "second")),
-}
-"""The tables of each design; `analysis/designs` has what is made of them."""
-
-
-@dataclass(frozen=True)
 class TaskDesign:
-    """What a task asks: the name of its design, a key of `LAYOUTS`, and the answers that it allows."""
+    """What a task asks: the name of its design, the kind of its trials, and the answers that it allows."""
 
     name: str
+    kind: str
     answers: tuple[str, ...]
 
 

@@ -64,7 +64,8 @@ class TaskText:
     """What the sidecar of a task's events says.
 
     `materials` maps ids to descriptions, `presented` are the task's, None for all; `session_id` is None without a
-    journal. `kind` is that of its trials, and `answers` are those that are no materials, each with what it names.
+    journal. `kind` and `design` are those of its trials; `answers` are those that are no materials, each with what it
+    names.
     """
 
     id: str
@@ -77,6 +78,7 @@ class TaskText:
     notes: Mapping[str, object] = field(default_factory=dict)
     session_id: str | None = None
     kind: str = "footstep"
+    design: str = "identification"
     answers: Mapping[str, str] = field(default_factory=dict)
     presented: tuple[str, ...] | None = None
 
@@ -203,6 +205,8 @@ def events(root: Path, participant: str, task: TaskText, rows: Iterable[Mapping[
         "TaskDescription": _labelled(task.description, task.origin),
         "Instructions": task.instructions,
         "StimulusPresentation": dict(task.stimulus_presentation),
+        "Kind": task.kind,
+        "Design": task.design,
         "Materials": list(task.materials),
         **({"Presented": list(task.presented)} if task.presented else {}),
         **({"Answers": list(task.answers)} if task.answers else {}),

@@ -230,5 +230,6 @@ def _task_text(protocol: Protocol, task: Task, origin: bids.Origin, session_id: 
         origin=origin,
         session_id=session_id,
         kind=task.kind,
+        design=task.design,
         answers=kind.answers(protocol),
     )

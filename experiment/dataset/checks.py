@@ -47,7 +47,7 @@ class Plan(BaseModel):
 
     model_config = ConfigDict(frozen=True, strict=True)
 
-    format: Literal[1] = storage.DATASET_FORMAT
+    format: Literal[2] = storage.DATASET_FORMAT
     label: Literal["REHEARSAL", "PRACTICE"] = "REHEARSAL"
     protocol_sha256: str
     rig_sha256: str

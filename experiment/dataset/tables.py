@@ -25,7 +25,7 @@ from palpate.experiment.records.progress import progress
 
 READ = {
     "dataset_description.json": ("Name", "Palpate"),
-    "_events.json": ("TaskTitle", "Instructions", "Materials", "Answers", "Rows", "SessionId"),
+    "_events.json": ("TaskTitle", "Instructions", "Kind", "Design", "Materials", "Answers", "Rows", "SessionId"),
 }
 """What analysis reads of JSON files, by the end of their names; each version words the rest in its own way."""
 

@@ -117,7 +117,7 @@ def purpose_of(root: Path) -> Purpose:
 class Settled(Record):
     """What `sourcedata/seed.json` holds."""
 
-    format: Literal[1]
+    format: Literal[2]
     seed: int
     purpose: Literal["STUDY", "PILOT"]
     salt: Annotated[str, Field(pattern="^[0-9a-f]{32}$")] | None = None

@@ -86,6 +86,7 @@ def write_dataset(
                 origin=origin,
                 session_id=(session_ids or {}).get((label, task)),
                 kind="footstep" if answers is None else "tapping",
+                design="identification" if answers is None else "comparison",
                 answers={answer: f"the {answer}" for answer in answers or ()},
                 presented=(presented or {}).get(task),
             )

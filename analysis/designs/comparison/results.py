@@ -19,6 +19,7 @@ from palpate.analysis.reading.study import Study, Task
 from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
 from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
+from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.records.kinds import tapping
 
@@ -186,7 +187,13 @@ def _summary(task: TaskComparisons) -> str:
 
 
 def compute(study: Study, printed: Published | None = None) -> Compared:
-    """Return every result of a study of comparisons, beside what was `printed` of it."""
+    """Return every result of a study of comparisons, beside what was `printed` of it.
+
+    Raises `DatasetError` for answers that no comparison has.
+    """
+    if strange := {answer for one in study.designs.values() for answer in one.answers} - set(CHOSEN):
+        got = f"got the answers {', '.join(sorted(strange))}"
+        raise DatasetError(f"study {study.id}", got, "make the dataset again", allowed=", ".join(CHOSEN))
     protocols = [part.protocol.comparison for part in study.parts if part.protocol]
     quality = next((one.quality for one in protocols if one is not None), UNNAMED)
     tasks = tuple(_task(study, task, printed) for task in study.tasks if len(study.trials(task.id)))

@@ -63,6 +63,8 @@ def _take_answer(at: At) -> Act:
 READ: dict[str, object] = {
     "TaskTitle": "Another",
     "Instructions": "Another",
+    "Kind": "tapping",
+    "Design": "comparison",
     "Materials": [],
     "Answers": ["first"],
     "Rows": 1,

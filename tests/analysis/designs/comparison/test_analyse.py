@@ -12,6 +12,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis.analyse import Analysis, analyse
 from palpate.analysis.designs import check_design
+from palpate.analysis.designs.comparison import results
 from palpate.analysis.export import DICTIONARY, files
 from palpate.analysis.identification.confusion import confusion_of
 from palpate.analysis.reading.dataset import read, read_pooled
@@ -124,11 +125,11 @@ def test_a_cell_that_no_comparison_has_is_refused_with_its_line(tmp_path: Path, 
 
 def test_answers_that_nobody_may_give_are_refused(tmp_path: Path, refuses: Refuses) -> None:
     root = dataset(tmp_path / "study")
-    sidecar = root / "sub-1" / "beh" / "sub-1_task-live_events.json"
-    told = json.loads(sidecar.read_text())
-    sidecar.write_text(json.dumps({**told, "Answers": ["both"]}))
+    for sidecar in root.glob("sub-*/beh/*_events.json"):
+        told = json.loads(sidecar.read_text())
+        sidecar.write_text(json.dumps({**told, "Answers": ["first", "second", "both"]}))
     with refuses(DatasetError):
-        read(root)
+        results.compute(read(root))
 
 
 def test_comparisons_and_other_trials_are_not_pooled(tmp_path: Path, refuses: Refuses) -> None:
