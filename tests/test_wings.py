@@ -50,7 +50,7 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 @pytest.fixture(scope="module")
 def identifies(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The source without every wing that a study of identification does not need."""
-    return copied(tmp_path_factory.mktemp("identifies"), (*COMMON, "comparison"))
+    return copied(tmp_path_factory.mktemp("identifies"), (*COMMON, "comparison", "levels"))
 
 
 def test_an_identification_needs_none_of_them(identifies: Path) -> None:

@@ -306,6 +306,7 @@ def _incomplete(study: Study) -> list[str]:
         for part in study.parts
         if part.protocol
         for task in part.protocol.tasks
+        if task.levels is None
         for participant in part.participants
     }
     short = [

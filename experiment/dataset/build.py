@@ -130,7 +130,7 @@ def event_rows(
     recorded = contents.entries
     answers, corrections = _by_attempt(recorded, entries.Answer), _by_attempt(recorded, entries.Correction)
     redone, spoken = _by_attempt(recorded, entries.Redo), _by_attempt(recorded, entries.Spoken)
-    maskers = _maskers(recorded)
+    maskers, chosen = _maskers(recorded), _by_attempt(recorded, entries.LevelChosen)
     rows: list[dict[str, object]] = []
     for outcome, own in kind.cells(path, contents):
         attempt = outcome.trial, outcome.attempt
@@ -147,6 +147,7 @@ def event_rows(
                 "redo_reason": unanswered if redo is None else redo.reason,
                 "origin": origin,
                 **({"corrected_from": answer.answered or NO_ANSWER} if answer and correction else {}),
+                **({"track": level.track, "level": level.level} if (level := chosen.get(attempt)) else {}),
                 **maskers[attempt],
                 **_answer_cells(answer, spoken.get(attempt)),
                 **own,
@@ -155,7 +156,7 @@ def event_rows(
     return rows
 
 
-_Judged = TypeVar("_Judged", entries.Answer, entries.Correction, entries.Redo, entries.Spoken)
+_Judged = TypeVar("_Judged", bound=entries.OfAttempt)
 
 
 def _by_attempt(recorded: Sequence[object], kind: type[_Judged]) -> dict[tuple[int, int], _Judged]:

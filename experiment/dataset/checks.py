@@ -336,6 +336,14 @@ def _copies(dataset: Dataset) -> Iterator[Finding]:
             yield Finding(what, path, allowed=allowed, remedy="take the copy out")
 
 
+def _levels(dataset: Dataset) -> Iterator[Finding]:
+    """Yield the first entry of each journal, in tasks with levels, that does not follow from what stands before it."""
+    for path, header in dataset.sessions:
+        if (task := dataset.protocol.task(header.task)).levels is not None:
+            tracks = import_module("palpate.experiment.study.levels").Tracks(dataset.protocol, task)
+            yield from tracks.findings(path, journal.read(path).entries)
+
+
 def _check_header(path: Path, header: Header, study: Dataset) -> None:
     """Refuse a journal that is not of this path, this study, and its purpose."""
     participant, task = header.participant, header.task
@@ -443,6 +451,7 @@ CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "journals": lambda dataset: dataset.damage,
     "frames": _frames_alone,
     "copies": _copies,
+    "levels": _levels,
     "tables": _tables_alone,
     "participants": _lost_sessions,
     "withdrawals": lambda dataset: _forgotten_withdrawals(dataset.root, dataset.people, dataset.withdrawals),

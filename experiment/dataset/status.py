@@ -72,7 +72,7 @@ class Person:
         """Where somebody under way stands, in a sentence."""
         if self.task is None:
             return f"{self.participant} is between tasks: {self.place} comes next."
-        footer, left, of = self.task.footer, len(self.task.remaining), len(self.task.header.order)
+        footer, left, of = self.task.footer, len(self.task.remaining), self.task.trials
         how = {"paused": "is paused", "error": "ended with an error"}.get(footer.reason if footer else "", "is open")
         return f"{self.participant}, {self.task.header.task} ({self.place}), {how}: {left} of {of} trials remain."
 
@@ -146,7 +146,7 @@ class Status:
                     "task": one.task and one.task.header.task,
                     "ended": one.task and one.task.footer and one.task.footer.reason,
                     "remaining": one.task and len(one.task.remaining),
-                    "trials": one.task and len(one.task.header.order),
+                    "trials": one.task and one.task.trials,
                 }
                 for one in self.those("under way")
             ],

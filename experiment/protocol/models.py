@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from datetime import date
 from fractions import Fraction
 from importlib import import_module
-from itertools import combinations_with_replacement
+from itertools import combinations, combinations_with_replacement
 from typing import Annotated, Any, ClassVar, Literal, TypeVar
 
 from pydantic import Field
@@ -367,6 +367,29 @@ class Order(Confined):
     max_run: Annotated[int, Field(ge=1)] | None = None
 
 
+class Levels(Confined):
+    """How strong the vibrations of a task are, trial by trial: a level follows from the answers to trials of its track.
+
+    Each material of an identification is a track of its own, and each two materials of a comparison.
+
+    Attributes:
+        method: transformed up-down (Levitt 1971): after `down` right answers in a row a track goes one level down,
+            after each wrong one it goes one up.
+        grid: the levels, from the lowest to the highest; every vibration of a trial is multiplied by its level.
+        first: the level at which each track begins.
+        down: how many right answers in a row lower the level; 2 lead to where 70.7 % of answers are right, 3 to 79.4 %.
+        reversals: a track ends after so many changes from up to down or back, or else with its last repetition.
+    """
+
+    RULES: ClassVar[Rules] = rules.levels
+
+    method: Literal["up-down"]
+    grid: Annotated[tuple[Annotated[float, Field(gt=0, le=1)], ...], Field(min_length=2)]
+    first: Annotated[float, Field(gt=0, le=1)]
+    down: Annotated[int, Field(ge=1, le=10)]
+    reversals: Annotated[int, Field(ge=1, le=100)]
+
+
 class Task(Confined):
     """One task: its kind and design of trial, which stimuli, how often, in which order, for how many participants.
 
@@ -385,6 +408,7 @@ class Task(Confined):
         familiarisation: what comes before the trials.
         masker: the colour of this task's noise, or none, where it is not that of `[masker]`.
         materials: the materials that this task presents, in their order, if not all; participants may answer any.
+        levels: how strong its vibrations are, if not as they are made.
     """
 
     id: Label
@@ -399,6 +423,7 @@ class Task(Confined):
     familiarisation: Familiarisation
     masker: Literal["none", "pink", "white"] | None = None
     materials: Annotated[tuple[Name, ...], Field(min_length=1)] | None = None
+    levels: Levels | None = Field(None, json_schema_extra={"since": 5})
 
 
 class TaskOrder(Confined):
@@ -535,7 +560,7 @@ class Protocol(Confined):
 
     RULES: ClassVar[Rules] = rules.protocol
 
-    format: Literal[2, 3, 4]
+    format: Literal[2, 3, 4, 5]
     study: Study
     ethics: Ethics
     eligibility: Eligibility
@@ -565,11 +590,12 @@ class Protocol(Confined):
         return task.materials or tuple(material.id for material in self.materials)
 
     def presentations(self, task: Task) -> tuple[tuple[str, ...], ...]:
-        """Return what a task presents: each of its materials, or every pair of two, one with itself included."""
-        return tuple(combinations_with_replacement(self.presented(task), design_of(task.design).intervals))
+        """Return what a task presents: each of its materials, or every pair of two, without levels one with itself."""
+        choose = combinations_with_replacement if task.levels is None else combinations
+        return tuple(choose(self.presented(task), design_of(task.design).intervals))
 
     def trials(self, task: Task) -> int:
-        """Return how many trials a participant has in a task."""
+        """Return how many trials a participant has in a task, at most where it has levels."""
         return task.repetitions * len(self.presentations(task))
 
     @property

@@ -6,6 +6,7 @@ once.
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from datetime import date
+from importlib import import_module
 from itertools import pairwise
 from math import comb
 
@@ -87,6 +88,15 @@ def order(table: Table) -> Iterator[Broken]:
         yield Broken(("max_run",), f"no value: only kind 'max-run' has this key, kind '{kind}' does not")
 
 
+def levels(table: Table) -> Iterator[Broken]:
+    """`grid` rises, and `first` is one of its levels."""
+    grid, first = list_at(table, "grid"), number_at(table, "first")
+    if all(map(is_number, grid)) and any(high <= low for low, high in pairwise(grid)):
+        yield Broken(("grid",), "levels that rise, each above the one before")
+    if grid and first is not None and first not in grid:
+        yield Broken(("first",), f"one of grid: {', '.join(map(str, grid))}")
+
+
 def exclusion_rule(table: Table) -> Iterator[Broken]:
     """`withdrawn` and `undelivered` have no limit; the others need one.
 
@@ -155,6 +165,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     answers and withdrawals. The design `comparison` needs `[comparison]`: no material has `key` or `spoken`,
     `repetitions` are even, no order is `max-run`, no task has `materials`, `answers.microphone` is false, and the
     planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
+
+    A task with `levels` is `virtual` and its order `blocked-random`, and no rule is `answers-below`.
     """
     yield from _kinds(table)
     for name in ("materials", "tasks", "exclusion"):
@@ -169,6 +181,8 @@ def protocol(table: Table) -> Iterator[Broken]:
     yield from _presented(table)
     yield from _task_limits(table)
     yield from _exclusion_limits(table)
+    if any(task.get("levels") is not None for _, task in tables_at(table, "tasks")):
+        yield from import_module("palpate.experiment.protocol.levels").broken(table)
     probed = table_at(table_at(table, "masker"), "probe").get("material")
     if probed is not None and probed not in (ids := [one.get("id") for _, one in tables_at(table, "materials")]):
         yield Broken(("masker", "probe", "material"), f"one of the materials: {', '.join(map(str, ids))}")

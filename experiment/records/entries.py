@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-FORMAT: Literal[8] = 8
+FORMAT: Literal[9] = 9
 """The format of the journal: its models and their meaning."""
 
 Purpose = Literal["STUDY", "PILOT", "PRACTICE", "REHEARSAL"]
@@ -89,6 +89,11 @@ class PlannedTrial(Record):
     trial: int
     presented: tuple[str, ...]
 
+    @property
+    def track(self) -> str:
+        """The track that it is of in a task with levels: what is presented, in whatever order."""
+        return " | ".join(sorted(self.presented))
+
 
 class Header(Entry):
     """What this session is; the first entry.
@@ -100,7 +105,7 @@ class Header(Entry):
     """
 
     kind: Literal["header"] = "header"
-    format: Literal[8] = FORMAT
+    format: Literal[9] = FORMAT
     session_id: Annotated[str, Field(pattern=r"^[0-9a-f]{32}$")]
     study: str
     protocol_sha256: str
@@ -175,6 +180,22 @@ class Phase(Entry):
     kind: Literal["phase"] = "phase"
     state: str
     detail: str = ""
+
+
+class LevelChosen(OfAttempt):
+    """The level of an attempt, from the answers on record to trials of its track; on disk before it is laid out."""
+
+    kind: Literal["level"] = "level"
+    track: str
+    level: float
+
+
+class TrackEnded(Entry):
+    """A track has no further trial: it had its reversals, or all of its trials have an answer."""
+
+    kind: Literal["track"] = "track"
+    track: str
+    why: Literal["reversals", "trials"]
 
 
 class Armed(OfAttempt):

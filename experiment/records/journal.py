@@ -29,6 +29,8 @@ AnyEntry = Annotated[
     | Probed
     | entries.Exposure
     | entries.Phase
+    | entries.LevelChosen
+    | entries.TrackEnded
     | entries.Armed
     | FootStep
     | BrokenOff

@@ -21,7 +21,8 @@ class Progress:
     whose answers were changed. `put_off` are the trials moved to the end of their blocks, in order. `attempts` counts
     the begun attempts by trial. `armed` has no end on disk, `unanswered` no answer, each as trial and attempt. `footer`
     is the last one if the session has ended since. `masker_db_a` is the latest level, dB(A). `visited` are steps beside
-    the trials. `stimuli` were played in steps and probes, `vibration_s` together, s.
+    the trials. `stimuli` were played in steps and probes, `vibration_s` together, s. `levels` are on record by trial,
+    the newest each, and of tracks that `ended` no trial remains.
     """
 
     header: entry_kinds.Header
@@ -36,6 +37,8 @@ class Progress:
     visited: tuple[str, ...] = ()
     stimuli: int = 0
     vibration_s: float = 0.0
+    levels: Mapping[int, float] = field(default_factory=dict)
+    ended: frozenset[str] = frozenset()
 
     @property
     def answered(self) -> tuple[int, ...]:
@@ -49,14 +52,20 @@ class Progress:
 
     @property
     def remaining(self) -> tuple[entry_kinds.PlannedTrial, ...]:
-        """Planned trials without an answer, in the order in which they are run."""
+        """Planned trials without an answer, of tracks that have not ended, in the order in which they are run."""
         order, size, answered = self.header.order, self.header.block_trials, frozenset(self.answered)
+        answered |= {planned.trial for planned in order if self.ended and planned.track in self.ended}
         turns = {trial: turn for turn, trial in enumerate(self.put_off, start=1)}
         left: list[entry_kinds.PlannedTrial] = []
         for begin in range(0, len(order), size):
             block = [planned for planned in order[begin : begin + size] if planned.trial not in answered]
             left += sorted(block, key=lambda planned: turns.get(planned.trial, 0))
         return tuple(left)
+
+    @property
+    def trials(self) -> int:
+        """How many trials have an answer or remain."""
+        return len(self.said) + len(self.remaining)
 
     def after(self, entry: AnyEntry) -> Progress:
         """Return where the session stands after one more entry."""
@@ -82,6 +91,10 @@ class Progress:
         if isinstance(entry, entry_kinds.Redo):
             redone = replace(done._without(entry.trial), armed=None, unanswered=None)
             return redone._later(entry.trial) if entry.put_off else redone
+        if isinstance(entry, entry_kinds.LevelChosen):
+            return replace(done, levels={**done.levels, entry.trial: entry.level})
+        if isinstance(entry, entry_kinds.TrackEnded):
+            return replace(done, ended=done.ended | {entry.track})
         if isinstance(entry, entry_kinds.Visited):
             return replace(done, visited=(*done.visited, entry.step))
         if isinstance(entry, entry_kinds.MaskerSet) and entry.level_db_a is not None:

@@ -43,7 +43,7 @@ def text(contents: Contents, trial: int | None = None) -> str:
         lines.append(f"Trial {trial} was not begun yet.")
     lines += [
         "",
-        f"{len(done.answered)} of {len(header.order)} trials are answered. The last entry is of "
+        f"{len(done.answered)} of {done.trials} trials are answered. The last entry is of "
         f"{utc(contents.lines[-1].t_ns)}.",
     ]
     if contents.torn:
@@ -92,6 +92,10 @@ def _entry_text(line: Line | Unreadable) -> str:
             return f"so far {entry.stimuli} stimuli were played, {entry.vibration_s:.1f} s together{dose}"
         case entries.Phase():
             return f"{entry.state} {entry.detail}".rstrip()
+        case entries.LevelChosen():
+            return f"{entry.label}: level {entry.level:g} of track {entry.track}"
+        case entries.TrackEnded():
+            return f"the track {entry.track} ended: {entry.why}"
         case entries.Armed():
             return f"{entry.label}: {' and '.join(entry.presented)}, armed"
         case entries.Answer():

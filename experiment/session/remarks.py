@@ -66,6 +66,11 @@ class Remarks:
                 return False, f"Trial {remark.trial} has no answer that counts; nothing was changed."
             if isinstance(remark, Correct):
                 return self._correct(remark)
+            if self.lent.protocol.task(done.header.task).levels is not None:
+                return (
+                    False,
+                    f"Trial {remark.trial} has an answer, from which later levels follow; correct that instead.",
+                )
             attempt = done.attempts[remark.trial]
             self.lent.log.write(entries.Redo(trial=remark.trial, attempt=attempt, reason=remark.reason, put_off=True))
             return True, f"Trial {remark.trial} is done again; the answer that it had no longer counts."
@@ -248,7 +253,7 @@ def standing(done: Progress) -> Standing:
     return Standing(
         task=done.header.task,
         purpose=done.header.purpose,
-        trials=len(done.header.order),
+        trials=done.trials,
         answered=len(done.answered),
         remaining=len(done.remaining),
         recent=tuple(recent),

@@ -7,10 +7,11 @@ import math
 import shutil
 import threading
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from datetime import date
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -120,9 +121,7 @@ def _onward(done: Progress, stopped_on: date) -> str:
     again = [str(planned.trial) for planned in done.remaining if planned.trial in done.put_off]
     *others, last = again or [""]
     named = f"trials {', '.join(others)} and {last} come" if others else f"trial {last} comes"
-    told = (
-        f"This session goes on from {stopped_on}: {len(done.answered)} of {len(done.header.order)} trials are answered"
-    )
+    told = f"This session goes on from {stopped_on}: {len(done.answered)} of {done.trials} trials are answered"
     return f"{told}; {named} again at the end of {'their' if others else 'its'} block." if again else f"{told}."
 
 
@@ -171,10 +170,15 @@ class SessionLog:
         return self._journal.accepts
 
     def write(self, entry: AnyEntry) -> None:
+        self.follow(lambda _: (entry,))
+
+    def follow(self, entries_after: Callable[[Progress], Iterable[AnyEntry]]) -> None:
+        """Put into the journal what follows from where the session stands; nothing else is written in between."""
         # An interrupt waits until the entry is on disk, so that a footer may follow it.
         with interrupts.held(), self._waiting(), self._lock:
-            self._journal.append(entry)
-            self.done = self.done.after(entry)
+            for entry in entries_after(self.done):
+                self._journal.append(entry)
+                self.done = self.done.after(entry)
 
     @contextmanager
     def _waiting(self) -> Iterator[None]:
@@ -350,6 +354,9 @@ class _Session:
 
     def _next(self) -> entries.PlannedTrial | None:
         """Return the next trial, or None after a debriefing, which is silent; the masker is then chosen anew."""
+        if self._task.levels is not None:
+            tracks = import_module("palpate.experiment.study.levels").Tracks(self.protocol, self._task)
+            self.log.follow(tracks.upcoming)
         if not self.log.done.remaining:
             if self._masking is not None:
                 self._masking.end()

@@ -87,6 +87,10 @@ class Rings:
         """Return the vibration of a tap at a speed, m/s, zero or more: it is linear in the speed (1)."""
         return Ring(speed_m_s * self.unit.waveform_m_s2, self.unit.rate_hz)
 
+    def scaled(self, factor: float) -> "Rings":
+        """Return the same vibrations, each multiplied by a factor."""
+        return Rings(Ring(factor * self.unit.waveform_m_s2, self.unit.rate_hz))
+
 
 def rings(surface: Surface, *, rate_hz: int, aluminum_m_s2: float) -> Rings:
     """Return the vibrations of a surface; arguments and errors are those of `waveform`."""

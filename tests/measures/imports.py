@@ -77,6 +77,11 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/synthesis/tap.py",
     ),
     "stepping": ("experiment/synthesis/stepping",),
+    "levels": (
+        "experiment/protocol/levels.py",
+        "experiment/session/footstep/levels.py",
+        "experiment/study/levels",
+    ),
     "tap fit": ("experiment/cli/tap.py", "experiment/recordings/tap_fit.py"),
     "imports": (
         "experiment/dataset/imported.py",

@@ -24,6 +24,7 @@ class ProtocolDesign:
         tests: the planned tests.
         rules: what a file breaks, beyond what every file must keep.
         answers: keys of answers, each with what it stands for.
+        right: whether an answer is right, to what was presented in this order.
         shown: the answers that the participant's screen names.
         keys: places of keys that must be unlike all others, each with its key.
         pairs: how what is presented is put together.
@@ -35,6 +36,7 @@ class ProtocolDesign:
     tests: tuple[str, ...]
     rules: Callable[[Table], Iterator[Broken]]
     answers: Callable[[Any], Sequence[tuple[str, str]]]
+    right: Callable[[Any, Sequence[str], str], bool]
     shown: Callable[[Any], tuple[str, ...]]
     keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()
     pairs: str = ""

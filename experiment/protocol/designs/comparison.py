@@ -1,11 +1,12 @@
 """Comparison in a protocol: a trial presents two materials, and participants say which has more of a quality."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from palpate.experiment.protocol.blocks import named
 from palpate.experiment.protocol.designs import ProtocolDesign
 from palpate.experiment.protocol.kinds import number_at, table_at, tables_at
 from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.records.kinds.tapping import FIRST, SECOND
 from palpate.experiment.settings.load import Broken, Table
 
 TESTS = ("Bradley-Terry", "Thurstone", "Davidson")
@@ -41,6 +42,12 @@ def _keys(table: Table) -> list[tuple[tuple[str, ...], object]]:
     return [(("comparison", name), own.get(name)) for name in ("first_key", "second_key", "tie_key")]
 
 
+def _right(protocol: Protocol, presented: Sequence[str], answered: str) -> bool:
+    """Return whether the answer names the material that stands later in the file; of one pair no answer is right."""
+    first, second = map([material.id for material in protocol.materials].index, presented)
+    return answered == (FIRST if first > second else SECOND if first < second else None)
+
+
 def _asked(protocol: Protocol) -> str:
     comparison = protocol.comparisons
     tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
@@ -53,6 +60,7 @@ DESIGN = ProtocolDesign(
     rules=_rules,
     keys=_keys,
     answers=lambda protocol: list(protocol.comparisons.answers.items()),
+    right=_right,
     shown=lambda protocol: tuple(protocol.comparisons.answers.values()),
     pairs=(
         "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "

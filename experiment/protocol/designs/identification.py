@@ -21,5 +21,6 @@ DESIGN = ProtocolDesign(
     tests=("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "equivalence"),
     rules=_rules,
     answers=lambda protocol: [(material.key, named(material.id)) for material in protocol.materials],
+    right=lambda _, presented, answered: answered == presented[0],
     shown=lambda protocol: tuple(material.spoken[0] for material in protocol.materials),
 )

@@ -2,9 +2,11 @@
 
 from collections.abc import Iterable, Iterator
 from datetime import date
+from importlib import import_module
 from itertools import pairwise
 from math import factorial
 from pathlib import Path
+from typing import Any
 
 from palpate.experiment.errors import Finding, mismatch
 from palpate.experiment.protocol import approval, rendering
@@ -249,7 +251,7 @@ def _procedure(protocol: Protocol) -> Iterator[Block]:
     yield Said(f"The break between two tasks lasts at least {number(pause_s)} s ({_minutes(pause_s)}).")
     trials = sum(map(protocol.trials, tasks))
     yield Said(
-        f"A participant who does every task has {trials} trials; familiarisation and breaks take "
+        f"A participant who does every task has {_most(*tasks)}{trials} trials; familiarisation and breaks take "
         f"{_minutes(shortest_s)} to {_minutes(longest_s)}."
     )
     if protocol.duration is None:
@@ -263,6 +265,11 @@ def _procedure(protocol: Protocol) -> Iterator[Block]:
     )
 
 
+def _most(*tasks: Task) -> str:
+    """Return what stands before a number of trials that depends on the answers."""
+    return "at most " if any(task.levels for task in tasks) else ""
+
+
 def _minutes(seconds: float) -> str:
     return f"{number(round(seconds / 60, 1))} min"
 
@@ -273,8 +280,8 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         (
             task.id,
             str(task.participants),
-            f"{len(protocol.presentations(task))} x {task.repetitions} = {protocol.trials(task)}",
-            str(protocol.trials(task) * task.participants),
+            f"{len(protocol.presentations(task))} x {task.repetitions} = {_most(task)}{protocol.trials(task)}",
+            f"{_most(task)}{protocol.trials(task) * task.participants}",
         )
         for task in protocol.tasks
     ]
@@ -296,6 +303,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("", Free(wanted.instruction)),
             ("Instruction", Free(task.instruction)),
             ("Order", _order(task, _noun(protocol))),
+            *(_levels().facts(task) if task.levels else ()),
         )
 
 
@@ -481,7 +489,7 @@ def _odd(protocol: Protocol) -> Iterator[Block]:
 
 def advice(protocol: Protocol) -> tuple[Finding, ...]:
     """Return each value that is legal but odd, which nothing refuses: its field, and what it would be as a rule."""
-    checks = (_unasked_consent, _chances, _open_anovas, _orders, _duration)
+    checks = (_unasked_consent, _chances, _open_anovas, _orders, _duration, _levels_advice)
     odd = (mismatch(field, None, got, allowed) for field, got, allowed in _kind(protocol).odd(protocol))
     return (*(problem for check in checks for problem in check(protocol)), *odd)
 
@@ -525,6 +533,15 @@ def _orders(protocol: Protocol) -> Iterator[Finding]:
                 f"as a rule a multiple of {orders} who do them: each of their {orders} orders as often as any other"
             )
             yield mismatch(written(("tasks", field, "participants")), None, told, allowed)
+
+
+def _levels_advice(protocol: Protocol) -> Iterator[Finding]:
+    yield from _levels().advice(protocol) if _most(*protocol.tasks) else ()
+
+
+def _levels() -> Any:
+    """Return the module of levels, which only a study with them needs."""
+    return import_module("palpate.experiment.protocol.levels")
 
 
 def _duration(protocol: Protocol) -> Iterator[Finding]:

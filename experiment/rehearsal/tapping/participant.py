@@ -39,6 +39,9 @@ THINKS_S = (0.3, 0.8)
 AGAIN = 0.3
 """Part of the pairs that feel nearly alike of which both are tapped once more. Ours."""
 
+THRESHOLD_M_S2 = 0.1
+"""A vibration with a lower peak is not felt. Ours: no tap of Table 1 is as weak."""
+
 FELT_TIMEOUT_S = 5.0
 """How long a vibration is waited for, and its entry in the journal, wall-clock time, s."""
 
@@ -134,7 +137,8 @@ class SimulatedTapper(SimulatedPerson):
             ends_s = time.monotonic() + FELT_TIMEOUT_S
             while self.stimuli() == stimuli and time.monotonic() < ends_s:
                 time.sleep(_LOOK_S)
-        height_hz = None if felt is None else surfaces.felt_hz(felt, fingers.rate_hz)
+        weak = felt is None or np.abs(felt).max(initial=0.0) < THRESHOLD_M_S2
+        height_hz = None if felt is None or weak else surfaces.felt_hz(felt, fingers.rate_hz)
         if not self._in_table_1:
             return float(np.log(height_hz or 1.0)), 1.0
         hardness, error = surfaces.virtual_hardness(height_hz)

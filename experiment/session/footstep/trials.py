@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, replace
 from datetime import date
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -172,6 +173,8 @@ class Footsteps(Kind):
             limits=limits,
             sounder=Sounder(devices.materials, devices.actuator) if devices.materials and devices.actuator else None,
         )
+        self._steps = self._watch
+        """With what the stimulus of the attempt under way is."""
         self._opened: TrackerOpened | None = None
         self._broken: tuple[int, BrokenStep] | None = None
         self._armed: Armed | None = None
@@ -184,6 +187,9 @@ class Footsteps(Kind):
     def ready(self, planned: PlannedTrial, attempt: int, answered_ns: int | None) -> None:
         """Arm the attempt. After a step that broke off the foot is still watched, so that nothing is missed."""
         self._counted = False
+        if (level := self._log.done.levels.get(planned.trial)) is not None:
+            levels = import_module("palpate.experiment.session.footstep.levels")
+            self._steps = levels.at_level(self._watch, planned.presented[0], level)
         try:
             self._arm(planned, attempt, answered_ns)
         except TrackerStopped:
@@ -226,7 +232,7 @@ class Footsteps(Kind):
         armed, self._armed = self._armed, None
         if armed is None:
             raise RuntimeError("no step is watched before it was armed")
-        step = watch(self._watch, armed.planned.presented[0], waiting)
+        step = watch(self._steps, armed.planned.presented[0], waiting)
         clock, error = self._parted(step)
         if clock is not None:
             step = _by(clock, step)

@@ -254,4 +254,5 @@ class VirtualSurfaces(Kind):
 
     def _lay(self, pair: PairLaidOut, place: int) -> None:
         self._at, material = place, pair.presented[place]
-        self.taps.lay(Lying(pair.trial, pair.attempt, PLACES[place], material, self.rings[material]))
+        rings = self.rings[material].scaled(self.lent.log.done.levels.get(pair.trial, 1.0))
+        self.taps.lay(Lying(pair.trial, pair.attempt, PLACES[place], material, rings))

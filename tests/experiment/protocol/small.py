@@ -144,7 +144,7 @@ Where = tuple[str | int, ...]
 
 def document() -> dict[str, Any]:
     """The small protocol as tables, arrays as tuples."""
-    tables: dict[str, Any] = _tuples(tomllib.loads(SMALL))
+    tables: dict[str, Any] = with_tuples(tomllib.loads(SMALL))
     return tables
 
 
@@ -155,7 +155,7 @@ def protocol() -> Protocol:
 
 def okamoto2012() -> dict[str, Any]:
     """The published study as tables, arrays as tuples."""
-    tables: dict[str, Any] = _tuples(tomllib.loads(OKAMOTO2012.read_text(encoding="utf-8")))
+    tables: dict[str, Any] = with_tuples(tomllib.loads(OKAMOTO2012.read_text(encoding="utf-8")))
     return tables
 
 
@@ -199,9 +199,10 @@ def without(value: Any, path: Where) -> Any:
     return changed(value, tuple(parents), {key: held for key, held in table.items() if key != last})
 
 
-def _tuples(value: Any) -> Any:
+def with_tuples(value: Any) -> Any:
+    """Tables whose arrays are tuples, as a file is read."""
     if isinstance(value, dict):
-        return {key: _tuples(held) for key, held in value.items()}
+        return {key: with_tuples(held) for key, held in value.items()}
     if isinstance(value, list):
-        return tuple(_tuples(held) for held in value)
+        return tuple(with_tuples(held) for held in value)
     return value

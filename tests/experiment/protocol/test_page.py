@@ -19,7 +19,7 @@ from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
 from palpate.experiment.settings.characters import JOINERS, deceptive, hidden, leftward
-from tests.experiment.protocol import tapping
+from tests.experiment.protocol import leveled, tapping
 from tests.experiment.protocol.small import changed, document, leaves, okamoto2012, protocol, with_text
 
 
@@ -116,9 +116,20 @@ CASES = [
 ]
 """With pairs there is no microphone, and so no voice to keep."""
 
+LEVELED = leveled.protocol(leveled.footsteps())
+
+CASES += [
+    (LEVELED, path, value, other)
+    for path, kind, value in fields(LEVELED)
+    for other in others(kind, value)
+    if "levels" in path
+]
+
 
 @pytest.mark.parametrize(
-    ("study", "path", "value", "other"), CASES, ids=lambda one: "" if one in (FULL, PAIRS, RENDERED) else str(one)
+    ("study", "path", "value", "other"),
+    CASES,
+    ids=lambda one: "" if one in (FULL, PAIRS, RENDERED, LEVELED) else str(one),
 )
 def test_the_page_changes_with_every_value(
     study: Protocol, path: tuple[str | int, ...], value: object, other: object
@@ -143,10 +154,10 @@ def test_the_page_names_no_noise_that_no_task_plays() -> None:
 
 
 def test_every_kind_of_field_was_tried() -> None:
-    # But for this one, which has one value.
+    # But for these, which have one value.
     tried = {path[-1] if isinstance(path[-1], str) else path[-2] for _, path, _, _ in CASES}
     named = {name for model in _models(Protocol) for name, field in model.model_fields.items() if not _holds(field)}
-    assert named - tried == {"mode"}
+    assert named - tried == {"mode", "method"}
 
 
 def _models(model: type[BaseModel]) -> Iterator[type[BaseModel]]:

@@ -10,7 +10,16 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import JournalError
 from palpate.experiment.records import chain, journal, transcript
-from palpate.experiment.records.entries import Entry, Footer, MaskerSet, Phase, Shown, Withdrawal
+from palpate.experiment.records.entries import (
+    Entry,
+    Footer,
+    LevelChosen,
+    MaskerSet,
+    Phase,
+    Shown,
+    TrackEnded,
+    Withdrawal,
+)
 from palpate.experiment.records.kinds.footstep import FootStep, TrackerClock, Zeroed
 from palpate.experiment.records.stimulus import Computed, Onset, Shaping, Stimulus
 from tests.approved import Refuses
@@ -52,6 +61,16 @@ def told(folder: Path, *entries: Entry) -> str:
         writer.append(writer.next_link(number * 1_000_000, entry.model_dump(mode="json")))
     writer.close()
     return transcript.text(journal.read(path))
+
+
+def test_levels_and_ends_of_tracks_have_their_lines(tmp_path: Path) -> None:
+    text = told(
+        tmp_path,
+        LevelChosen(trial=1, attempt=2, track="foil", level=0.25),
+        TrackEnded(track="foil", why="reversals"),
+    )
+    assert "trial 1.2: level 0.25" in text
+    assert "foil ended: reversals" in text
 
 
 def test_each_entry_of_a_kind_has_its_line() -> None:

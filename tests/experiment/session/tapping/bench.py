@@ -11,7 +11,7 @@ from palpate.experiment.desk.questions import Arm, Place, Question, Remark, Repl
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Footer, PlannedTrial
+from palpate.experiment.records.entries import Footer, Header, PlannedTrial
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.tapping.trials import ComparisonDevices
 from tests.experiment.session.bench import HEADER
@@ -36,10 +36,10 @@ def console(keys: Iterable[str | Remark], clock: ManualClock | None = None) -> L
     return LayingConsole(clock or ManualClock(START_NS), keys)
 
 
-def run(protocol: Protocol, desk: LayingConsole, dataset: Path) -> Footer:
+def run(protocol: Protocol, desk: LayingConsole, dataset: Path, asked: Header = ASKED) -> Footer:
     devices = attempt.Devices(kind=ComparisonDevices(), console=desk, clock=desk._clock, masker=None, reconnect_s=300.0)
     rig_file = shipped("rigs/rehearsal.toml")
-    return runner.run(protocol=protocol, header=ASKED, devices=devices, rig_file=rig_file, dataset=dataset)
+    return runner.run(protocol=protocol, header=asked, devices=devices, rig_file=rig_file, dataset=dataset)
 
 
 def contents(dataset: Path) -> journal.Contents:

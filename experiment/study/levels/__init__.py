@@ -1,0 +1,104 @@
+"""Levels that follow from answers: what goes on record before each attempt, and whether a record follows its rule.
+
+A session asks `Tracks.upcoming` before every attempt, and a dataset's check replays a journal by the same function. The
+next level is a fold over the answers that count, each with the level that is on record for its trial, so that neither a
+correction nor a newer version changes what was. A method is a module that is named as in a protocol file and has a
+`method`; it is imported when a task with it is run or checked.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any, Protocol
+
+from palpate.experiment.findings import Finding
+from palpate.experiment.protocol import models
+from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.records.entries import Armed, Footer, LevelChosen, PlannedTrial, TrackEnded
+from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.progress import Progress, progress
+
+RESTORE = "restore the journal from a backup"
+
+
+class Method(Protocol):
+    """How the levels of one track follow from its answers; a state is immutable, and its own."""
+
+    def init(self) -> Any:
+        """Return the state before the first answer."""
+
+    def step(self, state: Any, *, level: float, right: bool) -> Any:
+        """Return the state after an answer to a trial at a level."""
+
+    def level(self, state: Any) -> float | None:
+        """Return the level of the next trial; None after the last one."""
+
+
+@dataclass(frozen=True)
+class Tracks:
+    """The tracks of a task with levels."""
+
+    protocol: models.Protocol
+    task: models.Task
+
+    def upcoming(self, done: Progress) -> Iterator[LevelChosen | TrackEnded]:
+        """Yield what goes on record before the next attempt: each track that has ended, then the attempt's level."""
+        levels = self._levels(done)
+        for track, level in levels.items():
+            if track in done.ended:
+                continue
+            if level is None or all(planned.track != track for planned in done.remaining):
+                entry = TrackEnded(track=track, why="reversals" if level is None else "trials")
+                yield entry
+                done = done.after(entry)
+        for planned in done.remaining[:1]:
+            attempt, level = done.attempts.get(planned.trial, 0) + 1, levels[planned.track]
+            if level is not None:
+                yield LevelChosen(trial=planned.trial, attempt=attempt, track=planned.track, level=level)
+
+    def findings(self, path: Path, recorded: Sequence[AnyEntry]) -> Iterator[Finding]:
+        """Yield the first entry of a journal, the header first, that is not what the ones before it lead to."""
+        done, chosen = progress(recorded[:1]), (0, 0)
+        for line, entry in enumerate(recorded[1:], start=2):
+            if isinstance(entry, LevelChosen | TrackEnded):
+                expected = next(self.upcoming(done), None)
+                if entry != expected:
+                    allowed = "nothing" if expected is None else _described(expected)
+                    what = f"has {_described(entry)}, which does not follow from the answers before"
+                    yield Finding(what, path, line=line, allowed=allowed, remedy=RESTORE)
+                    return
+            if isinstance(entry, LevelChosen):
+                chosen = entry.trial, entry.attempt
+            if isinstance(entry, Armed) and chosen != (entry.trial, entry.attempt):
+                yield Finding(f"has {entry.label} without a level on record", path, line=line, remedy=RESTORE)
+                return
+            if isinstance(entry, Footer) and entry.reason == "complete" and (left := next(self.upcoming(done), None)):
+                yield Finding(f"ends without {_described(left)}", path, line=line, remedy=RESTORE)
+            done = done.after(entry)
+
+    def _levels(self, done: Progress) -> dict[str, float | None]:
+        """Return the next level of each track, in the order of their names."""
+        method = method_of(self.task)
+        states = {track: method.init() for track in sorted({planned.track for planned in done.header.order})}
+        right, planned = design_of(self.task.design).right, {one.trial: one for one in done.header.order}
+        for trial, answered in done.said:
+            if answered is not None and trial in done.levels:
+                one: PlannedTrial = planned[trial]
+                is_right = right(self.protocol, one.presented, answered)
+                states[one.track] = method.step(states[one.track], level=done.levels[trial], right=is_right)
+        return {track: method.level(state) for track, state in states.items()}
+
+
+def method_of(task: models.Task) -> Method:
+    """Return the method of a task with levels. Raises `ValueError` for one without."""
+    if task.levels is None:
+        raise ValueError(f"got task {task.id} without levels")
+    made: Method = import_module(f"{__name__}.{task.levels.method.replace('-', '_')}").method(task.levels)
+    return made
+
+
+def _described(entry: LevelChosen | TrackEnded) -> str:
+    if isinstance(entry, TrackEnded):
+        return f"the end of track {entry.track} ({entry.why})"
+    return f"level {entry.level!r} of track {entry.track} for {entry.label}"
