@@ -307,15 +307,18 @@ def rehearse(
         # Little of what the modules and tables hold ever becomes garbage, and searching it takes time.
         gc.set_threshold(20_000)
     from palpate.experiment.cli.analyst import analyst
+    from palpate.experiment.desk.interrupts import held
 
     with analyst(elsewhere=at_once, as_json=as_json) as analyse:
-        from palpate.experiment.desk.terminal import TerminalConsole
-        from palpate.experiment.rehearsal import study
+        # An import calls back, and what interrupts it there is lost.
+        with held():
+            from palpate.experiment.desk.terminal import TerminalConsole
+            from palpate.experiment.rehearsal import study
 
+            generic = study.generic(protocol)
         if at_once:
             # No process has to search what all of them share.
             gc.freeze()
-        generic = study.generic(protocol)
         if generic and not as_json:
             typer.echo(generic, err=True)
         shown = real_time and not as_json
