@@ -14,7 +14,10 @@ from pathlib import Path
 from typing import Any, get_args, get_origin
 
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol import designs, kinds
+from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.settings import load
 from palpate.experiment.settings.load import Confined, none
 
@@ -43,7 +46,7 @@ UNITS = {
 
 def keys() -> str:
     """Return what stands between the markers of protocols/README.md, in Markdown."""
-    files = (("A protocol file", Protocol), ("A rig file", Rig))
+    files = (("A protocol file", ProtocolFile), ("A rig file", Rig))
     return "\n\n".join(f"## {title}\n\n" + "\n\n".join(_tables(model, model, ())) for title, model in files)
 
 
@@ -82,8 +85,10 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
         rows.append(f"| `{name}` | {said[name]} | {_unit(name)} | {allowed} | {default} |".replace("  ", " "))
     heading = f"### {_header(path)}" if path else "### The top level"
     parts = [heading, " ".join(summary.split()), "\n".join(rows)]
-    if model.RULES is not none:
-        parts.append(" ".join((model.RULES.__doc__ or "").split()))
+    rules = [model.RULES] if model.RULES is not none else []
+    if model is ProtocolFile:
+        rules += [*(kind_of(name).rules for name in kinds.NAMES), *(design_of(name).rules for name in designs.NAMES)]
+    parts += [" ".join((rule.__doc__ or "").split()) for rule in rules]
     yield "\n\n".join(parts)
     yield from inner
 

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.protocol import rules
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.settings.load import Confined
 from tests import keys
 
@@ -16,7 +16,7 @@ def models(model: type[Confined]) -> list[type[Confined]]:
     return [model, *(found for each in inner if each is not None for found in models(each))]
 
 
-@pytest.mark.parametrize("model", [*models(Protocol), *models(Rig)], ids=lambda model: model.__name__)
+@pytest.mark.parametrize("model", [*models(ProtocolFile), *models(Rig)], ids=lambda model: model.__name__)
 def test_every_key_has_a_meaning(model: type[Confined]) -> None:
     assert list(keys.meanings(model)) == list(model.model_fields)
 

@@ -9,6 +9,7 @@ import typer
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, ProtocolFile
 from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError
+from palpate.experiment.protocol.kinds.footstep import Footstep
 
 commands = options.room()
 
@@ -103,7 +104,7 @@ def validate(
     from palpate.experiment.protocol import files
     from palpate.experiment.recordings import manifest
 
-    average = files.load(protocol_file).footsteps.synthesis.average if protocol_file is not None else "magnitude"
+    average = files.load(protocol_file).table(Footstep).synthesis.average if protocol_file is not None else "magnitude"
     recorded = manifest.load_all(folder)
     if fresh is not None:
         if fresh.resolve() == folder.resolve():

@@ -12,6 +12,7 @@ import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, StudyFolder
+from palpate.experiment.protocol.kinds.footstep import Footstep
 
 if TYPE_CHECKING:
     from palpate.experiment.errors import Finding
@@ -163,7 +164,7 @@ def calibrate_tracker(
     from palpate.experiment.protocol import files
 
     heights_mm = calibrating.heights_asked(points)
-    step = files.load(protocol).footsteps.step if protocol is not None else None
+    step = files.load(protocol).table(Footstep).step if protocol is not None else None
     if out is not None and out.exists():
         raise RigError(out, "got a file that exists", "name another", allowed="a new file")
     before, clock = rigs.load(rig), MonotonicClock()

@@ -1,8 +1,14 @@
-"""Protocol files: reading one, and finding those that come with palpate."""
+"""Protocol files: their model, reading one, and finding those that come with palpate."""
 
 from pathlib import Path
+from typing import Any
+
+from pydantic import Field, create_model
 
 from palpate.experiment.errors import PalpateError
+from palpate.experiment.protocol import designs, kinds
+from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.protocol.kinds import kind_of
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.characters import quoted
 from palpate.experiment.settings.load import read
@@ -10,9 +16,29 @@ from palpate.experiment.settings.load import read
 PACKAGE = Path(__file__).parent.parent
 
 
+def _tables() -> dict[str, Any]:
+    """Return the field of each table that a kind or a design has."""
+    of_kinds = {
+        name: (own.table | None, Field(None, json_schema_extra={"since": own.since} if own.since else None))
+        for name, own in zip(kinds.NAMES, map(kind_of, kinds.NAMES), strict=True)
+    }
+    return of_kinds | {name: (table | None, None) for name in designs.NAMES if (table := design_of(name).table)}
+
+
+def _said() -> str:
+    """Return what a protocol is, with what each table of `_tables` is for."""
+    return (Protocol.__doc__ or "").rstrip() + "".join(
+        f"\n        {name}: what trials of `{name}` need, in a study of these." for name in _tables()
+    )
+
+
+ProtocolFile = create_model("ProtocolFile", __base__=Protocol, __module__=__name__, __doc__=_said(), **_tables())
+"""A whole study with the tables of every kind and design, of which a file has those of its own."""
+
+
 def load(path: Path) -> Protocol:
     """Return the protocol at `path`. Raises `ProtocolError` with all its problems, or its first syntax error."""
-    return read(path, Protocol)
+    return read(path, ProtocolFile)
 
 
 def shipped(name: str) -> Path:

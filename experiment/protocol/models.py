@@ -16,8 +16,8 @@ from pydantic import Field
 
 from palpate.experiment.errors import ProtocolError, mismatch
 from palpate.experiment.protocol import rules
-from palpate.experiment.protocol.designs import design_of
-from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE
+from palpate.experiment.protocol.designs import Design, design_of
+from palpate.experiment.protocol.kinds import Kind
 from palpate.experiment.settings.load import Confined, Key, Label, Name, Remark, Rules, Text
 from palpate.experiment.storage import Place
 
@@ -168,57 +168,6 @@ class Material(Confined):
     description: Text
 
 
-SLOWEST_MM_S, FASTEST_MM_S = 10.0, 10_000.0
-"""No stepping foot is slower or faster."""
-
-
-class Synthesis(Confined):
-    """Recordings from which virtual stimuli are made (section 3.1 of the source).
-
-    Attributes:
-        rate_hz: the sampling rate of the recordings.
-        samples: how long each take is, in samples.
-        takes: how often each condition is recorded.
-        speeds_mm_s: the speeds of the foot at which recordings are made.
-        average: what of the takes is averaged: the magnitudes of their spectra, or signed coefficients.
-        left_out_max: the largest share of a vibration (rms) that a rig may leave out: frequencies beyond its band, and
-            what it holds back of others; no participant is run on one that leaves out more, or of which nobody knows.
-    """
-
-    RULES: ClassVar[Rules] = rules.synthesis
-
-    rate_hz: Annotated[int, Field(ge=100, le=192_000)]
-    samples: Annotated[int, Field(ge=2, le=1_000_000)]
-    takes: Annotated[int, Field(ge=1, le=100)]
-    speeds_mm_s: Annotated[tuple[Annotated[float, Field(ge=SLOWEST_MM_S, le=FASTEST_MM_S)], ...], Field(min_length=2)]
-    average: Literal["magnitude", "signed"] = "magnitude"
-    left_out_max: Annotated[float, Field(gt=0, le=1)] | None = None
-
-
-class Tactile(Confined):
-    """What skin and actuator can pass; what lies outside may be left out where it stays below the floor.
-
-    Attributes:
-        low_hz: the lowest frequency that counts.
-        high_hz: the highest frequency that counts.
-        floor_m_s2: rms of all that lies outside the band together, below which it is not felt, in any material of a
-            task.
-        source: where band and floor come from.
-    """
-
-    RULES: ClassVar[Rules] = rules.tactile
-
-    low_hz: Annotated[float, Field(ge=0)]
-    high_hz: Annotated[float, Field(gt=0)]
-    floor_m_s2: Annotated[float, Field(gt=0)]
-    source: Text
-
-    @property
-    def band_hz(self) -> tuple[float, float]:
-        """Lowest and highest frequency that count, Hz."""
-        return self.low_hz, self.high_hz
-
-
 class Step(Confined):
     """How a foot step is read: the gate, and the contact that ends it. Heights are above the panel.
 
@@ -242,95 +191,6 @@ class KindTable(Confined):
     def gate(self) -> Step | None:
         """How the step is read; None where nobody steps."""
         return None
-
-    @property
-    def surface(self) -> "Tapping | None":
-        """How surfaces are rendered; None where none is."""
-        return None
-
-
-class Footstep(KindTable):
-    """What trials of the kind `footstep` need.
-
-    Attributes:
-        step: how the step is read.
-        synthesis: what virtual stimuli are made of.
-        tactile: which frequencies count.
-    """
-
-    step: Step
-    synthesis: Synthesis
-    tactile: Tactile
-
-    @property
-    def gate(self) -> Step:
-        return self.step
-
-
-class VirtualSurface(Confined):
-    """How a virtual surface vibrates at a tap, as a material rings.
-
-    Attributes:
-        material: whose surface it is.
-        attack_hz: the frequency at which a tap on it rings: f of Wellman and Howe.
-        amplitude: how strongly it rings at 200 mm/s, as a part of `tapping.full_m_s2`: L of Wellman and Howe.
-    """
-
-    material: Name
-    attack_hz: Annotated[float, Field(gt=0, le=20_000)]
-    amplitude: Annotated[float, Field(ge=0, le=1)]
-
-
-class Tapping(KindTable):
-    """How surfaces are rendered: one block for all of them, and a vibration at the touch that is each one's own.
-
-    Attributes:
-        switch_key: the experimenter's key for the participant's change to the other surface.
-        rate_hz: forces a second.
-        stiffness_n_m: K of the block, along its normal.
-        damping_n_s_m: C of the block.
-        mass_kg: M of the block; left out, the block is held.
-        full_m_s2: the amplitude of a surface with an `amplitude` of 1, at 200 mm/s.
-        decay_per_s: B, how fast every vibration fades.
-        fastest_mm_s: a lamp says when the hand is faster.
-        surfaces: how the surface of each material vibrates.
-    """
-
-    switch_key: Key
-    rate_hz: Annotated[int, Field(ge=500, le=5000)]
-    stiffness_n_m: Annotated[float, Field(ge=0, le=1e6)]
-    damping_n_s_m: Annotated[float, Field(ge=0, le=1e4)]
-    mass_kg: Annotated[float, Field(gt=0, le=1000)] | None = None
-    full_m_s2: Annotated[float, Field(gt=0, le=1000)]
-    decay_per_s: Annotated[float, Field(ge=20, le=10_000)]
-    fastest_mm_s: Annotated[float, Field(gt=0, le=1000)]
-    surfaces: tuple[VirtualSurface, ...] = ()
-
-    @property
-    def surface(self) -> "Tapping":
-        return self
-
-
-class Comparison(Confined):
-    """What trials of the design `comparison` need: in each, a participant names one of two materials.
-
-    Attributes:
-        quality: what is compared, such as hardness; the materials stand in the file from the least of it to the most.
-        first_key: the experimenter's key for the material that was presented first.
-        second_key: the key for the one that was presented second.
-        tie_key: the key for neither of them; left out, participants have to choose.
-    """
-
-    quality: Name
-    first_key: Key
-    second_key: Key
-    tie_key: Key | None = None
-
-    @property
-    def answers(self) -> dict[str, str]:
-        """What participants may answer, by its key: `FIRST`, `SECOND` and, where it is allowed, `TIE`."""
-        ties = {} if self.tie_key is None else {self.tie_key: TIE}
-        return {self.first_key: FIRST, self.second_key: SECOND, **ties}
 
 
 Table = TypeVar("Table", bound=Confined)
@@ -413,8 +273,8 @@ class Task(Confined):
 
     id: Label
     title: Text
-    kind: Literal["footstep", "tapping"]
-    design: Literal["identification", "comparison"] = Field(json_schema_extra={"since": 4})
+    kind: Kind
+    design: Design = Field(json_schema_extra={"since": 4})
     stimulus: Literal["virtual", "real"]
     instruction: Text
     participants: Annotated[int, Field(ge=1)]
@@ -534,6 +394,7 @@ class PlannedTest(Confined):
         return guess if self.chance is None or abs(self.chance - guess) < 1e-6 else Fraction(repr(self.chance))
 
 
+# `files.ProtocolFile` adds the tables of kinds and designs.
 class Protocol(Confined):
     """A whole study.
 
@@ -547,10 +408,6 @@ class Protocol(Confined):
         exposure: limits that protect the participant.
         masker: the noise on the headphones.
         answers: how answers are given.
-        footstep: what trials of the kind `footstep` need, in a study of these.
-        tapping: how virtual surfaces are rendered, in a study with these. A file of format 2 or 3 has it as
-            `[comparison.virtual]`, and `attack_hz` and `amplitude` of each surface in its material.
-        comparison: what trials of the design `comparison` need, in a study of these.
         materials: the materials to tell apart, or to compare.
         task_order: the order of the tasks.
         tasks: the tasks.
@@ -569,9 +426,6 @@ class Protocol(Confined):
     exposure: Exposure
     masker: Masker
     answers: Answers
-    footstep: Footstep | None = None
-    tapping: Tapping | None = Field(None, json_schema_extra={"since": 4})
-    comparison: Comparison | None = None
     materials: Annotated[tuple[Material, ...], Field(min_length=2)]
     task_order: TaskOrder
     tasks: Annotated[tuple[Task, ...], Field(min_length=1)]
@@ -599,30 +453,9 @@ class Protocol(Confined):
         return task.repetitions * len(self.presentations(task))
 
     @property
-    def footsteps(self) -> Footstep:
-        """The table `[footstep]`. Raises `ProtocolError` in a study of another kind of trial."""
-        return self._table(Footstep)
-
-    @property
-    def comparisons(self) -> Comparison:
-        """The table `[comparison]`. Raises `ProtocolError` in a study of another design."""
-        return self._table(Comparison)
-
-    @property
-    def surfaces(self) -> Tapping:
-        """The table `[tapping]`. Raises `ProtocolError` in a study that renders none."""
-        return self._table(Tapping)
-
-    @property
     def renders(self) -> bool:
         """Whether any task has virtual stimuli."""
         return any(task.stimulus == "virtual" for task in self.tasks)
-
-    @property
-    def rendered(self) -> Tapping | None:
-        """How a study's virtual surfaces are rendered; None in a study without any."""
-        virtual = (task for task in self.tasks if task.stimulus == "virtual")
-        return next((surface for task in virtual if (surface := self.kind_table(task).surface) is not None), None)
 
     @property
     def gate(self) -> Step | None:
@@ -634,10 +467,14 @@ class Protocol(Confined):
         table: KindTable | None = getattr(self, task.kind)
         return table or KindTable()
 
-    def _table(self, model: type[Table]) -> Table:
-        for _, value in self:
-            if isinstance(value, model):
-                return value
+    def find(self, model: type[Table]) -> Table | None:
+        """Return the table of a kind or a design; None in a study that has none."""
+        return next((value for _, value in self if isinstance(value, model)), None)
+
+    def table(self, model: type[Table]) -> Table:
+        """Return the table of a kind or a design. Raises `ProtocolError` in a study that has none."""
+        if (found := self.find(model)) is not None:
+            return found
         name = model.__name__.lower()
         problem = mismatch(name, None, "no such table", f"a study with a table [{name}]; name the protocol of one")
         raise ProtocolError.in_file(f"study {self.study.id}", [problem])

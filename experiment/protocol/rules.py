@@ -52,20 +52,6 @@ def material(table: Table) -> Iterator[Broken]:
         yield Broken(("id",), f"any name but '{name}', which stands for a missing value in tables")
 
 
-def synthesis(table: Table) -> Iterator[Broken]:
-    """Each of `speeds_mm_s` is greater than the one before it."""
-    for i, (slower, faster) in enumerate(pairwise(list_at(table, "speeds_mm_s")), start=1):
-        if is_number(slower) and is_number(faster) and faster <= slower:
-            yield Broken(("speeds_mm_s", i), f"a number greater than the one before it ({slower})")
-
-
-def tactile(table: Table) -> Iterator[Broken]:
-    """`high_hz` is greater than `low_hz`."""
-    low, high = number_at(table, "low_hz"), number_at(table, "high_hz")
-    if low is not None and high is not None and high <= low:
-        yield Broken(("high_hz",), f"a number greater than low_hz ({low})")
-
-
 def step(table: Table) -> Iterator[Broken]:
     """`gate_bottom_mm` is less than `gate_top_mm`, and `contact_mm` less than both."""
     for higher, lower in pairwise(("gate_top_mm", "gate_bottom_mm", "contact_mm")):
@@ -158,13 +144,6 @@ def protocol(table: Table) -> Iterator[Broken]:
     `materials` of a task are some of the protocol's, each once, in their order. A task with one of them has no order
     `max-run`. Each task of a planned `one-way ANOVA` presents two materials or more, its `materials` among them, those
     of a `two-way ANOVA` or `ICC` have two in common, and those of an `equivalence` one, or two where it is of one task.
-
-    The kind `footstep` needs `[footstep]` and is of the design `identification`, in which every material has `key` and
-    `spoken`. The kind `tapping` is of the design `comparison`: a task whose `stimulus` is `virtual` needs `[tapping]`
-    with a surface for each material, and `exposure.force_peak_n`; `masker.probe` is left out; exclusion rules judge
-    answers and withdrawals. The design `comparison` needs `[comparison]`: no material has `key` or `spoken`,
-    `repetitions` are even, no order is `max-run`, no task has `materials`, `answers.microphone` is false, and the
-    planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a `tie_key`, `Davidson`.
 
     A task with `levels` is `virtual` and its order `blocked-random`, and no rule is `answers-below`.
     """

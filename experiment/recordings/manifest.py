@@ -34,7 +34,7 @@ from pydantic import Field
 
 from palpate.experiment import storage
 from palpate.experiment.errors import ProtocolError, RecordingError
-from palpate.experiment.protocol.models import Synthesis
+from palpate.experiment.protocol.kinds.footstep import Synthesis
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import load as settings
 from palpate.experiment.settings.load import ONE_LINE, Confined, Name, Remark

@@ -25,7 +25,8 @@ from palpate.experiment.apparatus.ports import Window
 from palpate.experiment.apparatus.tracker.zeroing import Zero
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.protocol import approval
-from palpate.experiment.protocol.models import FASTEST_MM_S, SLOWEST_MM_S, Protocol
+from palpate.experiment.protocol.kinds.footstep import FASTEST_MM_S, SLOWEST_MM_S, Footstep
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings.manifest import MANIFEST
 from palpate.experiment.settings.load import toml
 
@@ -84,7 +85,7 @@ def plan(
     takes: int | None = None,
 ) -> Plan:
     """Return a protocol's plan, with other speeds or takes if given. Raises `RecordingError` for bad ones."""
-    synthesis = protocol.footsteps.synthesis
+    synthesis = protocol.table(Footstep).synthesis
     speeds = tuple(float(v) for v in speeds_mm_s) or synthesis.speeds_mm_s
     if not (all(SLOWEST_MM_S <= v <= FASTEST_MM_S for v in speeds) and all(np.diff(speeds) > 0)):
         raise RecordingError(

@@ -23,6 +23,7 @@ from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
 from palpate.experiment.clock import Clock, MonotonicClock, day
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.recordings import store
 from palpate.experiment.recordings.store import Condition, Plan, plan
 
@@ -130,7 +131,7 @@ def record_on_rig(
         raise RecordingError(
             rig_file, "is a simulated rig", "name another, or record --simulated", allowed="a real one"
         )
-    rigs.check(rig, protocol.footsteps.step)
+    rigs.check(rig, protocol.table(Footstep).step)
     clock = MonotonicClock()
     zeroing.check_age(rig, day(clock.now_ns()))
     planned = plan(
@@ -142,9 +143,11 @@ def record_on_rig(
         takes=takes,
     )
     store.check(out, planned)
-    accelerometer = accelerometers.open_accelerometer(rig, rate_hz=protocol.footsteps.synthesis.rate_hz, clock=clock)
+    accelerometer = accelerometers.open_accelerometer(
+        rig, rate_hz=protocol.table(Footstep).synthesis.rate_hz, clock=clock
+    )
     with closing(accelerometer):
-        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.footsteps.step.contact_mm)
+        tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.table(Footstep).step.contact_mm)
         with closing(tracker):
             zeroing.check_reading(tracker, rig.tracker)
             if isinstance(tracker, ZeroedTracker):
@@ -154,7 +157,7 @@ def record_on_rig(
                 out,
                 tracker=tracker,
                 accelerometer=accelerometer,
-                detector=GateDetector(protocol.footsteps.step),
+                detector=GateDetector(protocol.table(Footstep).step),
                 console=console,
                 clock=clock,
             )

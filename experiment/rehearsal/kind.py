@@ -1,4 +1,4 @@
-"""What a rehearsal supplies for a kind of trial: who takes part, and what is said of the materials."""
+"""What a rehearsal supplies for a kind of trial: who takes part, on which rig, and what is said of the materials."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, cast
 
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.protocol.models import Task
+from palpate.experiment.protocol.models import Protocol, Task
 
 if TYPE_CHECKING:
     from palpate.experiment.rehearsal.participant import SimulatedPerson
@@ -37,11 +37,15 @@ class RehearsalKind:
     """A kind of trial in a rehearsal.
 
     `person` makes the participant of a task from `Parts`, and by keywords from what every `SimulatedPerson` has.
-    `generic` returns a sentence on which of the materials are simulated generically; nothing for none.
+    `generic` returns a sentence on which of the materials are simulated generically; nothing for none. `rig` returns
+    the name of the shipped rig that a study is rehearsed on; `lacks_nothing` raises `PalpateError` for a rig without a
+    device that a study needs.
     """
 
     person: Callable[..., SimulatedPerson]
     generic: Callable[[Sequence[str]], str]
+    rig: Callable[[Protocol], str] = lambda _: "rigs/rehearsal.toml"
+    lacks_nothing: Callable[[Rig, Protocol], object] = lambda _rig, _protocol: None
 
 
 def rehearsal_kind(task: Task) -> RehearsalKind:

@@ -146,9 +146,8 @@ def generic(protocol: Protocol) -> str:
 
 
 def simulated_rig(protocol: Protocol) -> Path:
-    """Return the shipped rig to rehearse a study on: one with a hand's devices where surfaces are rendered."""
-    rendered = any(protocol.kind_table(task).surface for task in protocol.tasks)
-    return files.shipped("rigs/tapping.toml" if rendered else "rigs/rehearsal.toml")
+    """Return the shipped rig to rehearse a study on."""
+    return files.shipped(rehearsal_kind(protocol.tasks[0]).rig(protocol))
 
 
 def practice_folder(protocol: Protocol) -> Path:
@@ -228,10 +227,8 @@ def _simulated_rig(rig_file: Path, protocol: Protocol) -> rigs.Rig:
     rig = rigs.load(rig_file)
     if not rig.rig.simulated:
         raise DatasetError(rig_file, "is a real rig", "give such a rig file", allowed="one that says simulated = true")
-    if protocol.rendered is not None:
-        from palpate.experiment.apparatus.servo.opening import servo_of
-
-        servo_of(rig)
+    for task in protocol.tasks:
+        rehearsal_kind(task).lacks_nothing(rig, protocol)
     open_drive(rig_file.parent, rig.actuator, limit_m_s2=protocol.exposure.vibration_peak_m_s2)
     return rig
 

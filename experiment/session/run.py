@@ -16,6 +16,7 @@ from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.desk.questions import YES, Agree, At, Attended, Break, Console, Notice
 from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError, RosterError, SessionLocked
 from palpate.experiment.protocol import approval, files
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose, Visited
@@ -365,7 +366,7 @@ def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path
         )
     if not kept.exists():
         needed = scene.virtual(protocol).materials
-        manifest.load(folder, synthesis=protocol.footsteps.synthesis, material_ids=needed)
+        manifest.load(folder, synthesis=protocol.table(Footstep).synthesis, material_ids=needed)
     elif manifest.sha256(folder) != manifest.sha256(kept):
         raise RecordingError(folder, "the study was begun with other recordings", "leave out --recordings")
     return folder

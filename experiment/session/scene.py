@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.session.kind import session_kind
 
@@ -89,7 +90,7 @@ def load_spectra(*, scene: Scene, protocol: Protocol, recordings: Path) -> dict[
     """Return the spectra of the materials of `scene` from their recordings. Raises `RecordingError`."""
     from palpate.experiment.recordings import manifest
 
-    synthesis = protocol.footsteps.synthesis
+    synthesis = protocol.table(Footstep).synthesis
     loaded = manifest.load(recordings, synthesis=synthesis, material_ids=scene.materials)
     return {material: loaded.spectra(material, average=synthesis.average) for material in scene.materials}
 
@@ -107,7 +108,7 @@ def felt_outside(spectra: Mapping[str, CrinkleSpectra], protocol: Protocol) -> t
     """
     from palpate.experiment.synthesis.crinkle import rms_outside
 
-    fastest, band_hz = fastest_mm_s(protocol), protocol.footsteps.tactile.band_hz
+    fastest, band_hz = fastest_mm_s(protocol), protocol.table(Footstep).tactile.band_hz
     if fastest == float("inf"):
         return next(iter(spectra)), fastest
     levels = {m: rms_outside(of, band_hz=band_hz, fastest_mm_s=fastest) for m, of in spectra.items()}
@@ -134,7 +135,7 @@ def prepare_stimuli(
     """
     from palpate.experiment.synthesis import crinkle, waveforms
 
-    tactile = protocol.footsteps.tactile
+    tactile = protocol.table(Footstep).tactile
     if felt_outside(spectra, protocol)[1] < tactile.floor_m_s2:
         spectra = {material: crinkle.leave_out(of, band_hz=tactile.band_hz) for material, of in spectra.items()}
     return {

@@ -41,6 +41,7 @@ from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.desk.questions import Arm
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.rehearsal import study
 from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
@@ -138,8 +139,8 @@ def session(
         parts = Watch(
             feed=Feed(tracker, simulated_time=False),
             scrutiny=Scrutiny(rate_hz=rig.tracker.rate_hz, noise_mm=NOISE_MM),
-            detector=GateDetector(protocol.footsteps.step),
-            predictor=LandingPredictor(protocol.footsteps.step, noise_mm=NOISE_MM),
+            detector=GateDetector(protocol.table(Footstep).step),
+            predictor=LandingPredictor(protocol.table(Footstep).step, noise_mm=NOISE_MM),
             clock=clock,
             limits=Endless(),
             sounder=Sounder(materials, actuator),

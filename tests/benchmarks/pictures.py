@@ -38,6 +38,7 @@ from palpate.experiment.desk.link import Link
 from palpate.experiment.desk.messages import Asked, Choice, Ended, Gauges, Hello, Lamp, Standing, Told, View
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.rehearsal import study
 from tests.experiment.desk.console.scripted import ScriptedEnd
 from tests.experiment.protocol.small import SMALL
@@ -126,7 +127,7 @@ def written_rig(folder: Path, protocol: Path, *, screen: bool) -> Path:
     """
     shutil.copy(shipped("rigs/rehearsal-response.csv"), folder)
     loaded = files.load(protocol)
-    sounds = loaded.footstep is not None and shutil.which("jackd") is not None
+    sounds = loaded.find(Footstep) is not None and shutil.which("jackd") is not None
     text = (shipped("rigs/headless.toml") if sounds else study.simulated_rig(loaded)).read_text("utf-8")
     rig = folder / "rig.toml"
     rig.write_text(text + ("\n[screen]\nfullscreen = false\n" if screen else ""), "utf-8")

@@ -29,8 +29,7 @@ from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Exclusion
 from palpate.experiment import __main__
 from palpate.experiment.clock import ManualClock
-from palpate.experiment.protocol.files import shipped
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.page import page
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Phase
@@ -224,7 +223,7 @@ def _leftward(path: Path, size: Size) -> Count:
         for character in _drawn(place, size, kinds=LEFTWARD):
             tables = changed(document(), where, f"a3 {character}5")
             if where in texts:
-                lines = page(Protocol.model_validate(tables), "small.toml").split("\n")
+                lines = page(ProtocolFile.model_validate(tables), "small.toml").split("\n")
                 shown = [line for line in lines if character in line]
                 wrong = [line for line in shown if not re.match(r" *\| ", line)] if shown else ["is not shown"]
             else:
@@ -365,7 +364,7 @@ def _imitated(size: Size) -> Count:
         for by in range(1, size.of(4, 47)):
             for wide in ("x", "紙"):
                 words = (wide * by + " " + FORGED * 3).split()
-                study = Protocol.model_validate(changed(document(), where, "\n".join(f"{one}@" for one in words)))
+                study = ProtocolFile.model_validate(changed(document(), where, "\n".join(f"{one}@" for one in words)))
                 outside = [re.sub(r"\| .*", "", line) for line in page(study, "small.toml").split("\n")]
                 shown = [line for line in outside if "@" in line or "3.0" in line]
                 tally.note(f"{written(where)} by {by}", *shown)
@@ -380,7 +379,7 @@ def _computed(root: Path) -> Count:
         text = f"{first}SUM(A1)"
         for where in names:
             try:
-                Protocol.model_validate(changed(document(), where, text))
+                ProtocolFile.model_validate(changed(document(), where, text))
             except ValueError:
                 tally.note(written(where))
             else:

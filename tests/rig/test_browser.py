@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from palpate.analysis.analyse import analyse
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.page import html
 from tests.analysis.datasets import balanced, write_dataset
 from tests.experiment.protocol.small import changed, document
@@ -58,7 +58,7 @@ def test_it_renders_and_its_console_stays_empty(report: Path, browse: list[str])
 
 
 def test_a_hostile_protocol_becomes_a_page_that_runs_nothing_and_prints(tmp_path: Path, browse: list[str]) -> None:
-    study = Protocol.model_validate(changed(document(), ("consent", "statement"), HOSTILE))
+    study = ProtocolFile.model_validate(changed(document(), ("consent", "statement"), HOSTILE))
     page = tmp_path / "board.html"
     page.write_text(html(study, "small.toml", "NOT SEALED: none.", None, date(2020, 6, 1)), "utf-8")
     done = subprocess.run(

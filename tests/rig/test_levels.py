@@ -25,6 +25,7 @@ from palpate.experiment.dataset import build, checks
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, LevelChosen, TrackEnded
@@ -78,10 +79,10 @@ def at_reversals(levels: list[float]) -> list[float]:
 
 def share_right(level: float, protocol: Protocol) -> float:
     """The share of right answers to the pair: aluminum is felt, or nothing, once or of some pairs twice."""
-    (aluminum,) = (one for one in protocol.surfaces.surfaces if one.material == "aluminum")
+    (aluminum,) = (one for one in protocol.table(Tapping).surfaces if one.material == "aluminum")
     t = np.arange(0, 0.01, 1e-6)
-    ring = np.exp(-protocol.surfaces.decay_per_s * t) * np.sin(2 * np.pi * aluminum.attack_hz * t)
-    peak_m_s2 = level * aluminum.amplitude * protocol.surfaces.full_m_s2 * SPEED_MEDIAN_MM_S / 200 * ring.max()
+    ring = np.exp(-protocol.table(Tapping).decay_per_s * t) * np.sin(2 * np.pi * aluminum.attack_hz * t)
+    peak_m_s2 = level * aluminum.amplitude * protocol.table(Tapping).full_m_s2 * SPEED_MEDIAN_MM_S / 200 * ring.max()
     felt = float(norm.cdf(np.log(peak_m_s2 / THRESHOLD_M_S2) / SPEED_SIGMA))
     return felt + (1 - felt) * ((1 - AGAIN) * 0.5 + AGAIN * (felt + (1 - felt) * 0.5))
 
@@ -100,7 +101,7 @@ def test_tracks_lead_to_the_level_at_which_so_many_answers_are_right(tapped: Pat
 
 def test_the_level_reaches_the_finger_and_the_table(tapped: Path) -> None:
     protocol = files.load(storage.protocol_path(tapped))
-    full = {one.material: one.amplitude * protocol.surfaces.full_m_s2 for one in protocol.surfaces.surfaces}
+    full = {one.material: one.amplitude * protocol.table(Tapping).full_m_s2 for one in protocol.table(Tapping).surfaces}
     for entries in sessions(tapped):
         level = 0.0
         for entry in entries:

@@ -20,6 +20,7 @@ from palpate.analysis.statistics.exact import defined
 from palpate.analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
 from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.records.events import NO_ANSWER
 from palpate.experiment.records.kinds import tapping
 
@@ -194,7 +195,7 @@ def compute(study: Study, printed: Published | None = None) -> Compared:
     if strange := {answer for one in study.designs.values() for answer in one.answers} - set(CHOSEN):
         got = f"got the answers {', '.join(sorted(strange))}"
         raise DatasetError(f"study {study.id}", got, "make the dataset again", allowed=", ".join(CHOSEN))
-    protocols = [part.protocol.comparison for part in study.parts if part.protocol]
+    protocols = [part.protocol.find(Comparison) for part in study.parts if part.protocol]
     quality = next((one.quality for one in protocols if one is not None), UNNAMED)
     tasks = tuple(_task(study, task, printed) for task in study.tasks if len(study.trials(task.id)))
     return Compared(study.materials, quality, tasks)

@@ -15,6 +15,7 @@ from palpate.experiment.apparatus.servo.rendering import NO_FORCE
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import Finding, PalpateError, RigError
+from palpate.experiment.protocol.kinds.tapping import rendered
 from palpate.experiment.protocol.models import Protocol
 
 ASKS_S = 1.0
@@ -29,7 +30,7 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
 
     A rig without one is red for a virtual task. Without such a protocol the device is asked at the tracker's rate.
     """
-    virtual = protocol.rendered if protocol is not None else None
+    virtual = rendered(protocol) if protocol is not None else None
     rate_hz = rig.tracker.rate_hz if virtual is None else virtual.rate_hz
     try:
         device = rig.servo if virtual is None else servo_of(rig)

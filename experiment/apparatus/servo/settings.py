@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from palpate.experiment.errors import RigError
-from palpate.experiment.protocol.models import Tapping
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.settings.load import Address, Confined, Rules, port_rules
 
 

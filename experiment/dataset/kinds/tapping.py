@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from palpate.experiment.dataset.build import Cells, DatasetKind
+from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.records.entries import Outcome
 from palpate.experiment.records.journal import Contents
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, PairLaidOut
@@ -24,7 +25,7 @@ DATASET = DatasetKind(
     _cells,
     lambda protocol, task: (
         f"{len(protocol.presentations(task))} pairs of {len(protocol.presented(task))} materials, compared by their "
-        f"{protocol.comparisons.quality}"
+        f"{protocol.table(Comparison).quality}"
     ),
-    lambda protocol: {answer: ANSWERS[answer] for answer in protocol.comparisons.answers.values()},
+    lambda protocol: {answer: ANSWERS[answer] for answer in protocol.table(Comparison).answers.values()},
 )

@@ -7,12 +7,14 @@ A design is what a trial is made of and what is asked about that: a module that 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal, get_args
 
-from palpate.experiment.settings.load import Broken, Table
+from palpate.experiment.settings.load import Broken, Confined, Table
 
-NAMES = ("identification", "comparison")
+Design = Literal["identification", "comparison"]
 """Every design."""
+
+NAMES: tuple[Design, ...] = get_args(Design)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -20,6 +22,7 @@ class ProtocolDesign:
     """A design. What is called with a protocol gets models, the rest plain tables.
 
     Attributes:
+        table: the model of the table with its name; None for a design that needs none.
         intervals: how many materials one trial presents.
         tests: the planned tests.
         rules: what a file breaks, beyond what every file must keep.
@@ -32,6 +35,7 @@ class ProtocolDesign:
         ranked: in which order materials are listed.
     """
 
+    table: type[Confined] | None = None
     intervals: int
     tests: tuple[str, ...]
     rules: Callable[[Table], Iterator[Broken]]

@@ -6,15 +6,42 @@ from palpate.experiment.protocol.blocks import named
 from palpate.experiment.protocol.designs import ProtocolDesign
 from palpate.experiment.protocol.kinds import number_at, table_at, tables_at
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records.kinds.tapping import FIRST, SECOND
-from palpate.experiment.settings.load import Broken, Table
+from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE
+from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
 
 TESTS = ("Bradley-Terry", "Thurstone", "Davidson")
 """The planned tests."""
 
 
+class Comparison(Confined):
+    """What trials of the design `comparison` need: in each, a participant names one of two materials.
+
+    Attributes:
+        quality: what is compared, such as hardness; the materials stand in the file from the least of it to the most.
+        first_key: the experimenter's key for the material that was presented first.
+        second_key: the key for the one that was presented second.
+        tie_key: the key for neither of them; left out, participants have to choose.
+    """
+
+    quality: Name
+    first_key: Key
+    second_key: Key
+    tie_key: Key | None = None
+
+    @property
+    def answers(self) -> dict[str, str]:
+        """What participants may answer, by its key: `FIRST`, `SECOND` and, where it is allowed, `TIE`."""
+        ties = {} if self.tie_key is None else {self.tie_key: TIE}
+        return {self.first_key: FIRST, self.second_key: SECOND, **ties}
+
+
 def _rules(table: Table) -> Iterator[Broken]:
-    """Yield what pairs cannot have."""
+    """The design `comparison` needs `[comparison]`.
+
+    No material has `key` or `spoken`, `repetitions` are even, no order is `max-run`, no task has `materials`,
+    `answers.microphone` is false, and the planned tests are `Bradley-Terry` and `Thurstone`, or, where there is a
+    `tie_key`, `Davidson`.
+    """
     if table.get("comparison") is None:
         yield Broken(("comparison",), "a table: tasks of the design 'comparison' need it")
     for i, one in tables_at(table, "materials"):
@@ -49,23 +76,24 @@ def _right(protocol: Protocol, presented: Sequence[str], answered: str) -> bool:
 
 
 def _asked(protocol: Protocol) -> str:
-    comparison = protocol.comparisons
+    comparison = protocol.table(Comparison)
     tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
     return f"Participants say which of the two has more {named(comparison.quality)}{tie}."
 
 
 DESIGN = ProtocolDesign(
+    table=Comparison,
     intervals=2,
     tests=TESTS,
     rules=_rules,
     keys=_keys,
-    answers=lambda protocol: list(protocol.comparisons.answers.items()),
+    answers=lambda protocol: list(protocol.table(Comparison).answers.items()),
     right=_right,
-    shown=lambda protocol: tuple(protocol.comparisons.answers.values()),
+    shown=lambda protocol: tuple(protocol.table(Comparison).answers.values()),
     pairs=(
         "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "
         "the one of its materials is presented first, in the other half the other."
     ),
     asked=_asked,
-    ranked=lambda protocol: f"From the least {named(protocol.comparisons.quality)} to the most:",
+    ranked=lambda protocol: f"From the least {named(protocol.table(Comparison).quality)} to the most:",
 )

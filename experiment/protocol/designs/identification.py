@@ -9,6 +9,7 @@ from palpate.experiment.settings.load import Broken, Table
 
 
 def _rules(table: Table) -> Iterator[Broken]:
+    """In the design `identification` every material has `key` and `spoken`."""
     for i, one in tables_at(table, "materials"):
         if one.get("key") is None:
             yield Broken(("materials", i, "key"), "one ASCII character: participants name the material")

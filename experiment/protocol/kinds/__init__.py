@@ -7,13 +7,15 @@ never imports another. It stands above the models, and is imported when it is lo
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any
+from typing import Any, Literal, get_args
 
 from palpate.experiment.protocol.blocks import Block
-from palpate.experiment.settings.load import Broken, Table
+from palpate.experiment.settings.load import Broken, Confined, Table
 
-NAMES = ("footstep", "tapping")
+Kind = Literal["footstep", "tapping"]
 """Every kind."""
+
+NAMES: tuple[Kind, ...] = get_args(Kind)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,6 +23,8 @@ class ProtocolKind:
     """A kind of trial. What is called with a protocol or a task gets models, the rest plain tables.
 
     Attributes:
+        table: the model of the table with its name, which stands in a study of the kind where it is needed.
+        since: the format of protocols that has the table first.
         intervals: how many materials one trial may present.
         at_will: whether what a trial presents is felt at will, until the answer.
         rules: what a file breaks, beyond what every file must keep.
@@ -32,6 +36,8 @@ class ProtocolKind:
         odd: legal but odd settings, each as its field, what it is, and what it would be as a rule.
     """
 
+    table: type[Confined]
+    since: int = 0
     intervals: tuple[int, ...]
     at_will: bool = False
     rules: Callable[[Table], Iterator[Broken]]

@@ -2,17 +2,73 @@
 
 from collections.abc import Iterator
 from math import log
+from typing import Annotated
+
+from pydantic import Field
 
 from palpate.experiment.protocol.blocks import Block, Item, Said, named, number
 from palpate.experiment.protocol.kinds import ProtocolKind, table_at, tables_at
-from palpate.experiment.protocol.models import Protocol, Tapping, Task
-from palpate.experiment.settings.load import Broken, Table
+from palpate.experiment.protocol.models import KindTable, Protocol, Task
+from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
 
 OF_STEPS = ("frames-lost", "speed-below", "speed-above", "undelivered")
 """What only a footstep has, for an exclusion rule to judge."""
 
 
+class VirtualSurface(Confined):
+    """How a virtual surface vibrates at a tap, as a material rings.
+
+    Attributes:
+        material: whose surface it is.
+        attack_hz: the frequency at which a tap on it rings: f of Wellman and Howe.
+        amplitude: how strongly it rings at 200 mm/s, as a part of `tapping.full_m_s2`: L of Wellman and Howe.
+    """
+
+    material: Name
+    attack_hz: Annotated[float, Field(gt=0, le=20_000)]
+    amplitude: Annotated[float, Field(ge=0, le=1)]
+
+
+class Tapping(KindTable):
+    """How surfaces are rendered: one block for all of them, and a vibration at the touch that is each one's own.
+
+    A file of format 2 or 3 has it as `[comparison.virtual]`, and `attack_hz` and `amplitude` of each surface in its
+    material.
+
+    Attributes:
+        switch_key: the experimenter's key for the participant's change to the other surface.
+        rate_hz: forces a second.
+        stiffness_n_m: K of the block, along its normal.
+        damping_n_s_m: C of the block.
+        mass_kg: M of the block; left out, the block is held.
+        full_m_s2: the amplitude of a surface with an `amplitude` of 1, at 200 mm/s.
+        decay_per_s: B, how fast every vibration fades.
+        fastest_mm_s: a lamp says when the hand is faster.
+        surfaces: how the surface of each material vibrates.
+    """
+
+    switch_key: Key
+    rate_hz: Annotated[int, Field(ge=500, le=5000)]
+    stiffness_n_m: Annotated[float, Field(ge=0, le=1e6)]
+    damping_n_s_m: Annotated[float, Field(ge=0, le=1e4)]
+    mass_kg: Annotated[float, Field(gt=0, le=1000)] | None = None
+    full_m_s2: Annotated[float, Field(gt=0, le=1000)]
+    decay_per_s: Annotated[float, Field(ge=20, le=10_000)]
+    fastest_mm_s: Annotated[float, Field(gt=0, le=1000)]
+    surfaces: tuple[VirtualSurface, ...] = ()
+
+
+def rendered(protocol: Protocol) -> Tapping | None:
+    """Return how a study's virtual surfaces are rendered; None in a study without any."""
+    return protocol.find(Tapping) if protocol.renders else None
+
+
 def _rules(table: Table) -> Iterator[Broken]:
+    """The kind `tapping` is of the design `comparison`.
+
+    A task whose `stimulus` is `virtual` needs `[tapping]` with a surface for each material, and
+    `exposure.force_peak_n`; `masker.probe` is left out; exclusion rules judge answers and withdrawals.
+    """
     if table_at(table, "masker").get("probe") is not None:
         yield Broken(("masker", "probe"), "no table: real samples play no probe")
     for i, rule in tables_at(table, "exclusion"):
@@ -46,8 +102,8 @@ def _stimuli(protocol: Protocol) -> Iterator[Block]:
             "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
             "participant whether an answer was right."
         )
-    if protocol.rendered is not None:
-        yield from _rendered(protocol, protocol.rendered)
+    if (virtual := rendered(protocol)) is not None:
+        yield from _rendered(protocol, virtual)
 
 
 def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
@@ -76,20 +132,22 @@ def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
 
 
 def _felt(protocol: Protocol, task: Task) -> str:
-    if protocol.rendered is None:
+    if (virtual := rendered(protocol)) is None:
         return ""
-    faded_ms = 1e3 * log(1e3) / protocol.rendered.decay_per_s
+    faded_ms = 1e3 * log(1e3) / virtual.decay_per_s
     told = f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
     return f"{told} Each time it has faded to a thousandth after {faded_ms:.0f} ms."
 
 
 def _recorded(protocol: Protocol) -> str:
-    if protocol.rendered is None:
+    if rendered(protocol) is None:
         return ""
     return "the time and the speed of each tap on a virtual surface, each change from one to the other, "
 
 
 KIND = ProtocolKind(
+    table=Tapping,
+    since=4,
     intervals=(2,),
     at_will=True,
     rules=_rules,

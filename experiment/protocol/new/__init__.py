@@ -17,7 +17,7 @@ from palpate.experiment import storage
 from palpate.experiment.errors import PalpateError, ProtocolError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval.sealing import UNFILLED
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.settings import load
 from palpate.experiment.settings.characters import plain, quoted
 from palpate.experiment.settings.load import toml
@@ -91,7 +91,7 @@ def whole(typed: str, path: Place) -> int:
     """Return a whole number for the field of a protocol at `path`. Raises `PalpateError` for what is none."""
     if typed.isascii() and typed.isdecimal() and len(typed) < 10:
         return int(typed)
-    raise PalpateError(f"got {quoted(typed)}", allowed=load.field(Protocol, path))
+    raise PalpateError(f"got {quoted(typed)}", allowed=load.field(ProtocolFile, path))
 
 
 def checked(study: NewStudy) -> NewStudy:
@@ -201,7 +201,7 @@ def free(path: Path) -> Path:
 def _check(made: str, of: Sequence[NewMaterial] = ()) -> None:
     """Refuse a file for the first of its problems, in words of what was asked about the study and its materials."""
     try:
-        load.checked(Path("protocol"), Protocol, tomllib.loads(made))
+        load.checked(Path("protocol"), ProtocolFile, tomllib.loads(made))
     except ProtocolError as error:
         problem = error.findings[0]
         got, allowed = problem.got, problem.allowed

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply, Rest, Say, TrialAnswer
 from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials, generic
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
@@ -310,7 +311,7 @@ class SimulatedParticipant(SimulatedPerson):
 def _person(parts: Parts, *, protocol: Protocol, **everybody: Any) -> SimulatedParticipant:
     if parts.foot is None:
         raise RuntimeError("nobody steps without a foot")
-    synthesis = protocol.footsteps.synthesis
+    synthesis = protocol.table(Footstep).synthesis
     return SimulatedParticipant(
         **everybody,
         protocol=protocol,

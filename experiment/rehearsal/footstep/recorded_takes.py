@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from scipy import fft
 
 from palpate.experiment.errors import RecordingError, SynthesisError
-from palpate.experiment.protocol.models import FASTEST_MM_S, Protocol
+from palpate.experiment.protocol.kinds.footstep import FASTEST_MM_S
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings.manifest import Recordings
 from palpate.experiment.recordings.store import SIMULATED, Condition, Plan, Take, plan, write
 from palpate.experiment.recordings.workflow import SPEED_TOLERANCE

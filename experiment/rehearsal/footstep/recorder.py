@@ -18,6 +18,7 @@ from palpate.experiment.apparatus.tracker.gate import GateDetector
 from palpate.experiment.clock import Clock, ManualClock
 from palpate.experiment.errors import RecordingError
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.recordings import store, workflow
 from palpate.experiment.recordings.manifest import Recordings
 from palpate.experiment.recordings.store import Condition, Plan, plan
@@ -143,7 +144,7 @@ def record_simulated(
             "leave it out of this rig file",
             allowed="none, because no foot rests on the panel in simulated time",
         )
-    rigs.check(rig, protocol.footsteps.step)
+    rigs.check(rig, protocol.table(Footstep).step)
     planned = plan(
         protocol,
         source=recorded_takes.source(seed),
@@ -174,7 +175,7 @@ def record_simulated(
             out,
             tracker=ports,
             accelerometer=ports,
-            detector=GateDetector(protocol.footsteps.step),
+            detector=GateDetector(protocol.table(Footstep).step),
             console=SimulatedExperimenter(foot=foot, sensor=sensor, clock=clock, session=drawn),
             clock=clock,
             note=recorded_takes.note(drawn),

@@ -13,8 +13,13 @@ from typing import Any
 
 import numpy as np
 
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply
 from palpate.experiment.errors import ActuatorError
+from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.kinds.tapping import Tapping, rendered
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, WORDS
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
@@ -76,7 +81,7 @@ class SimulatedTapper(SimulatedPerson):
         felt_hz = [surfaces.felt_hz(surfaces.rings(hz), surfaces.RATE_HZ) for hz in surfaces.frequencies_hz(names)]
         self._heights = {name: (float(np.log(hz or 1.0)), 1.0) for name, hz in zip(names, felt_hz, strict=True)}
         self._in_table_1 = all(name in surfaces.TABLE_1 for name in names)
-        self._keys = {answer: key for key, answer in self.protocol.comparisons.answers.items()}
+        self._keys = {answer: key for key, answer in self.protocol.table(Comparison).answers.items()}
         self._laid: tuple[str, ...] = ()
         self._times: Counter[int] = Counter()
         self._felt: list[tuple[float, float]] = []
@@ -101,7 +106,7 @@ class SimulatedTapper(SimulatedPerson):
             self._felt.append(self._tap(self.fingers, self._rng(trial, self._times[trial], 2, len(self._felt))))
             heights = self._felt[-2:]
             if len(self._felt) % 2 or self._tries_again(heights, rng.random()):
-                return self.protocol.surfaces.switch_key, "the other one, please"
+                return self.protocol.table(Tapping).switch_key, "the other one, please"
         first, second = (height + error * self._discrimination * rng.normal() for height, error in heights)
         apart = (first - second) / self._discrimination
         self.clock.sleep_ns(int(rng.lognormal(*DECIDES_LOG_S) * (1 + np.exp(-abs(apart))) * 1e9))
@@ -153,4 +158,14 @@ def _person(parts: Parts, **everybody: Any) -> SimulatedTapper:
     return SimulatedTapper(**everybody, fingers=fingers)
 
 
-REHEARSAL = RehearsalKind(person=_person, generic=surfaces.generic)
+def _rig(protocol: Protocol) -> str:
+    """Return the rig with a hand's devices for a study that renders surfaces."""
+    return "rigs/rehearsal.toml" if protocol.find(Tapping) is None else "rigs/tapping.toml"
+
+
+def _lacks_nothing(rig: Rig, protocol: Protocol) -> None:
+    if rendered(protocol) is not None:
+        servo_of(rig)
+
+
+REHEARSAL = RehearsalKind(person=_person, generic=surfaces.generic, rig=_rig, lacks_nothing=_lacks_nothing)

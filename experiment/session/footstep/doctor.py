@@ -9,6 +9,7 @@ from palpate.experiment.apparatus.doctor.checks import passed, refused, unchecke
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.errors import Finding, PalpateError, RecordingError, RigError
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.fidelity import judged
@@ -37,7 +38,7 @@ def omissions(
     if protocol is None:
         yield unchecked(NAME, "no protocol was given", "add --protocol, and the folder of its --recordings")
         return
-    most = protocol.footsteps.synthesis.left_out_max
+    most = protocol.table(Footstep).synthesis.left_out_max
     allowed = f"{most * 100:.6g}%" if most else "anything, for the protocol has no footstep.synthesis.left_out_max"
     folder = recordings or (dataset or default_root(protocol)) / storage.RECORDINGS
     if recordings is None and not folder.exists():
@@ -61,7 +62,7 @@ def examine(
     out has the rig refused.
     """
     folder, name = recordings or default_root(protocol) / storage.RECORDINGS, f"Rig '{rig.rig.name}'"
-    most = protocol.footsteps.synthesis.left_out_max
+    most = protocol.table(Footstep).synthesis.left_out_max
     allowed = "sets no limit" if most is None else f"allows {most * 100:.6g}%"
     if recordings is None and not folder.exists():
         if most is not None:

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from palpate.experiment.apparatus.panel.validity import simulated_table
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings import manifest
 from palpate.experiment.session import scene as scenes
@@ -44,7 +45,7 @@ def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
     """Return the predictor's standard error of contact at the onset's last move, at one speed, ms; None without."""
     if rig.actuator.driver != "audio" or rig.audio is None:
         return None
-    step = protocol.footsteps.step
+    step = protocol.table(Footstep).step
     predictor = LandingPredictor(step, noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm)
     lead_us = rig.audio.latency.output_ms * 1e3 + 2e6 * rig.audio.block / rig.audio.rate_hz
     last_us = int(min((step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6 - lead_us, 1e15))
@@ -82,7 +83,7 @@ def detailed(
 ) -> dict[str, Detailed]:
     """Return what `fidelity` does, in detail."""
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
-    taken = manifest.load(recordings, synthesis=protocol.footsteps.synthesis, material_ids=scene.materials)
+    taken = manifest.load(recordings, synthesis=protocol.table(Footstep).synthesis, material_ids=scene.materials)
     found, speeds = {}, speeds_mm_s(protocol)
     for material, each in played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder).items():
         budgets = [one.budget() for one in each]

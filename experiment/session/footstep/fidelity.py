@@ -20,6 +20,7 @@ import numpy as np
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.errors import Finding, RigError
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
 
@@ -45,7 +46,7 @@ class Fidelity:
 
 def speeds_mm_s(protocol: Protocol) -> tuple[float, ...]:
     """Return speeds from the slowest to the fastest foot that a protocol counts, mm/s."""
-    recorded, fastest = protocol.footsteps.synthesis.speeds_mm_s, scenes.fastest_mm_s(protocol)
+    recorded, fastest = protocol.table(Footstep).synthesis.speeds_mm_s, scenes.fastest_mm_s(protocol)
     slow = [rule.limit for rule in protocol.exclusion if rule.when == "speed-below" and rule.limit]
     slowest = max(slow, default=recorded[0] / BEYOND)
     fastest = recorded[-1] * BEYOND if fastest == inf else max(fastest, slowest)
@@ -108,7 +109,7 @@ def judged(
     from palpate.experiment.recordings import manifest
 
     carries_hz = carried_hz(rig, rig_folder)
-    of = None if protocol.footsteps.synthesis.left_out_max is not None else task_ids
+    of = None if protocol.table(Footstep).synthesis.left_out_max is not None else task_ids
     given = partial(fidelity, protocol=protocol, rig=rig, rig_folder=rig_folder, recordings=recordings)
     worst = most_left_out([given(scene=one) for one in scenes.played(protocol, of)], carries_hz)
     if (refused := refusal(protocol, rig, worst, carries_hz)) is not None:
@@ -166,7 +167,7 @@ def most_left_out(fidelities: Sequence[Mapping[str, Fidelity]], carries_hz: tupl
 
 def refusal(protocol: Protocol, rig: Rig, worst: MostLeftOut, carries_hz: tuple[float, float] | None) -> Finding | None:
     """Return why no participant is run on a rig that leaves out so much; None where the protocol allows it."""
-    most = protocol.footsteps.synthesis.left_out_max
+    most = protocol.table(Footstep).synthesis.left_out_max
     if most is None or (worst.share <= most and carries_hz is not None):
         return None
     what, remedy = UNKNOWN, "measure the panel, and write actuator.low_hz and high_hz into the rig file"

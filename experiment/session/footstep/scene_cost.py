@@ -19,6 +19,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.audio.mixer import Mixer
 from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene as scenes
 from palpate.experiment.session.footstep.error_budget import ErrorBudget, error_budget, percent, wrapped
@@ -341,7 +342,7 @@ def _virtual(
 
 def _felt(held: Mapping[str, CrinkleSpectra], protocol: Protocol) -> str:
     """Return which bins are asked for: whether those outside the tactile band may be left out, and why."""
-    tactile, fastest = protocol.footsteps.tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.table(Footstep).tactile, scenes.fastest_mm_s(protocol)
     band = f"{tactile.low_hz:g} to {tactile.high_hz:g} Hz"
     if fastest == float("inf"):
         return "all are asked for: the protocol counts trials at any speed, so nothing is known to stay below the floor"
@@ -356,7 +357,7 @@ def _bins(spectra: CrinkleSpectra, held: Basis, protocol: Protocol, lost_percent
     """Return what leaving out the bins beyond the tactile band of one material saves and costs."""
     from palpate.experiment.synthesis import crinkle, waveforms
 
-    tactile, fastest = protocol.footsteps.tactile, scenes.fastest_mm_s(protocol)
+    tactile, fastest = protocol.table(Footstep).tactile, scenes.fastest_mm_s(protocol)
     whole = waveforms.prepare(spectra, material=held.material, output_rate_hz=held.output_rate_hz)
     saves = taken([_summed_ms(whole) - _summed_ms(held) for _ in range(TURNS)])
     loudest = crinkle.rms_outside(spectra, band_hz=tactile.band_hz, fastest_mm_s=fastest)

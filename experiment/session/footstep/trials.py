@@ -25,6 +25,7 @@ from palpate.experiment.clock import lasted_ms
 from palpate.experiment.desk.messages import TRACE_S, Lamp, Measured, Pace
 from palpate.experiment.desk.questions import Place, Rest
 from palpate.experiment.errors import ActuatorError, RecordingError, TrackerError, TrackerStopped
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import ExclusionRule, Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial, Trace, TrackerOpened
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, Probed, TrackerClock, Zeroed
@@ -113,7 +114,7 @@ def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, 
         )
         opened.callback(actuator.close)
     port, clock_map = ends.tracker(opened)
-    contact_mm = protocol.footsteps.step.contact_mm
+    contact_mm = protocol.table(Footstep).step.contact_mm
     tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
     opened.callback(tracker.close)
     ends.check(tracker, rig)
@@ -154,7 +155,7 @@ class Footsteps(Kind):
     def __init__(self, devices: FootstepDevices, lent: Lent) -> None:
         """Set up before the first attempt."""
         protocol, clock, limits = lent.protocol, lent.clock, lent.limits
-        step = protocol.footsteps.step
+        step = protocol.table(Footstep).step
         self._protocol = protocol
         self._place = protocol.task(lent.header.task).stimulus == "real"
         self._devices = devices
@@ -293,7 +294,7 @@ class Footsteps(Kind):
         """Return the foot's height in the last seconds, mm, and how the last step went."""
         gone = self._silent or getattr(self._devices.tracker, "gone", False)
         # A trace that stands still would show a foot that rests.
-        newest, step = () if gone else tuple(self._watch.feed.newest), self._protocol.footsteps.step
+        newest, step = () if gone else tuple(self._watch.feed.newest), self._protocol.table(Footstep).step
         heights = _sampled(newest)
         falling = len(heights) > 1 and heights[-1] < heights[-2]
         return Measured(
@@ -472,7 +473,7 @@ def _recorded(protocol: Protocol, tasks: Sequence[Task]) -> set[str]:
 
 
 def _check_rig(protocol: Protocol, rig: Rig, today: date) -> None:
-    rigs.check(rig, protocol.footsteps.step)
+    rigs.check(rig, protocol.table(Footstep).step)
     zeroing.check_age(rig, today)
 
 

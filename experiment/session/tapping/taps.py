@@ -15,6 +15,7 @@ from palpate.experiment.apparatus.servo.rendering import AGAIN_MM, Felt, Touch
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import Falling, Landing, LandingPredictor
 from palpate.experiment.errors import PalpateError, ServoError
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.records.kinds.tapping import Place, Tapped
 from palpate.experiment.records.stimulus import Onset
@@ -211,7 +212,7 @@ class Taps:
         if sounding is None or sounding.aimed is None or sounding.lying is not lying:
             sounding = self._ready(lying, speed_mm_s)
         sounding.touch, sounding.touch_mm_s = touch, speed_mm_s
-        sounding.fast = touch.mean_mm_s > self.lent.protocol.surfaces.fastest_mm_s
+        sounding.fast = touch.mean_mm_s > self.lent.protocol.table(Tapping).fastest_mm_s
         sounding.contact_ns = contact_ns
         self.actuator.landed(contact_ns)
         self._settle(wait=self.lent.clock.simulated or not self.actuator.lead_ns)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.desk.questions import Place
+from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, PairLaidOut
@@ -64,7 +65,8 @@ class Comparisons(Kind):
         first, second = planned.presented
         words = {FIRST: f"the first ({first})", SECOND: f"the second ({second})"}
         return {
-            key: Meaning(one, words.get(one, "neither")) for key, one in self.lent.protocol.comparisons.answers.items()
+            key: Meaning(one, words.get(one, "neither"))
+            for key, one in self.lent.protocol.table(Comparison).answers.items()
         }
 
 

@@ -22,7 +22,9 @@ from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
 from palpate.experiment.desk.messages import Lamp, Measured
 from palpate.experiment.errors import PalpateError, RigError, TrackerStopped
-from palpate.experiment.protocol.models import Protocol, Tapping
+from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.kinds.tapping import Tapping
+from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import PlannedTrial
 from palpate.experiment.records.kinds.tapping import WORDS, Changed, PairLaidOut, Place
 from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Sitting
@@ -61,7 +63,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     `conditioning.open_drive`.
     """
     protocol, rig, clock = sitting.protocol, sitting.rig, sitting.clock
-    virtual = protocol.surfaces
+    virtual = protocol.table(Tapping)
     device = servo_of(rig)
     if not rig.rig.simulated:
         settings.refuse_beyond(virtual, device, rig=rig.rig.name)
@@ -103,7 +105,7 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
     """Return what `left_out` says of a rig. Raises `RigError` for one that a session may not use."""
-    settings.refuse_beyond(protocol.surfaces, servo_of(rig), rig=rig.rig.name)
+    settings.refuse_beyond(protocol.table(Tapping), servo_of(rig), rig=rig.rig.name)
     refuse_unmeasured(rig_file, rig, today)
     zeroing.check_age(rig, today)
     return left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
@@ -111,7 +113,7 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
 
 def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
     """Return what the board reads of a rig, and why it bears no block of the protocol, if so; raises as `left_out`."""
-    bears, told = settings.judged(protocol.surfaces, servo_of(rig))
+    bears, told = settings.judged(protocol.table(Tapping), servo_of(rig))
     planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
     omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     told = f"{told} The tracker {planar} pushes along the face." + (
@@ -126,7 +128,7 @@ def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
 
     Where no voltage or limit bends, the share is the same at every speed.
     """
-    limit_m_s2, actuator, virtual = protocol.exposure.vibration_peak_m_s2, rig.actuator, protocol.surfaces
+    limit_m_s2, actuator, virtual = protocol.exposure.vibration_peak_m_s2, rig.actuator, protocol.table(Tapping)
     condition = Conditioner(
         full_scale=actuator.full_scale,
         limit_m_s2=limit_m_s2,
@@ -198,12 +200,12 @@ class VirtualSurfaces(Kind):
 
     def answers(self, planned: PlannedTrial) -> Mapping[str, Meaning]:  # noqa: ARG002
         """Return what each key names; which surface is which, nobody at the desk has to know."""
-        return {key: Meaning(one, WORDS[one]) for key, one in self.lent.protocol.comparisons.answers.items()}
+        return {key: Meaning(one, WORDS[one]) for key, one in self.lent.protocol.table(Comparison).answers.items()}
 
     @property
     def keys(self) -> Mapping[str, str]:
         """The key that changes to the other surface."""
-        return {self.lent.protocol.surfaces.switch_key: f"change to the {PLACES[1 - self._at]} surface"}
+        return {self.lent.protocol.table(Tapping).switch_key: f"change to the {PLACES[1 - self._at]} surface"}
 
     def press(self, key: str) -> None:  # noqa: ARG002
         """Change to the other surface, and put that on record."""
@@ -238,7 +240,7 @@ class VirtualSurfaces(Kind):
         if felt is None:
             return Measured(too_fast=False, lamps=(Lamp(name="hand", good=False, words="no frame yet"),))
         fast = self.taps.too_fast
-        words = f"faster than {self.lent.protocol.surfaces.fastest_mm_s:g} mm/s" if fast else "slow enough"
+        words = f"faster than {self.lent.protocol.table(Tapping).fastest_mm_s:g} mm/s" if fast else "slow enough"
         return Measured(
             trace=felt.height_mm[-1:],
             trace_unit="mm",

@@ -11,6 +11,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from tests.conftest import Palpate
 
 Types = Callable[..., list[str]]
@@ -156,7 +157,7 @@ def test_a_new_rig_is_one_that_says_what_is_to_be_measured(palpate: Palpate, typ
     palpate("new", "a", "--rig", "our rig.toml", "--yes")
     rig = rigs.load(Path("our rig.toml"))
     assert (rig.rig.name, rig.rig.simulated) == ("our rig", False)
-    rigs.check(rig, files.load(Path("a.toml")).footsteps.step)
+    rigs.check(rig, files.load(Path("a.toml")).table(Footstep).step)
     text = Path("our rig.toml").read_text("utf-8")
     assert text.count("NOT CALIBRATED") + text.count("NOT MEASURED") == 4
     assert rig.tracker.calibrated_on is None

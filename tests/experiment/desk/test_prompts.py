@@ -8,7 +8,7 @@ from hypothesis import given
 from palpate.experiment.desk.messages import ENTER, Asked, By, Choice, Ended, Gauges, Prompt, View, line
 from palpate.experiment.desk.prompts import AT_QUESTION, prompt, shown_answers
 from palpate.experiment.desk.questions import Level, keyed
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.rules import HEARD_KEY, PROBE_KEY
 from tests.experiment.desk.views import KINDS, MARK, views
 from tests.experiment.protocol.small import changed, document
@@ -186,7 +186,7 @@ def test_whoever_sets_the_masker_is_offered_its_keys(by: By, keys: tuple[str, ..
 
 
 def test_answers_are_shown_only_where_the_protocol_says_so_and_only_while_one_is_wanted() -> None:
-    study = Protocol.model_validate(changed(document(), ("answers", "on_screen"), True))
+    study = ProtocolFile.model_validate(changed(document(), ("answers", "on_screen"), True))
     said = tuple(material.spoken[0] for material in study.materials)
     assert shown_answers(study) == said
     for kind in KINDS:
@@ -198,6 +198,6 @@ def test_answers_are_shown_only_where_the_protocol_says_so_and_only_while_one_is
 
 @pytest.mark.parametrize(("tie_key", "said"), [(None, ("first", "second")), ("3", ("first", "second", "tie"))])
 def test_of_a_pair_the_answers_are_places_and_name_no_material(tie_key: str | None, said: tuple[str, ...]) -> None:
-    study = Protocol.model_validate(changed(comparing(tie_key=tie_key), ("answers", "on_screen"), True))
+    study = ProtocolFile.model_validate(changed(comparing(tie_key=tie_key), ("answers", "on_screen"), True))
     assert shown_answers(study) == said
-    assert shown_answers(Protocol.model_validate(comparing(tie_key=tie_key))) == ()
+    assert shown_answers(ProtocolFile.model_validate(comparing(tie_key=tie_key))) == ()

@@ -8,7 +8,7 @@ from typing import Any
 
 import tomlkit
 
-from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import with_tuples
 
@@ -63,4 +63,4 @@ def written(folder: Path, study: dict[str, Any]) -> Path:
 
 
 def protocol(study: dict[str, Any]) -> Protocol:
-    return Protocol.model_validate(with_tuples(study))
+    return ProtocolFile.model_validate(with_tuples(study))

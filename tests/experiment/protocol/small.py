@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 
 SMALL = """\
@@ -150,7 +151,7 @@ def document() -> dict[str, Any]:
 
 def protocol() -> Protocol:
     """The small protocol."""
-    return Protocol.model_validate(document())
+    return ProtocolFile.model_validate(document())
 
 
 def okamoto2012() -> dict[str, Any]:

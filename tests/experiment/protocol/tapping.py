@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.files import ProtocolFile, shipped
 from palpate.experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import document
 
@@ -70,4 +70,4 @@ def live_alone(folder: Path) -> Path:
 
 def protocol(**how: Any) -> Protocol:
     """The protocol of `comparing`."""
-    return Protocol.model_validate(comparing(**how))
+    return ProtocolFile.model_validate(comparing(**how))

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import PlannedTest, Protocol
 from palpate.experiment.protocol.page import advice, page
 from palpate.experiment.study.schedule import allocate
@@ -18,11 +19,13 @@ from tests.experiment.protocol.small import changed, document, okamoto2012, prot
 
 
 def told(path: tuple[str | int, ...], new: object) -> list[tuple[str, str, str]]:
-    study = Protocol.model_validate(changed(document(), path, new))
+    study = ProtocolFile.model_validate(changed(document(), path, new))
     return [(one.field, one.got, one.allowed) for one in advice(study)]
 
 
-@pytest.mark.parametrize("study", [protocol(), Protocol.model_validate(okamoto2012())], ids=["small", "okamoto2012"])
+@pytest.mark.parametrize(
+    "study", [protocol(), ProtocolFile.model_validate(okamoto2012())], ids=["small", "okamoto2012"]
+)
 def test_of_a_protocol_that_is_as_it_should_be_nothing_is_told(study: Protocol) -> None:
     assert advice(study) == ()
     assert "palpate finds no" in page(study, "a.toml")
@@ -40,13 +43,13 @@ def test_a_chance_that_was_rounded_is_none(count: int, rounded: float) -> None:
     names = [f"{letter}elt" for letter in "abcdefghi"[:count]]
     materials = tuple({**felt, "id": name, "key": name[0], "spoken": (name,)} for name in names)
     study = changed(document(), ("materials",), materials)
-    assert advice(Protocol.model_validate(changed(study, ("analysis", 0, "chance"), rounded))) == ()
-    (one,) = advice(Protocol.model_validate(changed(study, ("analysis", 0, "chance"), rounded + 0.05)))
+    assert advice(ProtocolFile.model_validate(changed(study, ("analysis", 0, "chance"), rounded))) == ()
+    (one,) = advice(ProtocolFile.model_validate(changed(study, ("analysis", 0, "chance"), rounded + 0.05)))
     assert one.field == "analysis[0].chance"
 
 
 def test_a_planned_anova_that_names_no_materials() -> None:
-    study = Protocol.model_validate(okamoto2012())
+    study = ProtocolFile.model_validate(okamoto2012())
     assert not any("analysis" in one.field for one in advice(study))
     place = next(i for i, test in enumerate(study.analysis) if test.test == "one-way ANOVA")
     tests = [test.model_copy(update={"materials": None}) for test in study.analysis]
@@ -68,7 +71,7 @@ def test_participants_whom_no_whole_number_of_orders_covers(approved: SnapshotAs
     assert path == "tasks[1].participants"
     assert f"{got}; {allowed}" == approved
     fixed = changed(document(), ("task_order", "kind"), "fixed")
-    assert advice(Protocol.model_validate(changed(fixed, ("tasks", 1, "participants"), 3))) == ()
+    assert advice(ProtocolFile.model_validate(changed(fixed, ("tasks", 1, "participants"), 3))) == ()
 
 
 @given(st.lists(st.integers(1, 26), min_size=1, max_size=3), st.integers(0, 99))
@@ -78,7 +81,7 @@ def test_it_is_told_where_allocation_cannot_give_each_order_to_as_many(counts: l
     study = changed(changed(document(), ("tasks",), tasks), ("study", "participants"), max(counts))
     analysis = tuple({**test, "tasks": ("t0",)} for test in document()["analysis"])
     study = changed(changed(study, ("analysis",), analysis), ("duration",), None)
-    made = Protocol.model_validate(study)
+    made = ProtocolFile.model_validate(study)
     orders = Counter(allocation.tasks for allocation in allocate(made, seed))
     uneven = {frozenset(order) for order in orders if len({orders[other] for other in permutations(order)}) > 1}
     assert len(advice(made)) == len(uneven)
@@ -87,14 +90,14 @@ def test_it_is_told_where_allocation_cannot_give_each_order_to_as_many(counts: l
 def test_a_visit_that_leaves_no_time_for_its_trials(approved: SnapshotAssertion) -> None:
     # 6 and 4 trials of 5 s, 5 and 6 s of familiarisation, and 61 s between the tasks: 122 s.
     short = changed(document(), ("duration", "shortest_min"), 1)
-    assert advice(Protocol.model_validate(changed(short, ("duration", "longest_min"), 2.04))) == ()
-    (one,) = advice(Protocol.model_validate(changed(short, ("duration", "longest_min"), 2.03)))
+    assert advice(ProtocolFile.model_validate(changed(short, ("duration", "longest_min"), 2.04))) == ()
+    (one,) = advice(ProtocolFile.model_validate(changed(short, ("duration", "longest_min"), 2.03)))
     assert (one.field, one.got) == ("duration.longest_min", "2.03")
     assert one.allowed == approved
 
 
 def test_it_stands_on_the_page(approved: SnapshotAssertion) -> None:
-    study = Protocol.model_validate(changed(document(), ("analysis", 0, "chance"), 0.25))
+    study = ProtocolFile.model_validate(changed(document(), ("analysis", 0, "chance"), 0.25))
     _, shown = page(study, "a.toml").split("13. Worth a second look\n")
     assert shown == approved
 

@@ -11,11 +11,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, create_model
 
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import canonical, sealing, sha256
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Material, Protocol
 from palpate.experiment.settings.load import Confined
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, protocol
@@ -65,12 +66,14 @@ class LaterMaterial(Material):
     color: str | None = Field("white", json_schema_extra={"since": 6})
 
 
-class LaterStudy(Protocol):
-    """A protocol as format 6 would have it: keys with defaults at the top, and inside the tables of an array."""
-
-    format: Literal[2, 3, 4, 5, 6]  # type: ignore[assignment]
-    materials: tuple[LaterMaterial, ...]
-    amplifier: Amplifier = Field(Amplifier(), json_schema_extra={"since": 6})
+LaterStudy = create_model(
+    "LaterStudy",
+    __base__=ProtocolFile,
+    format=(Literal[2, 3, 4, 5, 6], ...),
+    materials=(tuple[LaterMaterial, ...], ...),
+    amplifier=(Amplifier, Field(Amplifier(), json_schema_extra={"since": 6})),
+)
+"""A protocol as format 6 would have it: keys with defaults at the top, and inside the tables of an array."""
 
 
 def test_a_key_that_is_added_with_a_default_changes_no_form_of_an_older_format() -> None:
@@ -99,7 +102,7 @@ def test_a_seal_holds_on_when_a_later_palpate_has_more_keys(tmp_path: Path) -> N
 
 
 def test_a_younger_key_is_refused_in_a_file_of_an_older_format(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "Protocol", LaterStudy)
+    monkeypatch.setattr(files, "ProtocolFile", LaterStudy)
     text = SMALL + "\n[amplifier]\ngain_db = 6.0\n"
     with pytest.raises(ProtocolError) as refused:
         loaded(tmp_path, text)
@@ -159,7 +162,7 @@ def test_any_other_value_changes_the_hash() -> None:
         other = {str: f"{value}x", date: date(2020, 5, 5), bool: not value}.get(type(value), value)
         other = value + 1 if other == value else other
         try:
-            hashes.add(sha256(Protocol.model_validate(changed(document(), path, other))))
+            hashes.add(sha256(ProtocolFile.model_validate(changed(document(), path, other))))
             tried += 1
         except ValidationError:
             continue

@@ -11,7 +11,10 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol import files
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.kinds.footstep import Footstep
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.page import page
 from palpate.experiment.settings import load
 from tests.approved import Refuses
@@ -96,13 +99,13 @@ def without_a_chance(study: dict[str, Any]) -> dict[str, Any]:
 
 @pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[f"{n}-{case[1]}" for n, case in enumerate(BROKEN)])
 def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allowed: str) -> None:
-    problems = [one for one in load.find(Protocol, without_a_chance(study), {}) if one.field == path]
+    problems = [one for one in load.find(ProtocolFile, without_a_chance(study), {}) if one.field == path]
     assert [allowed in one.allowed for one in problems] == [True]
 
 
 def test_virtual_surfaces_are_within_the_rules_and_the_board_reads_how_they_are_rendered() -> None:
-    assert load.find(Protocol, rendering(), {}) == ()
-    text = " ".join(page(Protocol.model_validate(rendering()), "study.toml").split())
+    assert load.find(ProtocolFile, rendering(), {}) == ()
+    text = " ".join(page(ProtocolFile.model_validate(rendering()), "study.toml").split())
     assert "800 N/m and a damper of 5 N s/m" in text
     assert "2000 times a second" in text
     assert "never above 2 N" in text
@@ -115,7 +118,7 @@ def test_the_page_of_a_study_without_a_virtual_task_does_not_tell_how_one_would_
     """The tables stay in a file that was copied; the board reads of what participants will feel."""
     live = files.load(live_alone(tmp_path))
     text = " ".join(page(live, "study.toml").split())
-    assert live.surfaces.stiffness_n_m == 2500.0
+    assert live.table(Tapping).stiffness_n_m == 2500.0
     assert "Two real samples" in text
     assert not [one for one in ("spring", "servo", "vibrated", "on a virtual surface") if one in text]
     both = files.load(files.shipped("okamoto2012.toml"))
@@ -125,7 +128,7 @@ def test_the_page_of_a_study_without_a_virtual_task_does_not_tell_how_one_would_
 
 @pytest.mark.parametrize("how", [{}, {"tie_key": "3"}, {"repetitions": 8, "order": "blocked-random"}])
 def test_what_is_within_the_rules_is_accepted(how: dict[str, Any]) -> None:
-    assert load.find(Protocol, comparing(**how), {}) == ()
+    assert load.find(ProtocolFile, comparing(**how), {}) == ()
 
 
 @pytest.mark.parametrize(
@@ -134,7 +137,7 @@ def test_what_is_within_the_rules_is_accepted(how: dict[str, Any]) -> None:
 def test_a_footstep_study_still_needs_what_its_answers_are_called(key: str, named: str) -> None:
     study = small.document()
     study["materials"] = tuple({k: v for k, v in one.items() if k != key} for one in study["materials"])
-    found = load.find(Protocol, study, {})
+    found = load.find(ProtocolFile, study, {})
     assert [(one.field, named in one.allowed) for one in found] == [(f"materials[{i}].{key}", True) for i in range(2)]
 
 
@@ -148,9 +151,9 @@ def test_it_presents_every_pair_and_a_material_with_itself() -> None:
 
 def test_the_other_kind_of_study_is_refused_in_words(refuses: Refuses) -> None:
     with refuses(ProtocolError):
-        _ = protocol().footsteps
+        _ = protocol().table(Footstep)
     with refuses(ProtocolError):
-        _ = small.protocol().comparisons
+        _ = small.protocol().table(Comparison)
 
 
 def test_the_board_reads_what_is_compared_how_often_and_by_which_answers(approved: SnapshotAssertion) -> None:
@@ -167,7 +170,7 @@ def test_the_shipped_study_is_that_of_the_paper() -> None:
     assert (study.study.participants, study.masker.noise) == (7, "white")
     assert len(study.presentations(study.tasks[0])) == 15
     assert [(task.id, study.trials(task)) for task in study.tasks] == [("live", 120), ("virtual", 120)]
-    virtual = study.surfaces
+    virtual = study.table(Tapping)
     assert (virtual.rate_hz, virtual.stiffness_n_m, virtual.damping_n_s_m) == (2500, 2500.0, 100.0)
     assert (virtual.decay_per_s, virtual.fastest_mm_s, study.exposure.force_peak_n) == (100.0, 175.0, 3.0)
     # Table 1.
@@ -178,4 +181,4 @@ def test_the_shipped_study_is_that_of_the_paper() -> None:
         (1000.0, 0.472),
         (4000.0, 1.0),
     ]
-    assert study.comparisons.tie_key is None
+    assert study.table(Comparison).tie_key is None

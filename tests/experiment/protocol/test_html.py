@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.experiment.protocol.approval import Seal, sha256
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import html, page
 from palpate.experiment.settings.characters import JOINERS, hidden
@@ -74,7 +75,9 @@ def read(text: str) -> Read:
     return found
 
 
-@pytest.mark.parametrize("study", [protocol(), Protocol.model_validate(okamoto2012())], ids=["small", "okamoto2012"])
+@pytest.mark.parametrize(
+    "study", [protocol(), ProtocolFile.model_validate(okamoto2012())], ids=["small", "okamoto2012"]
+)
 def test_it_has_every_word_of_the_page_in_text_in_the_same_order(study: Protocol) -> None:
     in_text = re.sub(r"(?m)^[=-]{20,}$|^  (-+ *)+$|^  - |\|", " ", page(study, "small.toml"))
     browser = read(made(study).replace("<blockquote", "<p").replace("</blockquote", "</p"))
@@ -86,8 +89,8 @@ def test_it_has_every_word_of_the_page_in_text_in_the_same_order(study: Protocol
 @pytest.mark.parametrize("path", [path for path, _ in with_text()], ids=str)
 def test_no_text_leaves_its_block(path: tuple[str | int, ...]) -> None:
     text = HOSTILE.replace("@", " @ ")
-    quiet = read(made(Protocol.model_validate(changed(document(), path, "@ quiet"))))
-    found = read(made(Protocol.model_validate(changed(document(), path, text))))
+    quiet = read(made(ProtocolFile.model_validate(changed(document(), path, "@ quiet"))))
+    found = read(made(ProtocolFile.model_validate(changed(document(), path, text))))
     assert found.tags == quiet.tags
     assert "".join(text.split()) in "".join(found.free.split())
     assert "@" not in found.own
@@ -98,7 +101,7 @@ def test_names_and_the_file_stay_whole_and_in_their_place() -> None:
     name = "felt <b>&amp;</b> at most 3.0 m/s^2"
     study = changed(changed(document(), ("materials", 0, "id"), name), ("materials", 0, "spoken"), (name,))
     study = changed(study, ("materials", 1, "key"), '"')
-    found = read(made(Protocol.model_validate(study), "</td>@<h2>.toml"))
+    found = read(made(ProtocolFile.model_validate(study), "</td>@<h2>.toml"))
     assert found.names.count(f'"{name}"') == 3
     assert "3.0" not in found.own.replace(f'"{name}"', "")
     assert "</td>@<h2>.toml" in found.free
@@ -132,7 +135,7 @@ def test_no_accepted_text_shows_what_cannot_be_seen(data: st.DataObject) -> None
     text = data.draw(st.text(st.characters(codec="utf-8"), min_size=1, max_size=12).map(lambda text: f"a{text}z"))
     path = data.draw(st.sampled_from([path for path, _ in with_text()]))
     try:
-        study = Protocol.model_validate(changed(document(), path, text))
+        study = ProtocolFile.model_validate(changed(document(), path, text))
     except ValueError:
         return
     shown = made(study)

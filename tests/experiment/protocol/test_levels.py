@@ -12,8 +12,8 @@ from palpate.experiment.errors import ProtocolError
 from palpate.experiment.protocol import files, page
 from palpate.experiment.protocol.approval import canonical, sha256
 from palpate.experiment.protocol.blocks import Facts
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.levels import facts
-from palpate.experiment.protocol.models import Protocol
 from tests.experiment.protocol import leveled
 from tests.experiment.protocol.small import changed, document, with_tuples
 from tests.experiment.protocol.small import protocol as small
@@ -69,13 +69,13 @@ def test_an_older_file_has_no_levels_and_its_form_none(tmp_path: Path) -> None:
     assert "tasks[0].levels" in refused({**TAPPING, "format": 4}, tmp_path)
     older = small()
     assert all("levels" not in task for task in json.loads(canonical(older))["tasks"])
-    newer = Protocol.model_validate({**document(), "format": 5})
+    newer = ProtocolFile.model_validate({**document(), "format": 5})
     assert [task["levels"] for task in json.loads(canonical(newer))["tasks"]] == [None, None]
     assert sha256(older) != sha256(newer)
 
 
 def test_the_board_reads_every_level_and_how_they_follow() -> None:
-    read = Protocol.model_validate(STEPS)
+    read = ProtocolFile.model_validate(STEPS)
     (task,) = read.tasks
     told = dict(facts(task))
     assert "0.125, 0.25, 0.5, 1." in told["Levels"]
@@ -91,6 +91,6 @@ def test_the_board_reads_every_level_and_how_they_follow() -> None:
 
 
 def test_planned_tests_of_answers_that_levels_settle_are_odd() -> None:
-    odd = {finding.field for finding in page.advice(Protocol.model_validate(STEPS))}
+    odd = {finding.field for finding in page.advice(ProtocolFile.model_validate(STEPS))}
     assert {f"analysis[{place}].tasks" for place in range(len(STEPS["analysis"]))} <= odd
     assert not [field for field in {finding.field for finding in page.advice(small())} if field.endswith("tasks")]

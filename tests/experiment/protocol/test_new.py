@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from palpate.experiment.errors import PalpateError, ProtocolError
 from palpate.experiment.protocol import approval, files, new
 from palpate.experiment.protocol.approval import sealing
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import page
 from tests.approved import Refuses
@@ -62,7 +63,7 @@ def test_every_table_and_key_has_a_comment_beside_or_above_it() -> None:
 
 def test_the_duration_is_that_of_the_published_study_for_its_trials() -> None:
     # Section 5 of Okamoto et al.: 60 to 80 min for two tasks of 40 trials; section 5.1: 3 to 5 min before each.
-    made = Protocol.model_validate(tuples(tomllib.loads(new.text(new.NewStudy()))))
+    made = ProtocolFile.model_validate(tuples(tomllib.loads(new.text(new.NewStudy()))))
     assert made.duration is not None
     assert made.duration.shortest_min <= 60 <= 80 <= made.duration.longest_min
 
@@ -161,7 +162,7 @@ def test_any_answer_is_held_as_it_is_or_refused(names: list[str], title: str) ->
         new.checked(study)
     except PalpateError:
         return
-    made = Protocol.model_validate(tuples(tomllib.loads(new.text(study))))
+    made = ProtocolFile.model_validate(tuples(tomllib.loads(new.text(study))))
     assert made.study.title == title
     assert [(one.id, one.spoken) for one in made.materials] == [(one.name, one.spoken) for one in study.materials]
 

@@ -9,6 +9,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from tests.experiment.protocol.small import OKAMOTO2012
 
@@ -48,7 +49,7 @@ def test_every_printed_test_is_planned(study: Protocol, reference: Path) -> None
 
 
 def test_numbers_of_sections_3_to_5(study: Protocol, approved: SnapshotAssertion) -> None:
-    synthesis, step = study.footsteps.synthesis, study.footsteps.step
+    synthesis, step = study.table(Footstep).synthesis, study.table(Footstep).step
     assert (synthesis.rate_hz, synthesis.samples, synthesis.takes) == (5000, 2500, 3)
     assert synthesis.speeds_mm_s == (50, 100, 200, 300)
     assert (step.gate_top_mm, step.gate_bottom_mm, step.contact_mm) == (20, 10, 0)

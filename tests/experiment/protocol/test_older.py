@@ -11,7 +11,8 @@ import pytest
 from palpate.experiment.errors import Finding, ProtocolError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.approval import sealing
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.settings import load
 from tests.conftest import REPOSITORY
 from tests.experiment.protocol.small import SMALL
@@ -74,7 +75,7 @@ def test_a_surface_of_an_older_study_that_only_lays_samples_out_stays_in_its_for
     file = tmp_path / "live.toml"
     file.write_text(live(), "utf-8")
     study = files.load(file)
-    assert len(study.surfaces.surfaces) == 5
+    assert len(study.table(Tapping).surfaces) == 5
     # Computed by the last palpate that had no format 4.
     assert approval.sha256(study) == "177badf575d238ce943c760ae3aa57140fa1103630647efa52f721be74894563"
 
@@ -144,4 +145,4 @@ def test_the_table_of_a_newer_format_is_refused_in_an_older_file(tmp_path: Path)
     ],
 )
 def test_nonsense_of_an_older_format_is_refused_and_never_fails(document: dict[str, object]) -> None:
-    assert load.find(Protocol, document, {})
+    assert load.find(ProtocolFile, document, {})

@@ -15,6 +15,10 @@ from pydantic import BaseModel
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.protocol.approval import Seal, sha256
+from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.kinds.footstep import Footstep
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.protocol.page import approved as approval_lines
 from palpate.experiment.protocol.page import page as page_of
@@ -92,17 +96,17 @@ MASKED = changed(changed(LIMITED, ("tasks", 0, "masker"), "white"), ("tasks", 1,
 SAME = {"test": "equivalence", "tasks": ("one",), "question": "Are felt and cork told apart?", "margin": 0.125}
 PAIR = {"test": "one-way ANOVA", "tasks": ("one",), "question": "?", "materials": ("felt", "cork")}
 PLANNED = {**MASKED, "analysis": (*MASKED["analysis"], SAME, PAIR)}
-FULL = Protocol.model_validate(changed(PLANNED, ("analysis", 0, "correction"), "materials"))
+FULL = ProtocolFile.model_validate(changed(PLANNED, ("analysis", 0, "correction"), "materials"))
 """The small protocol with the keys that it leaves out and that have no value of their own then; keeping voices needs a
 microphone."""
 
 PAIRS = tapping.protocol(tie_key="3")
-RENDERED = Protocol.model_validate(changed(tapping.rendering(), ("tapping", "mass_kg"), 2.0))
+RENDERED = ProtocolFile.model_validate(changed(tapping.rendering(), ("tapping", "mass_kg"), 2.0))
 
 TABLES = {
-    "footstep": ("footstep", FULL.footstep),
-    "tapping": ("tapping", RENDERED.tapping),
-    "comparison": ("comparison", PAIRS.comparison),
+    "footstep": ("footstep", FULL.table(Footstep)),
+    "tapping": ("tapping", RENDERED.table(Tapping)),
+    "comparison": ("comparison", PAIRS.table(Comparison)),
     "identification": ("materials", FULL.materials),
 }
 """What a kind or a design cannot do without."""
@@ -146,7 +150,7 @@ def test_the_page_changes_with_every_value(
 
 def test_the_page_names_no_noise_that_no_task_plays() -> None:
     every = changed(changed(MASKED, ("tasks", 0, "masker"), "white"), ("tasks", 1, "masker"), "none")
-    shown = " ".join(page(Protocol.model_validate(every)).split())
+    shown = " ".join(page(ProtocolFile.model_validate(every)).split())
     assert "pink" not in shown
     assert "white noise" in shown
     some = " ".join(page(FULL).split())
@@ -156,7 +160,7 @@ def test_the_page_names_no_noise_that_no_task_plays() -> None:
 def test_every_kind_of_field_was_tried() -> None:
     # But for these, which have one value.
     tried = {path[-1] if isinstance(path[-1], str) else path[-2] for _, path, _, _ in CASES}
-    named = {name for model in _models(Protocol) for name, field in model.model_fields.items() if not _holds(field)}
+    named = {name for model in _models(ProtocolFile) for name, field in model.model_fields.items() if not _holds(field)}
     assert named - tried == {"mode", "method"}
 
 
@@ -174,7 +178,7 @@ def _holds(field: Any) -> list[type[BaseModel]]:
 
 def test_every_value_of_the_published_study_can_be_read() -> None:
     study = okamoto2012()
-    shown = words(page(Protocol.model_validate(study)))
+    shown = words(page(ProtocolFile.model_validate(study)))
     for path, value in leaves(study):
         if path in (("consent", "required"), ("consent", "voice_recordings")):
             continue
@@ -190,7 +194,7 @@ def test_every_value_of_the_published_study_can_be_read() -> None:
 
 def test_sums_for_the_board() -> None:
     # Section 5.1: 40 trials a participant in each task; 60 to 80 min for all procedures. 0.5 s a stimulus: section 3.1.
-    shown = words(page(Protocol.model_validate(okamoto2012())))
+    shown = words(page(ProtocolFile.model_validate(okamoto2012())))
     assert "virtual 15 4 x 10 = 40 600" in shown
     assert "real 10 4 x 10 = 40 400" in shown
     assert "take 60 to 80 min" in shown
@@ -201,16 +205,16 @@ def test_sums_for_the_board() -> None:
 
 
 def test_what_is_left_for_the_laboratory_is_listed() -> None:
-    _, left = page(Protocol.model_validate(okamoto2012())).split("12. Left for the laboratory")
+    _, left = page(ProtocolFile.model_validate(okamoto2012())).split("12. Left for the laboratory")
     assert re.findall(r"(?m)^  - (\S+)$", left) == ["ethics.contact"]
 
 
 def test_what_the_seal_holds_is_not_left_for_the_file() -> None:
     """Filled in after the approval, it would be another version."""
-    text = page(Protocol.model_validate(okamoto2012())).partition("2. Participants")[0]
+    text = page(ProtocolFile.model_validate(okamoto2012())).partition("2. Participants")[0]
     for name in ("Approval number", "Approved on", "Expires on"):
         assert re.search(rf"(?m)^  {name} +\(in the seal, .*\)$", text)
-    stated = page(Protocol.model_validate(changed(document(), ("ethics", "approval_number"), "7")))
+    stated = page(ProtocolFile.model_validate(changed(document(), ("ethics", "approval_number"), "7")))
     assert "in the seal" not in stated
 
 
@@ -229,12 +233,12 @@ def test_the_dose_of_noise_and_how_long_a_finger_vibrates_stand_under_the_limits
 
 def test_nothing_is_left_when_all_is_filled_in(approved: SnapshotAssertion) -> None:
     filled = changed(document(), ("ethics", "contact"), "board@example.org")
-    assert section(page(Protocol.model_validate(filled)), 12) == approved
+    assert section(page(ProtocolFile.model_validate(filled)), 12) == approved
 
 
 def test_a_protocol_without_duration_or_exclusion_says_so(approved: SnapshotAssertion) -> None:
     bare = {key: value for key, value in document().items() if key not in ("duration", "exclusion")}
-    shown = page(Protocol.model_validate(bare))
+    shown = page(ProtocolFile.model_validate(bare))
     assert section(shown, 4) + section(shown, 10) == approved
     assert "  - duration\n" in shown
 
@@ -242,7 +246,7 @@ def test_a_protocol_without_duration_or_exclusion_says_so(approved: SnapshotAsse
 def test_lines_fit_a_printed_page() -> None:
     long = changed(document(), ("ethics", "contact"), "https://example.org/" + "x" * 300)
     for study in (okamoto2012(), document(), long):
-        shown = page(Protocol.model_validate(study))
+        shown = page(ProtocolFile.model_validate(study))
         assert max(map(len, shown.split("\n"))) <= 92
         assert shown.endswith("\n")
         assert not re.search(r"[ \t]\n", shown)
@@ -260,7 +264,7 @@ FORGED = "8. Limits that protect the participant " + "-" * 92 + " Vibration at m
 def test_free_text_never_stands_on_a_line_without_a_bar(path: tuple[str | int, ...], by: int) -> None:
     # Wherever lines break, "3.0 m/s^2" and headings come from the text alone, in which every word carries a mark.
     text = "\n".join(f"{word}@" for word in ("x" * by + " " + FORGED * 3).split())
-    shown = page(Protocol.model_validate(changed(document(), path, text)))
+    shown = page(ProtocolFile.model_validate(changed(document(), path, text)))
     outside = [re.sub(r"\| .*", "", line) for line in shown.split("\n")]
     assert "@" in shown
     assert not any("@" in line or "3.0" in line for line in outside)
@@ -275,7 +279,7 @@ def test_a_name_is_never_broken() -> None:
             document(), ("materials", 0, "spoken"), (*(f"w{place:06d}" for place in range(words_before)), name)
         )
         study = changed(changed(study, ("materials", 0, "id"), name), ("exclusion", 0, "id"), name)
-        shown = page(Protocol.model_validate(study))
+        shown = page(ProtocolFile.model_validate(study))
         assert shown.count(f'"{name}"') == 4
         assert "3.0" not in shown.replace(f'"{name}"', "")
 
@@ -284,7 +288,7 @@ def test_a_name_is_never_broken() -> None:
     "text", ["\uff76\uff01\u30d3\u3000" * 200, "紙" * 500, "cafe\u0301 " * 300, "\u0645\u06cc\u200c\u062e " * 100]
 )
 def test_wide_characters_do_not_run_over_the_edge(text: str) -> None:
-    shown = page(Protocol.model_validate(changed(document(), ("tasks", 0, "instruction"), text)))
+    shown = page(ProtocolFile.model_validate(changed(document(), ("tasks", 0, "instruction"), text)))
     assert max(map(columns, shown.split("\n"))) <= 93
     assert "".join(text.split()) in re.sub(r"\s*\| ", "", shown).replace("\n", "").replace(" ", "")
 
@@ -294,7 +298,7 @@ def test_no_accepted_protocol_shows_what_cannot_be_seen(data: st.DataObject) -> 
     text = data.draw(st.text(st.characters(codec="utf-8"), min_size=1, max_size=12).map(lambda text: f"a{text}z"))
     path = data.draw(st.sampled_from([path for path, _ in with_text()]))
     try:
-        study = Protocol.model_validate(changed(document(), path, text))
+        study = ProtocolFile.model_validate(changed(document(), path, text))
     except ValueError:
         assert hidden(text, "\n" + JOINERS) or deceptive(text)
         return
@@ -304,7 +308,7 @@ def test_no_accepted_protocol_shows_what_cannot_be_seen(data: st.DataObject) -> 
 @pytest.mark.parametrize("path", [path for path, _ in with_text()], ids=str)
 def test_letters_that_run_from_right_to_left_stand_behind_a_bar_alone(path: tuple[str | int, ...]) -> None:
     text = "\u05d0\u05d1 3 \u05d2 " * 40
-    shown = page(Protocol.model_validate(changed(document(), path, text)))
+    shown = page(ProtocolFile.model_validate(changed(document(), path, text)))
     lines = [line for line in shown.split("\n") if leftward(line)]
     assert len(lines) > 3
     assert all(re.match(r" *\| ", line) for line in lines)
@@ -327,6 +331,6 @@ def test_the_margin_of_a_planned_equivalence_is_told() -> None:
 
 
 def test_the_correction_of_a_planned_test_is_told(approved: SnapshotAssertion) -> None:
-    study = Protocol.model_validate(changed(document(), ("analysis", 0, "correction"), "materials and tasks"))
+    study = ProtocolFile.model_validate(changed(document(), ("analysis", 0, "correction"), "materials and tasks"))
     assert section(page(study), 11) == approved
     assert "Holm's method" not in words(page(protocol()))

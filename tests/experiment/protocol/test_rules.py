@@ -7,14 +7,14 @@ from typing import Any
 import pytest
 from pydantic import ValidationError
 
+from palpate.experiment.protocol.files import ProtocolFile
+from palpate.experiment.protocol.kinds.footstep import Synthesis
 from palpate.experiment.protocol.models import (
     ExclusionRule,
     Familiarisation,
     Order,
     PlannedTest,
-    Protocol,
     Step,
-    Synthesis,
 )
 from palpate.experiment.settings import load
 from tests.experiment.protocol.small import changed, document
@@ -167,7 +167,7 @@ KEPT = [
 
 @pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[case[1] for case in BROKEN])
 def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allowed: str) -> None:
-    (problem,) = load.find(Protocol, study, {})
+    (problem,) = load.find(ProtocolFile, study, {})
     assert problem.field == path
     assert allowed in problem.allowed
 
@@ -175,14 +175,14 @@ def test_a_broken_rule_is_the_one_problem(study: dict[str, Any], path: str, allo
 @pytest.mark.parametrize(("study", "path", "allowed"), BROKEN, ids=[case[1] for case in BROKEN])
 def test_a_protocol_made_without_a_file_keeps_the_rules(study: dict[str, Any], path: str, allowed: str) -> None:
     with pytest.raises(ValidationError) as caught:
-        Protocol.model_validate(study)
+        ProtocolFile.model_validate(study)
     assert allowed in str(caught.value)
 
 
 @pytest.mark.parametrize("study", KEPT)
 def test_what_is_just_within_the_rules_is_accepted(study: dict[str, Any]) -> None:
-    assert load.find(Protocol, study, {}) == ()
-    Protocol.model_validate(study)
+    assert load.find(ProtocolFile, study, {}) == ()
+    ProtocolFile.model_validate(study)
 
 
 @pytest.mark.parametrize(
@@ -208,10 +208,10 @@ def test_a_part_made_alone_keeps_its_own_rules(build: Any, match: str) -> None:
 
 
 def test_an_array_with_one_length_says_so() -> None:
-    (problem,) = load.find(Protocol, presenting("felt", "cork", analysis={**PAIRED, "materials": ("felt",)}), {})
+    (problem,) = load.find(ProtocolFile, presenting("felt", "cork", analysis={**PAIRED, "materials": ("felt",)}), {})
     assert (problem.field, problem.allowed.partition(",")[0]) == ("analysis[0].materials", "an array of 2")
 
 
 def test_a_file_in_json_holds_the_same_protocol() -> None:
-    study = Protocol.model_validate(document())
-    assert Protocol.model_validate_json(study.model_dump_json()) == study
+    study = ProtocolFile.model_validate(document())
+    assert ProtocolFile.model_validate_json(study.model_dump_json()) == study

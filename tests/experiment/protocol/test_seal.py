@@ -18,6 +18,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.errors import OtherFormat, ProtocolError, Remedy
 from palpate.experiment.protocol import approval
 from palpate.experiment.protocol.approval import sealing, sha256
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.characters import deceptive, hidden
 from palpate.experiment.settings.load import written
@@ -40,7 +41,7 @@ def file(tmp_path: Path) -> Path:
 
 
 def other() -> Protocol:
-    return Protocol.model_validate(changed(document(), ("study", "title"), "Another study"))
+    return ProtocolFile.model_validate(changed(document(), ("study", "title"), "Another study"))
 
 
 def test_a_sealed_protocol_may_run(file: Path) -> None:
@@ -114,7 +115,7 @@ def test_a_seal_that_was_edited_to_an_impossible_day_is_refused_wherever_it_is_r
     approved_on = "1949-12-31"
     file, study = tmp_path / "small.toml", document()
     study["ethics"] = {"board": "Board of tests", "statement": "Nobody takes part."}
-    bare = Protocol.model_validate(study)
+    bare = ProtocolFile.model_validate(study)
     sealing.write(file, bare, **APPROVAL)
     path = approval.seal_path(file)
     path.write_text(path.read_text("utf-8").replace("2020-02-01", approved_on).replace("2021", "2091"), "utf-8")
@@ -160,7 +161,7 @@ def test_a_changed_character_is_refused_and_names_its_field(
 ) -> None:
     sealing.write(file, protocol(), **APPROVAL)
     with pytest.raises(ProtocolError, match=told):
-        approval.verify(file, Protocol.model_validate(changed(document(), path, value)), date(2020, 6, 1))
+        approval.verify(file, ProtocolFile.model_validate(changed(document(), path, value)), date(2020, 6, 1))
 
 
 @given(
@@ -184,7 +185,7 @@ def test_of_many_changes_a_few_are_named_and_the_rest_counted(file: Path, refuse
     study = document()
     study["eligibility"]["criteria"] = tuple(f"Criterion {number}." for number in range(9))
     with refuses(ProtocolError):
-        approval.verify(file, Protocol.model_validate(study), date(2020, 6, 1))
+        approval.verify(file, ProtocolFile.model_validate(study), date(2020, 6, 1))
 
 
 @pytest.mark.parametrize("form", ["{}", "no JSON"])
@@ -226,7 +227,7 @@ LONG = "Taking part is voluntary. You may stop at any moment, without giving a r
 )
 def test_a_long_text_is_told_from_where_it_was_changed(file: Path, was: str, now: str, told: tuple[str, str]) -> None:
     before, after = (
-        Protocol.model_validate(changed(document(), ("consent", "statement"), text.strip())) for text in (was, now)
+        ProtocolFile.model_validate(changed(document(), ("consent", "statement"), text.strip())) for text in (was, now)
     )
     sealing.write(file, before, **APPROVAL)
     with pytest.raises(ProtocolError) as caught:
@@ -312,7 +313,7 @@ def test_a_damaged_seal_is_refused_and_kept_until_it_is_replaced_on_request(file
 )
 def test_any_name_of_a_board_survives_the_file(tmp_path_factory: pytest.TempPathFactory, board: str) -> None:
     file = tmp_path_factory.mktemp("sealed") / "small.toml"
-    named = Protocol.model_validate(changed(document(), ("ethics", "board"), board))
+    named = ProtocolFile.model_validate(changed(document(), ("ethics", "board"), board))
     sealing.write(file, named, **{**APPROVAL, "board": board})
     assert approval.verify(file, named, date(2020, 6, 1)).board == board
 

@@ -11,7 +11,7 @@ import pytest
 from scipy.io import wavfile
 
 from palpate.experiment.errors import RecordingError
-from palpate.experiment.protocol.models import Synthesis
+from palpate.experiment.protocol.kinds.footstep import Synthesis
 from palpate.experiment.recordings.manifest import Recordings, load, load_all
 from palpate.experiment.recordings.store import Take, write
 from tests.approved import Refuses

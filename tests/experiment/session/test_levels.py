@@ -17,6 +17,7 @@ from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.messages import Correct, Repeat
 from palpate.experiment.desk.questions import Remark
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Levels, Protocol
 from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Answer, Armed, Correction, LevelChosen, Note, Redo, TrackEnded
@@ -42,7 +43,7 @@ KEYS = "121221112211222111221122"
 
 def study() -> Protocol:
     """Real samples, which need no device: nothing but a file's rules keeps levels from them."""
-    read = Protocol.model_validate(comparing(repetitions=6, order="blocked-random"))
+    read = ProtocolFile.model_validate(comparing(repetitions=6, order="blocked-random"))
     return read.model_copy(update={"tasks": (read.tasks[0].model_copy(update={"levels": LEVELS}),)})
 
 

@@ -22,6 +22,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Probe, Protocol
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.session import scene
@@ -99,7 +100,7 @@ def test_the_plan_measures_the_spectra_that_a_task_does_not_present(
     assert f"{others.what}: {others.costs}" == approved
     # 2,500 amplitudes in double precision at each of the speeds are the least that a spectrum takes.
     assert others.saves_kb is not None
-    assert others.saves_kb > 3 * 2500 * 8 * len(protocol.footsteps.synthesis.speeds_mm_s) / 1000
+    assert others.saves_kb > 3 * 2500 * 8 * len(protocol.table(Footstep).synthesis.speeds_mm_s) / 1000
     assert only.budget is not None
     assert list(only.budget.materials) == ["polypropylene"]
     text = only.text()
@@ -261,7 +262,7 @@ def test_the_shipped_study_leaves_out_no_bin_for_copy_paper_is_felt_beyond_the_b
     loudest, level = scene.felt_outside(held, protocol)
     assert loudest == "copy paper"
     assert level == pytest.approx(outside_rms(held["copy paper"], 600.0), rel=1e-12)
-    assert level > protocol.footsteps.tactile.floor_m_s2
+    assert level > protocol.table(Footstep).tactile.floor_m_s2
 
 
 def test_a_study_of_slow_feet_leaves_out_what_lies_beyond_the_band_of_every_material(
@@ -269,7 +270,7 @@ def test_a_study_of_slow_feet_leaves_out_what_lies_beyond_the_band_of_every_mate
 ) -> None:
     slow = counting_up_to(protocol, 120.0)
     for spectra in held.values():
-        assert max(outside_rms(spectra, v) for v in np.linspace(0, 120, 61)) < slow.footsteps.tactile.floor_m_s2
+        assert max(outside_rms(spectra, v) for v in np.linspace(0, 120, 61)) < slow.table(Footstep).tactile.floor_m_s2
     virtual = scene.plan(protocol=slow, task_id="virtual")
     opened = scene.open_stimuli(scene=virtual, protocol=slow, recordings=recordings, output_rate_hz=5000)
     for material, spectra in held.items():

@@ -11,7 +11,7 @@ from palpate.experiment import storage
 from palpate.experiment.errors import ProtocolError
 from palpate.experiment.findings import Finding
 from palpate.experiment.protocol import files
-from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.settings import load
 from tests.approved import Refuses
 from tests.experiment.protocol.small import SMALL, changed, document, leaves, places, protocol, without
@@ -222,7 +222,7 @@ def test_a_rule_is_checked_though_a_type_is_wrong_elsewhere(tmp_path: Path) -> N
 def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> None:
     broken = without(document(), path)
     lines = {path[:-1]: 17} if path[:-1] else {}
-    found = {problem.field: problem for problem in load.find(Protocol, broken, lines)}
+    found = {problem.field: problem for problem in load.find(ProtocolFile, broken, lines)}
     if path in OPTIONAL:
         assert not found
         return
@@ -235,7 +235,7 @@ def test_a_missing_key_is_named_at_its_table(path: tuple[str | int, ...]) -> Non
 @pytest.mark.parametrize(("path", "value"), list(places(document())), ids=str)
 def test_a_wrong_type_is_named_in_plain_words(path: tuple[str | int, ...], value: object) -> None:
     wrong = 7.5 if isinstance(value, str | dict | tuple | bool) else {"a": 1}
-    found = {problem.field: problem for problem in load.find(Protocol, changed(document(), path, wrong), {path: 3})}
+    found = {problem.field: problem for problem in load.find(ProtocolFile, changed(document(), path, wrong), {path: 3})}
     problem = found[load.written(path)]
     assert problem.line == 3
     assert problem.got in ("7.5", "a table")
@@ -247,7 +247,7 @@ def test_a_typing_error_in_a_key_is_recognised(path: tuple[str | int, ...]) -> N
     *parents, key = path
     misspelt = (*parents, str(key)[:2] + "q" + str(key)[2:])
     broken = changed(without(document(), path), misspelt, "x")
-    found = {problem.field: problem for problem in load.find(Protocol, broken, {})}
+    found = {problem.field: problem for problem in load.find(ProtocolFile, broken, {})}
     assert f"did you mean '{key}'?" in found[load.written(misspelt)].allowed
 
 
@@ -296,7 +296,7 @@ def test_absurd_text_is_refused(tmp_path: Path, text: str) -> None:
 
 def test_an_empty_file_misses_every_required_table(tmp_path: Path) -> None:
     missing = {problem.field for problem in refused(tmp_path, "")}
-    assert missing == {name for name, field in Protocol.model_fields.items() if field.is_required()}
+    assert missing == {name for name, field in ProtocolFile.model_fields.items() if field.is_required()}
 
 
 def test_what_is_not_utf8_is_named_by_line_and_byte(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.study.schedule import Allocation, allocate, find_allocation, labels
 from tests.approved import Refuses
@@ -26,12 +27,12 @@ def study(participants: int, tasks: dict[str, int], kind: str = "counterbalanced
     first = next(iter(tasks))
     analysis = ({**base["analysis"][0], "tasks": (first,)},)
     made = tuple({**one, "id": task, "participants": count} for task, count in tasks.items())
-    return Protocol.model_validate({**base, "tasks": made, "analysis": analysis})
+    return ProtocolFile.model_validate({**base, "tasks": made, "analysis": analysis})
 
 
 @given(st.integers())
 def test_the_published_study_is_balanced_after_every_second_participant(seed: int) -> None:
-    allocations = allocate(Protocol.model_validate(okamoto2012()), seed)
+    allocations = allocate(ProtocolFile.model_validate(okamoto2012()), seed)
     assert [allocation.participant for allocation in allocations] == [f"{n:02d}" for n in range(1, 16)]
     # Section 5.1: all 15 did Task 1, ten of them Task 2, half of these in either order.
     for enrolled in range(2, 11, 2):
@@ -58,7 +59,7 @@ def test_those_who_do_the_same_tasks_balance_among_themselves() -> None:
 
 
 def test_either_order_comes_first_about_as_often() -> None:
-    first = Counter(allocate(Protocol.model_validate(okamoto2012()), seed)[0].tasks for seed in range(200))
+    first = Counter(allocate(ProtocolFile.model_validate(okamoto2012()), seed)[0].tasks for seed in range(200))
     # Binomial, n = 200, p = 1/2: 4 standard deviations are 28.
     assert abs(first["virtual", "real"] - 100) < 28
 

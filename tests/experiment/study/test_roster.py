@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment.errors import RosterError
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain
 from palpate.experiment.study.roster import Roster
@@ -122,7 +123,7 @@ def test_without_consent_nobody_runs(roster: Roster, refuses: Refuses) -> None:
 
 def test_where_consent_is_not_required_none_is_asked_for(roster: Roster) -> None:
     roster.enrol("01", None)
-    may_run(roster, "01", Protocol.model_validate(changed(document(), ("consent", "required"), False)))
+    may_run(roster, "01", ProtocolFile.model_validate(changed(document(), ("consent", "required"), False)))
 
 
 def test_who_withdrew_does_not_run(roster: Roster, refuses: Refuses) -> None:

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 from scipy.stats import chisquare
 
 from palpate.experiment.errors import ScheduleError
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.study.runs import constrained, count_orders, nth_order
 from palpate.experiment.study.schedule import Draws, allocate, block_trials, schedule
@@ -45,7 +46,7 @@ def with_order(kind: str, max_run: int | None = None, repetitions: int = 3, mate
     felt = study["materials"][0]
     names = "abcdeghi"[:materials]
     copies = tuple({**felt, "id": name, "key": name, "spoken": (name,)} for name in names)
-    return Protocol.model_validate({**study, "materials": copies, "exclusion": ()})
+    return ProtocolFile.model_validate({**study, "materials": copies, "exclusion": ()})
 
 
 def drawn(protocol: Protocol, participant: str = "01", seed: int = 1) -> tuple[str, ...]:
@@ -163,7 +164,7 @@ def test_every_material_comes_as_often_as_the_protocol_says(
 
 
 def test_the_published_study_has_forty_balanced_trials() -> None:
-    study = Protocol.model_validate(okamoto2012())
+    study = ProtocolFile.model_validate(okamoto2012())
     for task in ("virtual", "real"):
         trials = schedule(protocol=study, participant="01", task_id=task, seed=1)
         # Section 5.1: each of four materials ten times.
@@ -173,7 +174,7 @@ def test_the_published_study_has_forty_balanced_trials() -> None:
 
 
 def test_an_amended_text_keeps_every_order() -> None:
-    study = Protocol.model_validate(okamoto2012())
+    study = ProtocolFile.model_validate(okamoto2012())
     amended = study.model_copy(
         update={"consent": study.consent.model_copy(update={"statement": f"{study.consent.statement}."})}
     )
@@ -248,7 +249,7 @@ def test_a_rank_beyond_the_last_order_is_refused(rank: int, refuses: Refuses) ->
 
 def test_an_unknown_task_is_refused(refuses: Refuses) -> None:
     with refuses(ScheduleError):
-        schedule(protocol=Protocol.model_validate(document()), participant="01", task_id="three", seed=1)
+        schedule(protocol=ProtocolFile.model_validate(document()), participant="01", task_id="three", seed=1)
 
 
 def test_orders_are_pinned() -> None:

@@ -9,7 +9,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.experiment.apparatus.servo import settings
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.errors import RigError
-from palpate.experiment.protocol.models import Tapping
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from tests.approved import Refuses
 
 DEVICE: dict[str, Any] = {

@@ -16,6 +16,7 @@ from palpate.experiment.desk.terminal import TerminalConsole
 from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.rehearsal.footstep.participant import MOST_RESTS, SimulatedParticipant
 from palpate.experiment.rehearsal.footstep.recorded_takes import SimulatedMaterials
 from palpate.experiment.rehearsal.participant import Practised
@@ -38,7 +39,9 @@ def participant(foot: Foot) -> SimulatedParticipant:
     protocol = files.load(shipped("okamoto2012.toml"))
     return SimulatedParticipant(
         protocol=protocol,
-        materials=SimulatedMaterials(protocol.footsteps.synthesis.rate_hz, protocol.footsteps.synthesis.samples),
+        materials=SimulatedMaterials(
+            protocol.table(Footstep).synthesis.rate_hz, protocol.table(Footstep).synthesis.samples
+        ),
         who=("01", "real"),
         entropy=(1, 1, 0),
         foot=foot,

@@ -13,6 +13,7 @@ from syrupy.assertion import SnapshotAssertion
 from palpate.analysis.validation import validate
 from palpate.experiment.errors import RecordingError, SynthesisError
 from palpate.experiment.protocol.files import load as load_protocol
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings.manifest import load, load_all
 from palpate.experiment.recordings.store import Condition, Plan, plan
@@ -68,7 +69,7 @@ def test_a_seed_gives_the_same_bytes_and_another_seed_others(tmp_path: Path, pro
 
 def test_recordings_are_labelled_simulated(tmp_path: Path, protocol: Protocol) -> None:
     manifest = make_recordings(tmp_path, protocol=protocol, seed=0)
-    made = load(tmp_path, synthesis=protocol.footsteps.synthesis, material_ids=["copy paper"])
+    made = load(tmp_path, synthesis=protocol.table(Footstep).synthesis, material_ids=["copy paper"])
     assert made.simulated
     assert "SIMULATED" in made.label
     said = manifest.read_text(encoding="utf-8")
@@ -80,10 +81,12 @@ def test_recordings_are_labelled_simulated(tmp_path: Path, protocol: Protocol) -
 
 
 def test_other_conditions_than_the_papers_are_recorded_without_the_table(tmp_path: Path, protocol: Protocol) -> None:
-    other = protocol.footsteps.synthesis.model_copy(update={"rate_hz": 4000, "samples": 800, "takes": 1})
+    other = protocol.table(Footstep).synthesis.model_copy(update={"rate_hz": 4000, "samples": 800, "takes": 1})
     make_recordings(
         tmp_path,
-        protocol=protocol.model_copy(update={"footstep": protocol.footsteps.model_copy(update={"synthesis": other})}),
+        protocol=protocol.model_copy(
+            update={"footstep": protocol.table(Footstep).model_copy(update={"synthesis": other})}
+        ),
         seed=0,
     )
     assert load(tmp_path, synthesis=other, material_ids=["polypropylene"]).panel.shape == (4, 1, 800)

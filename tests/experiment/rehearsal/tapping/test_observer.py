@@ -21,6 +21,8 @@ from scipy.special import ndtr
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Place
 from palpate.experiment.protocol import files
+from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.records.kinds.tapping import FIRST
 from palpate.experiment.rehearsal.tapping.participant import DISCRIMINATION, LEANING, SPREAD, Fingers, SimulatedTapper
 from palpate.experiment.rehearsal.tapping.surfaces import FITTED
@@ -86,11 +88,11 @@ def percent(seed: int, task: str, *, silent: bool = False) -> dict[tuple[int, in
                 one.ask(Place(trial, (NAMES[places[0]], NAMES[places[1]])))
             else:
                 one.ask(Arm(trial, 1, 120))
-            taps, key = 0, PAPER.surfaces.switch_key
-            while key == PAPER.surfaces.switch_key:
+            taps, key = 0, PAPER.table(Tapping).switch_key
+            while key == PAPER.table(Tapping).switch_key:
                 panel.lies = places[taps % 2]
                 taps, key = taps + 1, one.says(trial)[0]
-            right[pair] += (PAPER.comparisons.answers[key] == FIRST) != turned
+            right[pair] += (PAPER.table(Comparison).answers[key] == FIRST) != turned
     return {pair: 100 * right[pair] / 56 for pair in VIRTUAL}
 
 

@@ -15,6 +15,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.session import scene
@@ -63,15 +64,17 @@ def found(protocol: Protocol, recordings: Path, volts: Rig) -> dict[str, Detaile
 
 
 def allowing(protocol: Protocol, left_out_max: float | None) -> Protocol:
-    synthesis = protocol.footsteps.synthesis.model_copy(update={"left_out_max": left_out_max})
-    return protocol.model_copy(update={"footstep": protocol.footsteps.model_copy(update={"synthesis": synthesis})})
+    synthesis = protocol.table(Footstep).synthesis.model_copy(update={"left_out_max": left_out_max})
+    return protocol.model_copy(
+        update={"footstep": protocol.table(Footstep).model_copy(update={"synthesis": synthesis})}
+    )
 
 
 def test_the_speeds_are_those_that_the_protocol_counts(protocol: Protocol) -> None:
     speeds = speeds_mm_s(protocol)
     assert [speeds[0], speeds[-1]] == pytest.approx([20.0, 600.0])
     # The spectra bend at the speeds recorded; where most is left out is there, or at an end.
-    recorded = protocol.footsteps.synthesis.speeds_mm_s
+    recorded = protocol.table(Footstep).synthesis.speeds_mm_s
     assert set(recorded) < set(speeds)
     assert np.diff(np.log([v for v in speeds if v not in recorded])) == pytest.approx(np.log(30) / 9)
     # 50 to 300 mm/s were recorded, and nothing says which feet count.

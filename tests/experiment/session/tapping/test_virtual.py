@@ -19,8 +19,9 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import PalpateError, ServoError
-from palpate.experiment.protocol.files import shipped
-from palpate.experiment.protocol.models import Protocol, Step
+from palpate.experiment.protocol.files import ProtocolFile, shipped
+from palpate.experiment.protocol.kinds.tapping import Tapping
+from palpate.experiment.protocol.models import Step
 from palpate.experiment.records import transcript
 from palpate.experiment.records.entries import Answer, PlannedTrial, Redo
 from palpate.experiment.records.kinds.tapping import Changed, Place, Tapped
@@ -37,7 +38,7 @@ from tests.experiment.session.bench import HEADER
 from tests.experiment.session.scripted import START_NS, ScriptedActuator, ScriptedConsole
 from tests.experiment.session.tapping.bench import contents
 
-PROTOCOL = Protocol.model_validate(rendering())
+PROTOCOL = ProtocolFile.model_validate(rendering())
 PAIRS = (("felt", "tin"), ("cork", "cork"))
 ORDER = tuple(PlannedTrial(trial=n, presented=pair) for n, pair in enumerate(PAIRS, start=1))
 OWN = {"task": "live", "task_kind": "tapping", "design": "comparison"}
@@ -147,12 +148,12 @@ class Session:
             self.left.append(self.servo.rendered[-1] is not None)
 
         self.desk = ScriptedConsole(clock, [key for _, key in script], before_ask=tapping)
-        surfaces = virtual.surfaces(PROTOCOL.surfaces)
+        surfaces = virtual.surfaces(PROTOCOL.table(Tapping))
         devices = Devices(
             servo=self.servo,
             actuator=self.actuator,
             rings={name: tap.rings(one, rate_hz=RATE_HZ, aluminum_m_s2=40.0) for name, one in surfaces.items()},
-            block=virtual.block(PROTOCOL.surfaces, tracker_hz=1000),
+            block=virtual.block(PROTOCOL.table(Tapping), tracker_hz=1000),
             noise_mm=0.01,
             opened=ExitStack(),
         )
@@ -420,7 +421,7 @@ def test_the_lamp_stays_lit_for_half_a_second() -> None:
     following = Taps(
         servo=servo,
         actuator=ScriptedActuator(),
-        block=virtual.block(PROTOCOL.surfaces, tracker_hz=1000),
+        block=virtual.block(PROTOCOL.table(Tapping), tracker_hz=1000),
         noise_mm=0.01,
         lent=Lent(protocol=PROTOCOL, header=ASKED, console=unused, clock=clock, log=unused, limits=limits),
     )

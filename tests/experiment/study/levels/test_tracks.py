@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.experiment.findings import Finding
+from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import Answer, Armed, Correction, Footer, LevelChosen, Note, Redo, TrackEnded
 from palpate.experiment.records.journal import AnyEntry
@@ -31,7 +32,7 @@ def study() -> Protocol:
     tables = rendering()
     task = tables["tasks"][0] | {"order": {"kind": "blocked-random"}, "repetitions": 30}
     levels = leveled.LEVELS | {"grid": (0.1, 0.2, 0.4, 0.8), "first": 0.8, "reversals": 5}
-    return Protocol.model_validate(tables | {"format": 5, "tasks": (task | {"levels": levels},)})
+    return ProtocolFile.model_validate(tables | {"format": 5, "tasks": (task | {"levels": levels},)})
 
 
 PROTOCOL = study()
