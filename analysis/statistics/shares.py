@@ -8,9 +8,10 @@ Student's on the logit. Differences: Newcombe (1998, Stat. Med. 17, 2635-2650), 
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, PPoly
 from scipy.special import expit, logit, stdtrit
 
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
@@ -107,18 +108,28 @@ def _credible(right: Integers, trials: Integers) -> tuple[float, float]:
         box = smaller
         if shrunk.min() > 0.7:
             break
-    nodes, weights = np.polynomial.legendre.leggauss(ROOTS)
+    nodes, weights = _nodes()
     roots = box[1, 0] + (nodes + 1) / 2 * (box[1, 1] - box[1, 0])
     angles = np.linspace(box[0, 0], box[0, 1], ANGLES)
     logs = density(angles, roots)
     marginal = np.exp(logs - logs.max()) @ weights
     below = CubicSpline(angles, marginal).antiderivative()
-    total = float(below(angles[-1]))
-    low, high = (
-        float(np.sin(below.solve(tail * total, extrapolate=False)[0]) ** 2)
-        for tail in ((1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2)
-    )
-    return low, high
+    passed = below(angles)
+
+    def share(tail: float) -> float:
+        """Return the share below which so much of the density lies, from the one piece where it is reached."""
+        piece = int(np.argmax(passed[1:] >= tail * passed[-1]))
+        cubic = PPoly(below.c[:, piece : piece + 1], angles[piece : piece + 2])
+        return float(np.sin(cubic.solve(tail * float(passed[-1]), extrapolate=False)[0]) ** 2)
+
+    return share((1 - CONFIDENCE) / 2), share((1 + CONFIDENCE) / 2)
+
+
+@lru_cache(maxsize=1)
+def _nodes() -> tuple[Floats, Floats]:
+    """Return nodes and weights of Gauss and Legendre for the correlation's root."""
+    nodes, weights = np.polynomial.legendre.leggauss(ROOTS)
+    return nodes, weights
 
 
 def difference_limits(right: Integers, trials: Integers, gaps: Floats) -> Limits:
