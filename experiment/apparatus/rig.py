@@ -98,6 +98,7 @@ class MeasuredRig(Confined):
         high_hz: where it ends.
         resonances_hz: peaks of the response.
         loudest: the highest sample that was played.
+        check_peak: the highest sample of the multisine that is compared with this before each session.
         compression_db: by how much less the panel moved then than a small drive has it move, for what it was driven.
         accelerometer_m_s2: `accelerometer.full_scale_m_s2` in this measurement.
         accelerometer_calibrated_on: when that was calibrated.
@@ -113,6 +114,7 @@ class MeasuredRig(Confined):
     high_hz: Annotated[float, Field(gt=0)]
     resonances_hz: tuple[Annotated[float, Field(gt=0)], ...]
     loudest: Annotated[float, Field(gt=0, le=1)]
+    check_peak: Annotated[float, Field(gt=0, le=1)]
     compression_db: float
     accelerometer_m_s2: Annotated[float, Field(gt=0)]
     accelerometer_calibrated_on: date | None = None
@@ -177,6 +179,8 @@ class AccelerometerRig(Confined):
         full_scale_m_s2: the acceleration of a sample of 1.0.
         trigger_m_s2: a take begins where a magnitude reaches this: above the noise of the panel at rest, below what
             matters.
+        stays: false if it does not stay on the panel: then no session compares the panel with its measurement, which
+            counts for 30 days at most.
         calibrated_on: when `full_scale_m_s2` was calibrated; `palpate calibrate actuator` needs it of a real rig.
     """
 
@@ -187,6 +191,7 @@ class AccelerometerRig(Confined):
     rate_hz: Annotated[int, Field(ge=100, le=192_000)]
     full_scale_m_s2: Annotated[float, Field(gt=0, le=10_000)]
     trigger_m_s2: Annotated[float, Field(gt=0)]
+    stays: bool | None = Field(None, json_schema_extra={"since": 4})
     calibrated_on: date | None = Field(None, json_schema_extra={"since": 4})
 
 

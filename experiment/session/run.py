@@ -4,6 +4,7 @@ import shlex
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from datetime import date
+from importlib import import_module
 from pathlib import Path
 
 from palpate.experiment import storage
@@ -14,7 +15,14 @@ from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from palpate.experiment.dataset import build, checks, register
 from palpate.experiment.desk.questions import YES, Agree, At, Attended, Break, Console, Notice
-from palpate.experiment.errors import Interrupted, PalpateError, RecordingError, RigError, RosterError, SessionLocked
+from palpate.experiment.errors import (
+    Interrupted,
+    PalpateError,
+    RecordingError,
+    RigError,
+    RosterError,
+    SessionLocked,
+)
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
@@ -112,6 +120,7 @@ def run(
         root=root,
         recordings=recordings,
         allocation=allocation,
+        asked_for=tasks,
         seed=seed,
         purpose=purpose,
         anchored_in=anchored_in,
@@ -133,6 +142,7 @@ class _Visit:
     root: Path
     recordings: Path | None
     allocation: Allocation
+    asked_for: tuple[str, ...]
     seed: int
     purpose: Purpose
     anchored_in: tuple[Path, Path | None] | None
@@ -164,6 +174,12 @@ class _Visit:
         # Whoever runs the participant elsewhere is told of before anything is opened or asked.
         theirs = storage.participant_folder(root, participant)
         journal.check_free(theirs, participant)
+        complete = _is_complete(root, participant, task_id)
+        # Before it is known who takes part, the question may not show which task comes first.
+        shown = self.asked_for if self._identity is None else (task_id,)
+        panel = ""
+        if not complete and any(protocol.task(one).stimulus == "virtual" for one in shown):
+            panel = import_module("palpate.experiment.desk.panel").compare_panel(self.rig_file, rig, console)
         sitting = Sitting(protocol, rig, self.rig_file, participant, task_id, root, used, clock)
         with ExitStack() as opened:
             try:
@@ -171,7 +187,7 @@ class _Visit:
             except PalpateError as error:
                 _check_others(root, participant, error)
                 raise
-            if not _is_complete(root, participant, task_id):
+            if not complete:
                 self._admitted()
                 journal.check_free(theirs, participant)
                 self._identify()
@@ -189,6 +205,7 @@ class _Visit:
                     dataset=root,
                     identity=self._identity,
                     noise=noise,
+                    panel=panel,
                     last=task_id == tasks[-1],
                     keeps_voices=protocol.consent.voice_recordings and enrolled.voices.get(participant, False),
                 )

@@ -57,13 +57,15 @@ def run(
     dataset: Path,
     identity: entries.Visited | None = None,
     noise: str = "",
+    panel: str = "",
     last: bool = False,
     keeps_voices: bool = False,
 ) -> entries.Footer:
     """Run a session, or the rest of one, and return the footer that ended it.
 
-    `identity`, which was asked before it, goes on record; so does `noise`, which the rig cannot play, once the
-    experimenter confirms that it masks the trials. The `last` session of a visit ends with its debriefing.
+    `identity`, which was asked before it, and what was found of the `panel` go on record; so does `noise`, which the
+    rig cannot play, once the experimenter confirms that it masks the trials. The `last` session of a visit ends with
+    its debriefing.
     Where a microphone listens, `keeps_voices` has the sound of answers kept. The header of an existing journal rules
     and must be of the same session; a complete session is not touched. The rig's file is kept beside the journal.
 
@@ -95,6 +97,7 @@ def run(
                 spent_ns=spent_ns(contents),
                 identity=identity,
                 noise=noise,
+                panel=panel,
                 last=last,
                 voices=voices_folder(dataset, header.participant) if keeps_voices else None,
                 takes_file=enrolling_file(dataset, header.participant, devices),
@@ -228,6 +231,7 @@ class _Session:
     spent_ns: int
     identity: entries.Visited | None
     noise: str
+    panel: str
     last: bool
     voices: Path | None
     takes_file: Path | None
@@ -454,6 +458,8 @@ class _Session:
             self._exposed.begin(self._attempts.kind)
         if self.identity is not None:
             self.log.write(self.identity)
+        if self.panel:
+            self.log.write(entries.Note(trial=None, text=self.panel))
         self.devices.console.attend(self._attendance)
         if priority := self.devices.priority:
             self.log.write(entries.Phase(state=self._state, detail=f"priority: {priority}"))

@@ -41,6 +41,7 @@ low_hz = 10.0
 high_hz = 500.0
 resonances_hz = []
 loudest = 0.2
+check_peak = 0.05
 compression_db = 0.0
 accelerometer_m_s2 = 100.0
 calibrated_on = {day}

@@ -134,6 +134,9 @@ def test_a_session_from_the_experimenters_chair(
     assert len(re.findall(left_out, "\n".join(told))) == (task == "virtual")
     folder = tmp_path / "dataset" / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
+    # No accelerometer of this rig hears the panel.
+    assert sum("accelerometer" in e.text for e in entries if e.kind == "note") == (task == "virtual")
+    assert "accelerometer" in "".join(told) or task == "real"
     answers = [e for e in entries if e.kind == "answer"]
     assert [a.answered for a in answers] == ["copy paper", "aluminum foil", None, "typing paper"]
     steps = counted_steps(entries)

@@ -120,7 +120,7 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         if rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
         if rig.accelerometer is not None:
-            yield unchecked("accelerometer", "only palpate record listens to it")
+            yield unchecked("accelerometer", "palpate record, palpate calibrate actuator and sessions listen to it")
 
 
 def _pedal(rig: Rig, port: str | None) -> Iterator[Finding]:

@@ -157,7 +157,7 @@ def measure(on: Devices, *, loudest: float, seed: int) -> Calibration:
         if error_db <= UNCERTAIN_DB:
             clear = found.standard_error_db <= UNCERTAIN_DB
             return Calibration(found, measured.figures(found, clear), loudest, seconds)
-    raise _refused(
+    raise refusal(
         f"the response from {LOW_HZ:g} to {HIGH_HZ:g} Hz has a standard error of {error_db:.2f} dB",
         "find what else shakes the panel, or raise --peak",
         allowed=f"{UNCERTAIN_DB:g} dB at {MOST:.0%} of the frequencies, after {LONGER} s at each level",
@@ -166,35 +166,22 @@ def measure(on: Devices, *, loudest: float, seed: int) -> Calibration:
 
 def _estimated(on: Devices, loudest: float, seconds: int, rng: np.random.Generator) -> Estimate:
     """Play each level once, and return the response. Raises `RecordingError` for what is not of this panel."""
-    played_hz, heard_hz = on.played_hz, on.heard_hz
-    lines_hz = multisine.lines(min(played_hz, heard_hz))
-    lasts_s = BEFORE_S + seconds + AFTER_S
+    lines_hz = multisine.lines(min(on.played_hz, on.heard_hz))
     levels = []
     for part in LEVELS:
-        amplitudes = multisine.drawn(lines_hz, rate_hz=played_hz, rng=rng) * part * loudest
-        second = multisine.period(amplitudes, lines_hz, rate_hz=played_hz).astype(np.float32)
-        on.listener.arm(round((lasts_s + LATE_S) * heard_hz))
-        on.player.play(np.resize(second, round(lasts_s * played_hz)))
-        window = on.listener.heard_since_armed()
-        if window.clipped:
-            raise _refused(f"{window.clipped} samples reached full scale", "lower --peak", allowed="none")
-        heard = window.samples_m_s2
-        begin = multisine.begins(heard, round(lasts_s * heard_hz)) + BEFORE_S * heard_hz
-        steady = heard[begin : begin + seconds * heard_hz]
-        if not np.ptp(steady):
-            raise _refused("the sensor sends one value again and again", "see to the sensor and its cable")
-        levels.append(Level(amplitudes, multisine.spectra(steady, lines_hz, rate_hz=heard_hz)))
+        amplitudes = multisine.drawn(lines_hz, rate_hz=on.played_hz, rng=rng) * part * loudest
+        levels.append(Level(amplitudes, heard(on, amplitudes, lines_hz, seconds)))
     within = (lines_hz >= LOW_HZ) & (lines_hz <= HIGH_HZ)
     found = multisine.estimate(levels, lines_hz, within)
     coherence = float(np.median(found.coherence[within]))
     if coherence < UNHEARD:
-        raise _refused(
+        raise refusal(
             f"the sensor hears nothing of what is played (coherence {coherence:.2f})",
             "see that actuator and accelerometer in the rig file are those of one panel, and switched on",
             allowed=f"{UNHEARD:g} or more",
         )
     if abs(found.drift_ppm) > DRIFT_PPM:
-        raise _refused(
+        raise refusal(
             f"the sensor's clock differs from the actuator's by {found.drift_ppm:.0f} ppm",
             "correct rate_hz in the rig file",
             allowed=f"{DRIFT_PPM:g} ppm",
@@ -202,8 +189,30 @@ def _estimated(on: Devices, loudest: float, seconds: int, rng: np.random.Generat
     return found
 
 
-def _refused(what: str, remedy: str, allowed: str = "") -> RecordingError:
+def refusal(what: str, remedy: str, allowed: str = "") -> RecordingError:
+    """Return why a measurement of a panel does not count."""
     return RecordingError("panel calibration", what, f"{remedy}; then calibrate again", allowed=allowed)
+
+
+def heard(
+    on: Devices, amplitudes: NDArray[np.complex128], lines_hz: NDArray[np.int64], seconds: int
+) -> NDArray[np.complex128]:
+    """Play a multisine, and return what was heard of each line in each of so many seconds, m/s^2, shape (seconds, K).
+
+    Raises `RecordingError` for a sensor that clips or is dead.
+    """
+    played_hz, heard_hz, lasts_s = on.played_hz, on.heard_hz, BEFORE_S + seconds + AFTER_S
+    second = multisine.period(amplitudes, lines_hz, rate_hz=played_hz).astype(np.float32)
+    on.listener.arm(round((lasts_s + LATE_S) * heard_hz))
+    on.player.play(np.resize(second, round(lasts_s * played_hz)))
+    window = on.listener.heard_since_armed()
+    if window.clipped:
+        raise refusal(f"{window.clipped} samples reached full scale", "lower --peak", allowed="none")
+    begin = multisine.begins(window.samples_m_s2, round(lasts_s * heard_hz)) + BEFORE_S * heard_hz
+    steady = window.samples_m_s2[begin : begin + seconds * heard_hz]
+    if not np.ptp(steady):
+        raise refusal("the sensor sends one value again and again", "see to the sensor and its cable")
+    return multisine.spectra(steady, lines_hz, rate_hz=heard_hz)
 
 
 def check_accelerometer(rig: Rig) -> None:
@@ -244,6 +253,7 @@ def write(rig_file: Path, out: Path, made: Calibration, *, load: str, today: dat
         "high_hz": figures.high_hz,
         "resonances_hz": [_digits(one.hz) for one in figures.resonances],
         "loudest": made.loudest,
+        "check_peak": made.loudest * LEVELS[0],
         "compression_db": round(made.compression_db, 3) + 0.0,
         "accelerometer_m_s2": settings.full_scale_m_s2,
         **dated,

@@ -120,10 +120,9 @@ class Estimate:
 
 def estimate(levels: Sequence[Level], lines_hz: NDArray[np.int64], within: NDArray[np.bool_]) -> Estimate:
     """Return the response from levels of rising amplitude, two or more; the lines `within` say how gains differ."""
-    drifts = [_drift_s(level.heard, lines_hz) for level in levels]
     # Of the loudest level, which is heard best.
-    turned = _later(lines_hz, drifts[-1] * np.arange(levels[-1].heard.shape[0], dtype=np.float64)[:, None])
-    heard = [level.heard * turned for level in levels]
+    drift_s = _drift_s(levels[-1].heard, lines_hz)
+    heard = [_without(level.heard, lines_hz, drift_s) for level in levels]
     means = [one.mean(axis=0) / level.played for one, level in zip(heard, levels, strict=True)]
     delays = [_delay_s(mean * means[-1].conj(), lines_hz) for mean in means]
     means = [mean * _later(lines_hz, delay) for mean, delay in zip(means, delays, strict=True)]
@@ -150,8 +149,17 @@ def estimate(levels: Sequence[Level], lines_hz: NDArray[np.int64], within: NDArr
         standard_error_m_s2=np.sqrt(np.maximum(left / power, between)),
         coherence=coherence,
         gains=gains,
-        drift_ppm=1e6 * drifts[-1],
+        drift_ppm=1e6 * drift_s,
     )
+
+
+def without_drift(heard: NDArray[np.complex128], lines_hz: NDArray[np.int64]) -> NDArray[np.complex128]:
+    """Return the lines of each period, shape (P, K), without what the clocks of player and sensor differ by."""
+    return _without(heard, lines_hz, _drift_s(heard, lines_hz))
+
+
+def _without(heard: NDArray[np.complex128], lines_hz: NDArray[np.int64], drift_s: float) -> NDArray[np.complex128]:
+    return heard * _later(lines_hz, drift_s * np.arange(len(heard), dtype=np.float64)[:, None])
 
 
 def _later(lines_hz: NDArray[np.int64], delay_s: float | NDArray[np.float64]) -> NDArray[np.complex128]:

@@ -15,6 +15,10 @@ from palpate.experiment.errors import Finding, Remedy, RigError
 CALIBRATE = ("palpate", "calibrate", "actuator", "--rig", "RIG", "--out", "NEW-RIG")
 
 
+UNHEARD_DAYS = 30
+"""For so long a measurement counts at most if no accelerometer stays on the panel, which sessions compare with it."""
+
+
 def refuse_unmeasured(rig_file: Path, rig: Rig, today: date) -> None:
     """Raise `RigError` if a real rig would shake a panel, or make its voltages, by what was not measured lately."""
     refused = simulated_table(rig_file, rig_file.parent, rig) or unmeasured_panel(rig_file, rig, today)
@@ -45,6 +49,8 @@ def unmeasured_panel(rig_file: Path, rig: Rig, today: date) -> Finding | None:
         what = f"{measured.response} says that it is SIMULATED"
         return Finding(what, rig_file, allowed="a panel that was measured", remedy=remedy)
     made, days = measured.calibrated_on, measured.calibration_days
+    if rig.accelerometer is None or rig.accelerometer.stays is False:
+        days = min(days, UNHEARD_DAYS)
     if not 0 <= (today - made).days <= days:
         if made > today:
             remedy = Remedy("see whether the clock is right, or run {}", CALIBRATE, suffices=False)

@@ -122,6 +122,7 @@ def test_the_record_says_when_the_identity_was_confirmed_and_when_it_was_not_ask
         root=tmp_path,
         recordings=None,
         allocation=Allocation("01", ("virtual", "real")),
+        asked_for=("virtual", "real"),
         seed=1,
         purpose="STUDY",
         anchored_in=None,

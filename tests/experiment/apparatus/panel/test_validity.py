@@ -97,6 +97,20 @@ def test_a_sensor_whose_full_scale_was_corrected_since_did_not_measure_this_pane
     assert (found.field, found.got) == ("accelerometer.full_scale_m_s2", "98")
 
 
+@pytest.mark.parametrize(("stays", "days"), [(None, 90), (True, 90), (False, 30)])
+def test_a_panel_that_no_sensor_hears_before_a_session_is_measured_every_30_days(
+    rig_file: Path, rig: Rig, stays: bool | None, days: int
+) -> None:
+    sensor = rigs.load(shipped("rigs/rehearsal.toml")).accelerometer
+    assert sensor is not None
+    assert rig.actuator.measured is not None
+    long = changed(rig, measured=rig.actuator.measured.model_copy(update={"calibration_days": 90}))
+    sensed = long.model_copy(update={"accelerometer": sensor.model_copy(update={"stays": stays})})
+    for one, valid in ((sensed, days), (long, 30)):
+        assert unmeasured_panel(rig_file, one, TODAY + timedelta(valid)) is None
+        assert f"0 to {valid} days" in refused(rig_file, one, TODAY + timedelta(valid + 1)).allowed
+
+
 def test_a_simulated_rig_needs_no_measurement() -> None:
     file = shipped("rigs/rehearsal.toml")
     refuse_unmeasured(file, rigs.load(file), TODAY)

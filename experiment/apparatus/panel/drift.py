@@ -1,0 +1,140 @@
+"""A panel compared with its measurement before a session: a short multisine with nobody on it, in third octaves.
+
+A third octave's level is that of what repeats each second, without the noise in it. It is compared with what the
+measured response makes of what was played, less what a soft spring or coil took from it when the panel was measured.
+"""
+
+import csv
+import io
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from palpate.experiment.apparatus.panel import calibration, multisine
+from palpate.experiment.apparatus.panel.calibration import HIGH_HZ, LOW_HZ, UNCERTAIN_DB, Devices
+from palpate.experiment.apparatus.panel.measured import COLUMNS
+from palpate.experiment.apparatus.panel.validity import CALIBRATE
+from palpate.experiment.apparatus.rig import MeasuredRig, Rig, response_table
+from palpate.experiment.errors import Finding, Remedy, RigError
+
+SECONDS, LONGER = 2, 8
+"""Seconds of the multisine that count, at first and the second time."""
+
+WARNED_DB, REFUSED_DB = 1.0, 3.0
+"""From so much more or less in any third octave the experimenter is warned, and nobody is run."""
+
+THIRD = 10**0.1
+"""From one third octave to the next (IEC 61260-1)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A panel as it was measured, for a small drive: lines, Hz, and the response with its standard error, m/s^2."""
+
+    lines_hz: NDArray[np.int64]
+    response_m_s2: NDArray[np.complex128]
+    standard_error_m_s2: NDArray[np.float64]
+
+
+def read_reference(content: bytes) -> Reference:
+    """Return the table that `measured.table` made."""
+    rows = csv.DictReader(io.StringIO("\n".join(r for r in content.decode().splitlines() if not r.startswith("#"))))
+    hz, real, imaginary, error, _ = np.array([[float(row[key]) for key in COLUMNS] for row in rows]).T
+    return Reference(hz.astype(np.int64), real + 1j * imaginary, error)
+
+
+@dataclass(frozen=True)
+class Drift:
+    """By how much more a panel moves in a third octave than it was measured to, and the standard error, dB."""
+
+    hz: float
+    db: float
+    standard_error_db: float
+
+
+def drifts(
+    played: NDArray[np.complex128], heard: NDArray[np.complex128], reference: Reference, *, gain: float
+) -> Iterator[Drift]:
+    """Yield the drift of each third octave from 10 to 500 Hz.
+
+    `played` has the complex amplitude of each line of the reference, shape (K,), and `heard` that of each in each
+    period, m/s^2, shape (P, K); a panel that did not drift moves by `gain` times the reference.
+    """
+    lines_hz = reference.lines_hz
+    steady = multisine.without_drift(heard, lines_hz)
+    mean = steady.mean(axis=0)
+    noise = np.square(np.abs(steady - mean)).sum(axis=0) / (len(steady) - 1) / len(steady)
+    power = np.square(np.abs(mean)) - noise
+    power_variance = 2 * np.square(np.abs(mean)) * noise + np.square(noise)
+    drive = gain**2 * np.square(np.abs(played))
+    expected = drive * np.square(np.abs(reference.response_m_s2))
+    expected_variance = 4 * drive * expected * np.square(reference.standard_error_m_s2)
+    for n in range(round(10 * np.log10(LOW_HZ)), int(10 * np.log10(HIGH_HZ)) + 1):
+        hz = 10 ** (n / 10)
+        band = (lines_hz >= hz / np.sqrt(THIRD)) & (lines_hz < hz * np.sqrt(THIRD))
+        now, then = max(float(power[band].sum()), 1e-12 * float(expected[band].sum())), float(expected[band].sum())
+        relative = power_variance[band].sum() / now**2 + expected_variance[band].sum() / then**2
+        yield Drift(hz, 10 * float(np.log10(now / then)), 10 / float(np.log(10)) * float(np.sqrt(relative)))
+
+
+def expected_gain(measured: MeasuredRig, peak: float) -> float:
+    """Return the gain of a panel at a peak, relative to a small drive; what it loses rises as the drive's power."""
+    return float(10 ** (-measured.compression_db * (peak / measured.loudest) ** 2 / 20))
+
+
+def compare(
+    on: Devices, measured: MeasuredRig, reference: Reference, *, peak: float, rng: np.random.Generator
+) -> tuple[Drift, ...]:
+    """Return the drift of each third octave, measured a second time for longer if any is too uncertain.
+
+    Raises `RecordingError` if it is uncertain then too, and for a sensor that is dead or clips.
+    """
+    amplitudes = peak * multisine.drawn(reference.lines_hz, rate_hz=on.played_hz, rng=rng)
+    for seconds in (SECONDS, LONGER):
+        heard = calibration.heard(on, amplitudes, reference.lines_hz, seconds)
+        found = tuple(drifts(amplitudes, heard, reference, gain=expected_gain(measured, peak)))
+        worst = max(found, key=lambda one: one.standard_error_db)
+        if worst.standard_error_db <= UNCERTAIN_DB:
+            return found
+    raise calibration.refusal(
+        f"the level at {worst.hz:.0f} Hz has a standard error of {worst.standard_error_db:.2f} dB",
+        "find what else shakes the panel",
+        allowed=f"{UNCERTAIN_DB:g} dB, after {LONGER} s",
+    )
+
+
+def judged(found: Sequence[Drift], rig_file: Path) -> Finding:
+    """Return what a comparison shows: it passes, warns, or refuses the rig."""
+    most = max(found, key=lambda one: abs(one.db))
+    what, allowed = f"its panel moves by {most.db:+.2f} dB at {most.hz:.0f} Hz beside its measurement", ""
+    if abs(most.db) < WARNED_DB:
+        return Finding(what, rig_file, allowed=f"less than {WARNED_DB:g} dB", verdict="passes")
+    remedy = Remedy("see that nothing lies on the panel, or run {}", CALIBRATE, suffices=False)
+    allowed = f"less than {WARNED_DB:g} dB; from {REFUSED_DB:g} dB on nobody is run"
+    return Finding(
+        what, rig_file, allowed=allowed, remedy=remedy, verdict="refuses" if abs(most.db) >= REFUSED_DB else "warns"
+    )
+
+
+def is_heard(rig: Rig) -> bool:
+    """Return whether the panel of a rig was measured, and an accelerometer stays on it."""
+    sensor = rig.accelerometer
+    return rig.actuator.measured is not None and sensor is not None and sensor.stays is not False
+
+
+def compare_panel(rig_file: Path, rig: Rig) -> Finding:
+    """Compare the panel of a rig that `is_heard` with its measurement, and return a finding that passes or warns.
+
+    Raises `RigError` from `REFUSED_DB` on, and `PalpateError` for the devices.
+    """
+    if (measured := rig.actuator.measured) is None:
+        raise RigError.at(Finding("nobody measured its panel", rig_file, remedy=Remedy("run {}", CALIBRATE)))
+    reference, peak = read_reference(response_table(rig_file.parent, measured)), measured.check_peak
+    with calibration.devices(rig, loudest=peak) as devices:
+        found = judged(compare(devices, measured, reference, peak=peak, rng=np.random.default_rng()), rig_file)
+    if found.verdict == "refuses":
+        raise RigError.at(found)
+    return found

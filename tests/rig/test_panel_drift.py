@@ -1,0 +1,157 @@
+"""Before a session the panel is compared with its measurement through real ports, while nobody is on it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import date
+from pathlib import Path
+
+import pytest
+
+from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.panel import calibration, drift
+from palpate.experiment.apparatus.panel.calibration import Devices
+from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.clock import ManualClock
+from palpate.experiment.desk.panel import compare_panel
+from palpate.experiment.desk.questions import NO, YES, Agree, Reply
+from palpate.experiment.errors import Finding, Interrupted, RecordingError, RigError
+from palpate.experiment.rehearsal.wires.bench import Bench
+from palpate.experiment.rehearsal.wires.modes import Modes
+from tests.benchmarks.drift import drifted, verdicts
+from tests.experiment.session.scripted import ScriptedConsole
+from tests.rig.test_panel_calibration import ONE_MODE, RIG, AtRest, Dead, Shaken, laid_out
+
+
+@pytest.fixture(scope="module")
+def rig_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Of a simulated rig whose panel was measured."""
+    file = tmp_path_factory.mktemp("rig") / "rig.toml"
+    with laid_out(modes=ONE_MODE) as devices:
+        made = calibration.measure(devices, loudest=0.2, seed=3)
+    calibration.write(RIG, file, made, load="nobody", today=date.today(), days=30)
+    return file
+
+
+@pytest.fixture
+def rig(rig_file: Path) -> Rig:
+    return rigs.load(rig_file)
+
+
+def lay_out(monkeypatch: pytest.MonkeyPatch, kind: type[Bench] = Bench, modes: Modes = ONE_MODE) -> list[float]:
+    """The rig's devices are those of a bench; returns the highest sample that each opening allowed."""
+    allowed: list[float] = []
+
+    @contextmanager
+    def devices(_: Rig, *, loudest: float) -> Iterator[Devices]:
+        allowed.append(loudest)
+        with laid_out(kind, modes=modes, seed=5) as there:
+            yield there
+
+    monkeypatch.setattr(calibration, "devices", devices)
+    return allowed
+
+
+class Desk(ScriptedConsole):
+    """Somebody who says, each time, whether nobody is on the panel."""
+
+    def __init__(self, *, yes: bool) -> None:
+        super().__init__(ManualClock(0), ())
+        self.asked = 0
+        self.yes = yes
+        self.instead[Agree] = self.answer
+
+    def answer(self) -> Reply:
+        self.asked += 1
+        return Reply(YES if self.yes else NO)
+
+
+def compared(monkeypatch: pytest.MonkeyPatch, rig_file: Path, db: float) -> Finding:
+    lay_out(monkeypatch, modes=drifted(ONE_MODE, db))
+    return drift.compare_panel(rig_file, rigs.load(rig_file))
+
+
+@pytest.mark.parametrize(("db", "verdict"), [(0.0, "passes"), (0.5, "passes"), (1.5, "warns"), (-1.5, "warns")])
+def test_drift_is_warned_of_from_one_decibel_on(
+    monkeypatch: pytest.MonkeyPatch, rig_file: Path, db: float, verdict: str
+) -> None:
+    assert compared(monkeypatch, rig_file, db).verdict == verdict
+
+
+@pytest.mark.parametrize("db", [3.5, -3.5])
+def test_nobody_is_run_on_a_panel_that_drifted_by_three_decibels(
+    monkeypatch: pytest.MonkeyPatch, rig_file: Path, db: float
+) -> None:
+    with pytest.raises(RigError) as refused:
+        compared(monkeypatch, rig_file, db)
+    assert (refused.value.finding.verdict, refused.value.finding.where) == ("refuses", rig_file)
+
+
+def test_the_multisine_is_as_loud_as_the_rig_states(monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig) -> None:
+    allowed = lay_out(monkeypatch)
+    drift.compare_panel(rig_file, rig)
+    assert rig.actuator.measured is not None
+    assert allowed == [rig.actuator.measured.check_peak] == [0.05]
+
+
+def test_a_coil_that_softened_the_measurement_is_no_drift(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    soft, file = ONE_MODE.model_copy(update={"soft_v": 3.0}), tmp_path / "rig.toml"
+    with laid_out(modes=soft) as devices:
+        made = calibration.measure(devices, loudest=0.2, seed=3)
+    calibration.write(RIG, file, made, load="nobody", today=date.today(), days=30)
+    lay_out(monkeypatch, modes=soft)
+    loud = rigs.load(file)
+    assert loud.actuator.measured is not None
+    measured = loud.actuator.measured.model_copy(update={"check_peak": 0.2})
+    found = drift.compare_panel(
+        file, loud.model_copy(update={"actuator": loud.actuator.model_copy(update={"measured": measured})})
+    )
+    assert measured.compression_db > 0.1
+    assert found.verdict == "passes"
+
+
+def test_a_panel_that_cannot_be_heard_clearly_is_measured_once_longer_and_then_refused(
+    monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig
+) -> None:
+    monkeypatch.setattr(Shaken, "plays", 0)
+    lay_out(monkeypatch, Shaken)
+    with pytest.raises(RecordingError):
+        drift.compare_panel(rig_file, rig)
+    assert Shaken.plays == 2
+
+
+@pytest.mark.parametrize("kind", [Dead, AtRest])
+def test_a_sensor_that_hears_nothing_passes_no_panel(
+    monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig, kind: type[Bench]
+) -> None:
+    lay_out(monkeypatch, kind)
+    with pytest.raises((RecordingError, RigError)):
+        drift.compare_panel(rig_file, rig)
+
+
+def test_the_panel_moves_once_nobody_is_on_it(monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig) -> None:
+    allowed, nobody = lay_out(monkeypatch), Desk(yes=True)
+    noted = compare_panel(rig_file, rig, nobody)
+    assert (nobody.asked, len(allowed), len(nobody.shown)) == (1, 1, 1)
+    assert "dB" in noted
+    with pytest.raises(Interrupted):
+        compare_panel(rig_file, rig, Desk(yes=False))
+    assert len(allowed) == 1
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_without_an_accelerometer_that_stays_the_comparison_is_left_out_and_warned_of(
+    monkeypatch: pytest.MonkeyPatch, rig_file: Path, rig: Rig, stays: bool
+) -> None:
+    allowed, desk = lay_out(monkeypatch), Desk(yes=True)
+    assert rig.accelerometer is not None
+    sensor = None if stays else rig.accelerometer.model_copy(update={"stays": False})
+    noted = compare_panel(rig_file, rig.model_copy(update={"accelerometer": sensor}), desk)
+    assert (desk.asked, allowed) == (0, [])
+    assert desk.shown == [f"WARNING: {noted}"]
+
+
+def test_drift_of_one_and_a_half_decibels_is_always_found_and_no_drift_never() -> None:
+    assert verdicts(ONE_MODE, [1.5, -1.5] * 5, seed=2) == {"warns": 10}
+    assert verdicts(ONE_MODE, [0.0] * 10, seed=3) == {"passes": 10}
