@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
@@ -22,10 +23,7 @@ from palpate.experiment.errors import DatasetError
 from palpate.experiment.records import software
 
 FIRST_IN_TERMINAL = ("overview", "exclusions", "comparison")
-"""Sections that a terminal shows first, so that matrices and tests stay on the screen; what was found comes last."""
-
-IN_SHORT = ("overview", "confusion", "tests", "pairs", "scales", "found")
-"""Sections that a terminal shows unless it is asked for all; what is left out of the analysis is never passed over."""
+"""Sections that a terminal shows first, so that matrices and tests stay on the screen; answers come last."""
 
 
 @dataclass(frozen=True)
@@ -35,9 +33,16 @@ class Analysis:
     study: Study
     results: Any
     sections: tuple[Section, ...]
+    datasets: tuple[Path, ...]
     out: Path
     files: tuple[Path, ...]
     numbers: Mapping[str, Any]
+
+    @property
+    def next_command(self) -> str:
+        """Return the command that checks a dataset, or compares a reconstruction with its paper."""
+        verb = "audit" if self.study.origin == "RECONSTRUCTION" else "verify"
+        return shlex.join(["palpate", verb, *map(str, self.datasets[:1])])
 
     @property
     def report(self) -> Path:
@@ -45,19 +50,18 @@ class Analysis:
         return self.out / page.REPORT
 
     def text(self, width: int = WIDTH, *, full: bool = False) -> str:
-        """Return what a terminal shows, every section if `full`; only the last line, a path, may exceed `width`."""
+        """Return what a terminal shows: questions and answers, after every other section if `full`.
+
+        Only the last lines, a path and the next command, may exceed `width`.
+        """
         band = [textwrap.fill(self.study.label, width)] if self.study.label else []
-        wanted = IN_SHORT + ("exclusions",) * bool(self.study.exclusions or self.study.unasked)
-        parts = [self._in_terminal(section) for section in self.sections if full or section.slug in wanted]
-        parts.sort(key=lambda section: (section.slug not in FIRST_IN_TERMINAL, section.slug == "found"))
-        more = [] if full else [textwrap.fill("There is more: in the report, and here with --full.", width)]
-        last = "\n".join([*more, f"Report: {self.report}"])
-        return "\n\n\n".join([*band, *(text(part, width, full=full) for part in parts), *band, last])
+        answers, *others = self.sections
+        parts = [self._in_terminal(section) for section in others if full]
+        parts.sort(key=lambda section: section.slug not in FIRST_IN_TERMINAL)
+        last = f"Report: {self.report}\nNext: {self.next_command}"
+        return "\n\n".join([*band, *(text(part, width, full=full) for part in (*parts, answers)), last])
 
     def _in_terminal(self, section: Section) -> Section:
-        # The tables that the sentences sum up stand above them in a terminal.
-        if section.slug == "found":
-            return replace(section, tables=())
         # The numbers of a study that nobody expects to match the paper's stay in the report.
         if section.slug != "comparison" or self.study.origin == "RECONSTRUCTION":
             return section
@@ -108,7 +112,7 @@ def analyse(
     further, formulas = design.further(found), design.methods()
     content = page.folder(study.title, study.label, parts, drawn, formulas, numbers, further=further, pictures=pictures)
     written = publish(place, content | _bids(study), study.label, "analyse")
-    return Analysis(study, found, parts, place, written, numbers)
+    return Analysis(study, found, parts, tuple(datasets), place, written, numbers)
 
 
 def _bids(study: Study) -> dict[str, bytes]:
@@ -119,7 +123,7 @@ def _bids(study: Study) -> dict[str, bytes]:
         "DatasetType": "derivative",
         "GeneratedBy": [{"Name": "palpate", "Version": ours.version, "SourceSha256": ours.source_sha256}],
     }
-    ignored = f"{page.REPORT}\nresults.json\n{MANIFEST}\ntables\nfigures\n"
+    ignored = f"{page.REPORT}\n{page.METHODS}\nresults.json\n{MANIFEST}\ntables\nfigures\n"
     label = [study.label] if study.label else []
     readme = "\n\n".join([*label, "palpate analyse made these tables, figures and report.\n"])
     return {

@@ -12,7 +12,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from palpate.analysis.documents.tables import Section, Table, comma_separated, latex, markdown
+from palpate.analysis.documents.tables import Asked, Section, Table, comma_separated, latex, markdown
 from palpate.analysis.forked import forked
 from palpate.experiment.records import software
 
@@ -22,9 +22,12 @@ if TYPE_CHECKING:
 COLUMN_POINTS = 300.0
 """A figure wider than this takes the whole width of the page."""
 
-REPORT = "report.html"
+REPORT, METHODS = "report.html", "methods.html"
 
-FORMAT = 2
+ON_METHODS = "Methods and further tables"
+"""The part whose sections are on the page of methods, with the formulas."""
+
+FORMAT = 3
 """The format of a folder of results: its `results.json` and the columns of its tables."""
 
 Methods = Sequence[tuple[str, str]]
@@ -57,33 +60,44 @@ def folder(
     band = f'<div class="band" role="note">{escape(label)}</div>' if label else ""
     headed = f"{label}: {title}" if label else title
     numbered = _numbered(sections, sheets)
-    first = _section(sections[0], label, numbered, files, ' class="first"')
-    rest = [_section(section, label, numbered, files) for section in sections[1:]]
-    body = "".join(
-        shown if section.part in ("", before.part) else f'<h2 class="part">{escape(section.part)}</h2>{shown}'
-        for before, section, shown in zip(sections, sections[1:], rest, strict=False)
-    )
-    formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
     style = Path(__file__).with_suffix(".css").read_text("utf-8")
-    page = (
-        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(headed)}</title><style>\n{style}</style></head>\n<body>{band}<main>"
-        f"<h1>{escape(title)}</h1>{first}"
-        f'<nav aria-label="Contents"><ul>{_contents(sections)}<li><a href="#methods">Formulas</a></li></ul></nav>'
-        f'{body}<section id="methods"><h2>Formulas</h2><dl>{formulas}</dl></section>'
-        f"<footer><p>{escape(label)}</p><p>{made_by}</p></footer></main>{band}</body></html>\n"
+
+    def page(name: str, body: str) -> bytes:
+        return (
+            '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+            '<meta name="viewport" content="width=device-width, initial-scale=1">'
+            f"<title>{escape(f'{headed}: {name}' if name else headed)}</title><style>\n{style}</style></head>\n"
+            f"<body>{band}<main><h1>{escape(title)}</h1>{body}"
+            f"<footer><p>{escape(label)}</p><p>{made_by}</p></footer></main>{band}</body></html>\n"
+        ).encode()
+
+    shown = [section for section in sections[1:] if section.part != ON_METHODS]
+    further_on = [section for section in sections[1:] if section.part == ON_METHODS]
+    first = _section(sections[0], label, numbered, files, ' class="first"')
+    report = f'{first}<p><a href="{METHODS}">{ON_METHODS}</a></p>{_parts(shown, label, numbered, files)}'
+    formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
+    apart = (
+        f'<h2>{ON_METHODS}</h2><p><a href="{REPORT}">Report</a></p>'
+        f"{''.join(_folded(section, label, numbered, files) for section in further_on)}"
+        f'<section id="methods"><h2>Formulas</h2><dl>{formulas}</dl></section>'
     )
-    return {**files, REPORT: page.encode()}
+    return {**files, REPORT: page("", report), METHODS: page(ON_METHODS, apart)}
 
 
-def _contents(sections: Sequence[Section]) -> str:
-    """Return the links to the sections, those of one part in a line below its name."""
-    lines = []
+def _parts(
+    sections: Sequence[Section], label: str, sheets: Sequence[tuple[int, Sheet]], files: Mapping[str, bytes]
+) -> str:
+    """Return folded sections, those of one part below its name."""
+    parts = []
     for part, of in groupby(sections, key=lambda section: section.part):
-        links = ", ".join(f'<a href="#{section.slug}">{escape(section.title)}</a>' for section in of)
-        lines.append(f"<li>{escape(part)}{': ' if part else ''}{links}</li>")
-    return "".join(lines)
+        parts += [f'<h2 class="part">{escape(part)}</h2>'] if part else []
+        parts += [_folded(section, label, sheets, files) for section in of]
+    return "".join(parts)
+
+
+def _folded(section: Section, label: str, sheets: Sequence[tuple[int, Sheet]], files: Mapping[str, bytes]) -> str:
+    shown = _section(section, label, sheets, files)
+    return f'<details class="part"><summary>{escape(section.title)}</summary>{shown}</details>\n'
 
 
 def _numbered(sections: Sequence[Section], sheets: Sequence[Sheet]) -> list[tuple[int, Sheet]]:
@@ -97,6 +111,8 @@ def _section(
 ) -> str:
     rank = "h3" if section.part else "h2"
     parts = [f'<section id="{section.slug}"{first}><{rank}>{escape(section.title)}</{rank}>']
+    if section.asked:
+        parts.append(f'<dl class="asked">{"".join(map(_asked, section.asked))}</dl>')
     if section.paragraphs:
         said = "".join(f"<p>{escape(paragraph)}</p>" for paragraph in section.paragraphs)
         parts.append(f'<div class="said">{said}</div>')
@@ -113,6 +129,12 @@ def _section(
         parts += shown
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.aside]
     return "".join([*parts, "</section>\n"])
+
+
+def _asked(one: Asked) -> str:
+    standing = f' <span class="standing">{escape(one.standing)}</span>' if one.standing else ""
+    warnings = "".join(f'<dd class="warning">{escape(warning)}</dd>' for warning in one.warnings)
+    return f"<dt>{escape(one.question)}{standing}</dt><dd>{escape(one.answer)}</dd>{warnings}"
 
 
 def _figure(number: int, one: Sheet, label: str, svg: bytes) -> str:

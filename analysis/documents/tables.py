@@ -58,8 +58,23 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Asked:
+    """A question with its one answer; `standing` as of a table, and each warning says what weakens the answer."""
+
+    question: str
+    answer: str
+    standing: str = ""
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The answer, then the warnings."""
+        return (self.answer, *(f"Warning: {warning}" for warning in self.warnings))
+
+
+@dataclass(frozen=True)
 class Section:
-    """Part of the report: paragraphs, tables, and records `further` to those of the tables.
+    """Part of the report: questions `asked`, paragraphs, tables, and records `further` to those of the tables.
 
     `slug` names the files. A terminal shows `brief` tables, if any, instead of the tables, and `aside`, which follows
     the tables, only with all. The report shows `brief` first where a reader must open a `folded` section. Sections of
@@ -75,6 +90,7 @@ class Section:
     folded: bool = False
     aside: tuple[str, ...] = ()
     part: str = ""
+    asked: tuple[Asked, ...] = ()
 
     @property
     def records(self) -> tuple[Record, ...]:
@@ -255,11 +271,18 @@ def bayes_factor(log: float | None) -> str:
 def text(section: Section, width: int = WIDTH, *, full: bool = False) -> str:
     """Return the section for a terminal, with no line longer than `width`; brief tables and no aside unless `full`."""
     parts = [f"{section.title}\n{'=' * min(len(section.title), width)}"]
+    parts += [_asked(one, width) for one in section.asked]
     parts += [textwrap.fill(paragraph, width) for paragraph in section.paragraphs]
     whole = full and not section.folded
     parts += [table_text(table, width) for table in (section.tables if whole else section.brief or section.tables)]
     parts += [textwrap.fill(paragraph, width) for paragraph in section.aside * full]
     return "\n\n".join(parts)
+
+
+def _asked(one: Asked, width: int) -> str:
+    lines = [textwrap.fill(one.question, width)]
+    lines += [textwrap.fill(line, width, initial_indent=GAP, subsequent_indent=GAP) for line in one.lines]
+    return "\n".join(lines)
 
 
 def table_text(table: Table, width: int = WIDTH) -> str:
@@ -310,7 +333,9 @@ def _named(table: Table, sizes: list[int], width: int) -> int:
 def markdown(section: Section, label: str) -> str:
     """Return the section as Markdown, below the dataset's label."""
     parts = [f"**{_markdown(label)}**"] if label else []
-    parts += [f"## {_markdown(section.title)}", *map(_markdown, section.paragraphs)]
+    parts.append(f"## {_markdown(section.title)}")
+    parts += [_markdown(line) for one in section.asked for line in (one.question, *one.lines)]
+    parts += map(_markdown, section.paragraphs)
     for table in section.tables:
         if table.heading:
             parts.append(f"### {_markdown(table.heading)}")

@@ -107,12 +107,13 @@ def beside_section(found: Beside, stands: Standing, common: tuple[str, ...] = ()
 def _repeated(lines: Iterable[tuple[str, Repeated]]) -> Table:
     records: list[Record] = [
         {"analysis": "repeated measures (ours)", "task": task, "source": line.effect, "n": line.n, "f": line.f,
-         "df": line.df1, "df2": line.df2, "epsilon": line.epsilon, "p": line.p, "p_uncorrected": line.p_uncorrected}
+         "df": line.df1, "df2": line.df2, "epsilon": line.epsilon, "p": line.p, "p_uncorrected": line.p_uncorrected,
+         "epsilon_greenhouse_geisser": line.greenhouse_geisser}
         for task, line in lines
     ]  # fmt: skip
     note = (
-        "Participants with every material, and every task, count. P has the correction of Greenhouse and Geisser. In "
-        "SIMULATED studies, at a nominal 5 %, it erred in 2 to 3 % with 6 participants, and in 3 to 5 % from 10 on."
+        "Participants with every material, and every task, count. P has the correction of Huynh and Feldt. In "
+        "SIMULATED studies of 4 to 40 participants, at a nominal 5 %, it erred in 3.7 % on average and 6.0 % at most."
     )
     return tabulate("Repeated measures: correct ratios, with participants as the unit", REPEATED, records, [note])
 

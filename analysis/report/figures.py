@@ -313,7 +313,7 @@ def _answers(results: Results, label: str, *, titles: bool) -> Iterator[drawing.
         f"among participants{dots}, and the dashed line is chance. *, ** and *** mark means above chance with P < "
         f"0.05, 0.01 and 0.001 (t, {by}).{bracketed(tasks)}"
     )
-    yield drawing.Sheet("correct-ratios", "found", said, figure)
+    yield drawing.Sheet("correct-ratios", "answers", said, figure)
 
     unanswered = any(task.confusion.unanswered for task in tasks)
     height = max(1.6, 0.42 * count) + 0.85 if count <= FEW else min(0.32 * count + 1.4, drawing.PAGE_INCHES)

@@ -101,10 +101,13 @@ FOUND = "What was found"
 
 def asked(study: Study) -> list[str]:
     """Return the planned questions as one paragraph, or nothing where none is known."""
-    questions = dict.fromkeys(
-        " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?" for plan in study.plans() if plan.test != "ICC"
-    )
+    questions = dict.fromkeys(first_question(plan) for plan in study.plans() if plan.test != "ICC")
     return [f"Asked: {' '.join(questions)}"] * bool(questions)
+
+
+def first_question(plan: PlannedTest) -> str:
+    """Return the first question in the words of a planned test, without how it is to be answered."""
+    return " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?"
 
 
 def alpha(study: Study, test: str, *tasks: str) -> float:

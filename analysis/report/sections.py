@@ -5,6 +5,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from palpate.analysis.documents.page import ON_METHODS
 from palpate.analysis.documents.tables import (
     Column,
     Record,
@@ -36,6 +37,7 @@ from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import companion_tables
 from palpate.analysis.report import plan as plans
+from palpate.analysis.report.answers import answers_section
 from palpate.analysis.report.found import found_section
 from palpate.analysis.report.identification_sections import (
     ARBITRARY,
@@ -147,25 +149,29 @@ def sections(
             plans.marked(confusion_section(results), *against),
             plans.marked(tests_section(results), *against),
             anova_section(results, (*remark, *common), stands),
-            plans.marked(icc_section(results), *plans.icc_marks(study, stands, results)),
         ),
         "Ours": (
             companion_tables.beside_section(results.beside, stands, common),
             plans.marked(companion_tables.contrasts_section(results), stands.ours(plans.TWO_WAY, *tasks)),
             plans.marked(companion_tables.equivalence_section(results), f"{plans.OURS}, {plans.EXPLORATORY}"),
-            plans.marked(intervals_section(results), *(stands.ours(plans.T, task) for task in tasks)),
         ),
         "Exploratory": (
             plans.marked(confusions_section(results, study.materials, remark), plans.EXPLORATORY),
-            plans.marked(companion_tables.lapses_section(results, study.materials, remark), plans.EXPLORATORY),
             plans.marked(trials_section(results), plans.EXPLORATORY),
-            plans.marked(course_section(results.course), plans.EXPLORATORY),
         ),
-        "Checks": tuple(plans.marked(section, plans.DESCRIPTIVE) for section in checks),
-        "": (plans.exclusions_section(study),),
+        "Left out": (plans.exclusions_section(study),),
+        ON_METHODS: (
+            plans.marked(icc_section(results), *plans.icc_marks(study, stands, results)),
+            plans.marked(intervals_section(results), *(stands.ours(plans.T, task) for task in tasks)),
+            plans.marked(companion_tables.lapses_section(results, study.materials, remark), plans.EXPLORATORY),
+            plans.marked(course_section(results.course), plans.EXPLORATORY),
+            *(plans.marked(section, plans.DESCRIPTIVE) for section in checks),
+        ),
     }
+    rig = left_out(study)
     return (
-        found_section(study, results, (*remark, *alone, *common, *left_out(study)), stands),
+        answers_section(study, results, stands, rig),
+        found_section(study, results, (*remark, *alone, *common), stands),
         overview_section(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )

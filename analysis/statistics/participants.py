@@ -1,6 +1,7 @@
 """Tests and intervals in which a participant is the unit: repeated measures, equivalence and the jackknife.
 
-Repeated measures: orthonormal contrasts, with the epsilon of Greenhouse and Geisser (1959, Psychometrika 24, 95-112).
+Repeated measures: orthonormal contrasts, with the epsilon of Huynh and Feldt (1976, J. Educ. Stat. 1, 69-82), from that
+of Greenhouse and Geisser (1959, Psychometrika 24, 95-112).
 Equivalence: two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657-680). Jackknife: Tukey (1958,
 Ann. Math. Stat. 29, 614).
 """
@@ -19,7 +20,10 @@ from palpate.analysis.statistics.inference import CONFIDENCE, log_bayes_factor
 
 @dataclass(frozen=True)
 class Repeated:
-    """An effect within participants: F, df, Greenhouse and Geisser's epsilon, and P with and without it, or None."""
+    """An effect within participants: F, df, Huynh and Feldt's epsilon, and P with it and without, or None.
+
+    `greenhouse_geisser` is the epsilon from which theirs is computed.
+    """
 
     effect: str
     n: int
@@ -29,6 +33,7 @@ class Repeated:
     epsilon: float | None
     p: float | None
     p_uncorrected: float | None
+    greenhouse_geisser: float | None
 
 
 def repeated(values: Floats, names: Sequence[str]) -> tuple[Repeated, ...]:
@@ -51,14 +56,16 @@ def repeated(values: Floats, names: Sequence[str]) -> tuple[Repeated, ...]:
     for name, (first, *second) in parts.items():
         projected = flat @ (np.kron(first, second[0]) if second else first)
         df1 = projected.shape[1]
-        f, epsilon, p, plain = (float(one) for one in repeated_tests(projected))
-        found = (None, None, None, None) if math.isnan(f) else (f, epsilon, p, plain)
+        found = tuple(None if math.isnan(one) else float(one) for one in repeated_tests(projected))
         lines.append(Repeated(name, people, found[0], df1, df1 * (people - 1), *found[1:]))
     return tuple(lines)
 
 
-def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-    """Return F, epsilon, P with and without it of contrasts, shape (..., participants, df1); NaN if all are alike."""
+def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats, Floats]:
+    """Return F, epsilon, P with and without it, and Greenhouse and Geisser's epsilon; NaN if all are alike.
+
+    `projected` are contrasts, shape (..., participants, df1).
+    """
     people, df1 = projected.shape[-2:]
     mean = projected.mean(axis=-2)
     gaps = projected - mean[..., None, :]
@@ -67,9 +74,13 @@ def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats]:
     varied = trace > 1e-12 * (projected**2).sum(axis=(-2, -1))
     trace = np.where(varied, trace, np.nan)
     f = people * (people - 1) * (mean**2).sum(axis=-1) / trace
-    epsilon = np.asarray(trace**2 / (df1 * (spread**2).sum(axis=(-2, -1))))
+    least = np.asarray(trace**2 / (df1 * (spread**2).sum(axis=(-2, -1))))
+    # Where the participants are too few for the denominator, the quotient grows beyond all bounds; of two it is 0 / 0.
+    above, below = people * df1 * least - 2, df1 * (people - 1 - df1 * least)
+    bound = np.where(below > 1e-9, above / np.maximum(below, 1e-9), np.where(above > 1e-9, 1.0, least))
+    epsilon = np.where(varied, np.clip(bound, least, 1.0), np.nan)
     df2 = df1 * (people - 1)
-    return f, epsilon, fdtrc(epsilon * df1, epsilon * df2, f), fdtrc(df1, df2, f)
+    return f, epsilon, fdtrc(epsilon * df1, epsilon * df2, f), fdtrc(df1, df2, f), least
 
 
 @dataclass(frozen=True)

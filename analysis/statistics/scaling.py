@@ -6,12 +6,14 @@ normal distribution (Thurstone 1927). With ties, the odds of first : tie : secon
 """
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import eigh
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
-from scipy.special import log_softmax
+from scipy.special import expit, log_softmax, ndtr
 
 from palpate.analysis.statistics.exact import Floats, Integers, NotDefined
 
@@ -20,8 +22,11 @@ Law = Literal["bradley-terry", "thurstone", "davidson"]
 SECOND, TIE, FIRST = 0, 1, 2
 """What was chosen."""
 
-STEPS = 100
+STEPS = 200
 """Newton's method ends within so many steps, or does not converge."""
+
+CLOSE = 1e-12
+"""The last step of a fit is smaller."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +46,8 @@ class Scale:
 
     `values`, shape (items,), add up to zero; `order` is what being first adds, `tie` ln nu or None. `covariance`, of
     values, order and tie, is from sums of scores by person times n / (n - 1), NaN for one person. `deviance` is from
-    the observed frequencies of ordered pairs, on `df`.
+    the observed frequencies of ordered pairs, on `df`. A scale that is `reduced` has no likelihood that is greatest:
+    it is that of the bias-reduced scores, and its covariance is no smaller than that of independent answers.
     """
 
     law: Law
@@ -52,6 +58,7 @@ class Scale:
     log_likelihood: float
     deviance: float
     df: int
+    reduced: bool
 
     def difference(self, one: int, other: int) -> tuple[float, float]:
         """Return how much further up the scale item `one` lies than `other`, and its standard error."""
@@ -61,47 +68,47 @@ class Scale:
         return float(self.values[one] - self.values[other]), float(np.sqrt(contrast @ self.covariance @ contrast))
 
 
+class NeverCompared(NotDefined):
+    """Items of one `part`, by their places, were never compared with any of the others."""
+
+    def __init__(self, part: tuple[int, ...]) -> None:
+        super().__init__("some items were never compared with the others, so that no scale has them all")
+        self.part = part
+
+
 def fit(data: Comparisons, law: Law) -> Scale:
-    """Return the scale of greatest likelihood.
+    """Return the scale of greatest likelihood, or, where no finite one has it, the bias-reduced one.
 
-    Raises `NotDefined` where there is none: some items were never chosen over the others (Ford 1957), items and order
-    explain all choices, or ties and law do not match.
+    None has it where some items were never chosen over the others (Ford 1957), or items and order explain all choices.
+    Bias reduction: Firth (1993, Biometrika 80, 27-38); Kosmidis and Firth (2009, Biometrika 96, 793-804).
+
+    Raises `NotDefined` where ties and law do not match, or the order cannot be separated from the items, and
+    `NeverCompared`.
     """
-    # Whoever simulates comparisons fits none by this.
-    from statsmodels.genmod.families import Binomial, links
-    from statsmodels.genmod.generalized_linear_model import GLM
-
     _check(data, law)
     design = _design(data)
+    reduced = _separated(data, design)
     observed = np.eye(3)[data.chosen]
-    if law == "davidson":
-        beta, fitted, scores, information = _davidson(design, data.chosen)
-    else:
-        link = links.Logit() if law == "bradley-terry" else links.Probit()
-        chosen = (data.chosen == FIRST).astype(np.float64)
-        found = GLM(chosen, design, family=Binomial(link)).fit(tol=1e-13, maxiter=STEPS)
-        beta, share = np.asarray(found.params), np.asarray(found.fittedvalues)
-        slope = np.asarray(link.inverse_deriv(design @ beta))
-        scores = design * ((chosen - share) * slope / (share * (1 - share)))[:, None]
-        # Expected information: for the logistic law it is the observed one.
-        information = design.T @ (design * (slope**2 / (share * (1 - share)))[:, None])
-        fitted = np.column_stack([1 - share, np.zeros_like(share), share])
+    law_fit = _davidson if law == "davidson" else partial(_binomial, probit=law == "thurstone")
+    beta, fitted, scores, information = law_fit(design, data.chosen, reduced=reduced)
     likelihood = float(np.log(fitted[np.arange(len(fitted)), data.chosen]).sum())
     # The values of all items, which add up to zero, and the rest are `back` times the fitted coefficients.
     last = data.items - 1
     back = np.insert(np.eye(len(beta)), last, np.where(np.arange(len(beta)) < last, -1.0, 0.0), axis=0)
     inverse = np.linalg.inv(information)
-    covariance = back @ inverse @ _meat(scores, data.person) @ inverse @ back.T
+    meat = _meat(scores, data.person)
+    spread = _no_smaller(meat, information) if reduced and np.isfinite(meat).all() else inverse @ meat @ inverse
     deviance, cells = _deviance(data, observed, fitted)
     return Scale(
         law=law,
         values=(back @ beta)[: data.items],
         order=float(beta[data.items - 1]),
         tie=float(beta[-1]) if law == "davidson" else None,
-        covariance=covariance,
+        covariance=back @ spread @ back.T,
         log_likelihood=likelihood,
         deviance=deviance,
         df=cells * (2 if law == "davidson" else 1) - len(beta),
+        reduced=reduced,
     )
 
 
@@ -110,15 +117,12 @@ def _check(data: Comparisons, law: Law) -> None:
     if ties != (law == "davidson"):
         said = "some comparisons ended in a tie, which this law has not" if ties else "no comparison ended in a tie"
         raise NotDefined(f"{said}, so the {law} scale is not defined")
-    # A tie counts as half a choice of each, so it joins both.
-    joined = np.zeros((data.items, data.items), dtype=np.int64)
-    np.add.at(joined, (data.first, data.second), data.chosen != SECOND)
-    np.add.at(joined, (data.second, data.first), data.chosen != FIRST)
-    pieces, _ = connected_components(coo_array(joined), directed=True, connection="strong")
+    joined = coo_array((np.ones(len(data.first)), (data.first, data.second)), shape=(data.items, data.items))
+    pieces, piece = connected_components(joined, directed=False)
     if pieces > 1:
-        raise NotDefined("some items were chosen over all others every time, so that no finite scale fits best")
-    if _separated(data, _design(data)):
-        raise NotDefined("items and their order tell every choice of some kind, so that no finite scale fits best")
+        raise NeverCompared(tuple(np.flatnonzero(piece == piece[0]).tolist()))
+    if np.linalg.matrix_rank(np.unique(_design(data), axis=0)) < data.items:
+        raise NotDefined("pairs were presented in too few orders to separate the items from being first")
 
 
 def _separated(data: Comparisons, design: Floats) -> bool:
@@ -149,7 +153,32 @@ def _design(data: Comparisons) -> Floats:
     return np.column_stack([full[:, :-1] - full[:, [-1]], np.ones(len(rows))])
 
 
-def _davidson(design: Floats, chosen: Integers) -> tuple[Floats, Floats, Floats, Floats]:
+def _binomial(
+    design: Floats, chosen: Integers, *, probit: bool, reduced: bool
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """Return coefficients, fitted shares, scores and expected information, of the logistic or the normal law."""
+    beta = np.zeros(design.shape[1])
+    for _ in range(STEPS):
+        d = design @ beta
+        share = ndtr(d) if probit else expit(d)
+        slope = np.exp(-(d**2) / 2) / np.sqrt(2 * np.pi) if probit else share * (1 - share)
+        weight = slope**2 / (share * (1 - share))
+        information = design.T @ (design * weight[:, None])
+        gap = (chosen == FIRST) - share
+        scores = design * (gap * weight / slope)[:, None]
+        total = scores.sum(axis=0)
+        if reduced:
+            leverage = weight * np.einsum("nk,kl,nl->n", design, np.linalg.inv(information), design)
+            bend = -d if probit else 1 - 2 * share
+            total = total + design.T @ (leverage * bend / 2)
+        step = np.linalg.solve(information, total)
+        beta = beta + step / max(1.0, float(np.abs(step).max()))
+        if float(np.abs(step).max()) < CLOSE:
+            return beta, np.column_stack([1 - share, np.zeros_like(share), share]), scores, information
+    raise NotDefined(NOT_REACHED)
+
+
+def _davidson(design: Floats, chosen: Integers, *, reduced: bool) -> tuple[Floats, Floats, Floats, Floats]:
     """Return coefficients, fitted shares, scores and information of Davidson's law, whose likelihood is concave."""
     count, terms = design.shape
     by_choice = np.zeros((3, count, terms + 1))
@@ -157,14 +186,27 @@ def _davidson(design: Floats, chosen: Integers) -> tuple[Floats, Floats, Floats,
     beta = np.zeros(terms + 1)
     for _ in range(STEPS):
         shares = np.exp(log_softmax(by_choice @ beta, axis=0))
-        mean = np.einsum("cn,cnk->nk", shares, by_choice)
-        scores = by_choice[chosen, np.arange(count)] - mean
-        information = np.einsum("cn,cnk,cnl->kl", shares, by_choice, by_choice) - mean.T @ mean
-        step = np.linalg.solve(information, scores.sum(axis=0))
+        gaps = by_choice - np.einsum("cn,cnk->nk", shares, by_choice)
+        scores = gaps[chosen, np.arange(count)]
+        information = np.einsum("cn,cnk,cnl->kl", shares, gaps, gaps)
+        total = scores.sum(axis=0)
+        if reduced:
+            leverage = np.einsum("cnk,kl,cnl->cn", gaps, np.linalg.inv(information), gaps)
+            total = total + np.einsum("cn,cnk->k", shares * leverage / 2, gaps)
+        step = np.linalg.solve(information, total)
         beta = beta + step / max(1.0, float(np.abs(step).max()))
-        if float(np.abs(step).max()) < 1e-12:
+        if float(np.abs(step).max()) < CLOSE:
             return beta, shares.T, scores, information
-    raise NotDefined("the likelihood has no greatest value within reach")
+    raise NotDefined(NOT_REACHED)
+
+
+NOT_REACHED = "the likelihood has no greatest value within reach"
+
+
+def _no_smaller(meat: Floats, information: Floats) -> Floats:
+    """Return the sandwich, raised to the inverse of the information in each direction in which it is less."""
+    ratios, directions = eigh(meat, information)
+    return np.asarray(directions * np.maximum(ratios, 1.0) @ directions.T)
 
 
 def _meat(scores: Floats, person: Integers) -> Floats:

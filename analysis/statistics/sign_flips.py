@@ -5,16 +5,26 @@ Sums of each half of the participants are enumerated, and those of both counted 
 """
 
 import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 
 import numpy as np
 
-from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Number, Values, integers
+from palpate.analysis.statistics.exact import Floats, Integers, NotDefined, Number, integers
 
 MOST_SUMS = 2**22
 """Sums of half of the participants, of one more participant at a time, beyond which signs are drawn: some 2 x 20."""
+
+GRID = 2**41
+"""Steps of the grid on which sums beyond 62 bits are compared; with the place of a sum they fit in 63 bits."""
+
+PLACE_BITS = 21
+"""Bits of the place of a sum: half of the participants have at most so many sums."""
+
+MOST_DOUBTFUL = 2**16
+"""Pairs of sums too close to call on the grid beyond which signs are drawn."""
 
 DRAWS = 99_999
 
@@ -47,20 +57,26 @@ def sign_flip(values: Sequence[Number], null: Number, rng: np.random.Generator) 
     least = 2.0 ** (1 - len(steps)) if steps else 1.0
     if not reached:
         return SignFlip(len(whole), 1.0, least)
-    one = _sums(steps[1::2], sum(steps))
-    other = one and _sums(steps[::2], sum(steps))
-    if one is None or other is None:
+    tail = _tail(steps, reached) if sum(steps) < 2**62 else _large_tail(steps, reached)
+    if tail is None:
         p = _drawn(steps, reached, rng)
         return SignFlip(len(whole), p, least, math.sqrt(p * (1 - p) / DRAWS))
-    (first, shares), (second, others) = one, other
-    above = np.append(np.cumsum(others[::-1])[::-1], 0.0)
-    tail = float(shares @ above[np.searchsorted(second, reached - first)])
     return SignFlip(len(whole), min(1.0, 2 * tail), least)
 
 
-def _sums(steps: Sequence[int], total: int) -> tuple[Values, Floats] | None:
+def _tail(steps: Sequence[int], reached: int) -> float | None:
+    """Return the share of signs whose sum is `reached` or more, or None for too many sums; a sum fits in 63 bits."""
+    one = _sums(steps[1::2])
+    other = one and _sums(steps[::2])
+    if one is None or other is None:
+        return None
+    (first, shares), (second, others) = one, other
+    return float(shares @ _reversed_sums(others)[np.searchsorted(second, reached - first)])
+
+
+def _sums(steps: Sequence[int]) -> tuple[Integers, Floats] | None:
     """Return the sums of signed steps, in order, and the share of signs that give each; None for too many."""
-    sums = np.zeros(1, dtype=np.int64 if total < 2**62 else object)
+    sums = np.zeros(1, dtype=np.int64)
     shares = np.ones(1)
     work = 0
     for step in steps:
@@ -73,6 +89,66 @@ def _sums(steps: Sequence[int], total: int) -> tuple[Values, Floats] | None:
         if work > MOST_SUMS:
             return None
     return sums, shares
+
+
+def _reversed_sums(shares: Floats) -> Floats:
+    return np.append(np.cumsum(shares[::-1])[::-1], 0.0)
+
+
+def _large_tail(steps: Sequence[int], reached: int) -> float | None:
+    """Return what `_tail` does, of steps of any size; None where sums, or those too close to call, are too many.
+
+    Sums are compared on a grid of whole numbers, and those less than its error apart in Python's integers.
+    """
+    halves: tuple[list[tuple[int, int]], ...] = ([], [])
+    sizes = [1, 1]
+    for step, often in Counter(steps).most_common():
+        place = sizes.index(min(sizes))
+        halves[place].append((step, often))
+        sizes[place] *= often + 1
+    if max(sizes) > 2**PLACE_BITS:
+        return None
+    total = sum(steps)
+    (first, rows, shares), (second, columns, others) = (_grid(half, total) for half in halves)
+    first, rows, shares = first[::-1], rows[::-1], shares[::-1]
+    error = len(steps) + 1
+    goals = reached * GRID // total - first
+    sure = np.searchsorted(second, goals + error)
+    tail = float(shares @ _reversed_sums(others)[sure])
+    doubtful = np.flatnonzero((sure > 0) & (second[sure - 1] >= goals - error))
+    begins = np.searchsorted(second, goals[doubtful] - error)
+    if int((sure[doubtful] - begins).sum()) > MOST_DOUBTFUL:
+        return None
+    for row, begin in zip(doubtful, begins, strict=True):
+        missing = reached - _whole_sum(halves[0], int(rows[row]))
+        near = [at for at in range(begin, sure[row]) if _whole_sum(halves[1], int(columns[at])) >= missing]
+        tail += float(shares[row] * others[near].sum())
+    return tail
+
+
+def _grid(half: Sequence[tuple[int, int]], total: int) -> tuple[Integers, Integers, Floats]:
+    """Return the signed sums of steps, each so often, in order and in units of total / GRID, their places and shares.
+
+    A place says which signs gave a sum, a share how many of all signs did.
+    """
+    sums, shares = np.zeros(1, dtype=np.int64), np.ones(1)
+    for step, often in half:
+        turned = (2 * np.arange(often + 1) - often) * (step * GRID // total)
+        sums = np.add.outer(turned, sums).ravel()
+        shares = np.multiply.outer([math.comb(often, up) / 2**often for up in range(often + 1)], shares).ravel()
+    # Sums that bring their places along are sorted in half the time that it takes to sort places by sums.
+    both = np.sort((sums << PLACE_BITS) + np.arange(sums.size))
+    places = both & (2**PLACE_BITS - 1)
+    return both >> PLACE_BITS, places, shares[places]
+
+
+def _whole_sum(half: Sequence[tuple[int, int]], place: int) -> int:
+    """Return the sum at a place of `_grid`, in whole numbers."""
+    found = 0
+    for step, often in half:
+        place, up = divmod(place, often + 1)
+        found += (2 * up - often) * step
+    return found
 
 
 def _drawn(steps: Sequence[int], reached: int, rng: np.random.Generator) -> float:

@@ -39,7 +39,7 @@ def analyse(
             "--dissimilarities", help="CSV file of the dissimilarities of materials, as `palpate validate` writes it."
         ),
     ] = None,
-    full: Annotated[bool, typer.Option("--full", help="Print every section, not the first results alone.")] = False,
+    full: Annotated[bool, typer.Option("--full", help="Print every section, not the answers alone.")] = False,
     as_json: Json = False,
 ) -> None:
     """Make the tables and the report of a dataset.

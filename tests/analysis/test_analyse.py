@@ -90,24 +90,42 @@ def test_every_icc_says_which_matrix_it_is_of(okamoto: Analysis) -> None:
 def test_the_terminal_ends_with_matrices_tests_and_the_report(okamoto: Analysis) -> None:
     lines = okamoto.text(full=True).split("\n")
     assert lines[0] == LABELS["RECONSTRUCTION"]
-    assert lines[-1] == f"Report: {okamoto.report}"
-    assert all(len(line) <= 100 for line in lines[:-1])
-    wanted = ("Planned and done", "Against the paper", "Answer ratios", "Tests against chance", "What was found")
+    assert lines[-2] == f"Report: {okamoto.report}"
+    assert all(len(line) <= 100 for line in lines[:-2])
+    wanted = ("Planned and done", "Against the paper", "Answer ratios", "Tests against chance", "Questions and answers")
     order = [lines.index(title) for title in wanted]
     assert order == sorted(order)
     assert any(line.startswith("copy paper     0.787 ± 0.239***") for line in lines)
     assert any(line.startswith("copy paper     0.970 ± 0.067***") for line in lines)
 
 
-@pytest.mark.parametrize("width", [40, 80, 100])
-def test_a_terminal_has_matrices_tests_and_the_path_in_its_width(okamoto: Analysis, width: int) -> None:
-    *lines, more, path = okamoto.text(width).split("\n")
-    assert more.endswith("--full.")
+@pytest.mark.parametrize(("width", "most"), [(40, 70), (80, 40), (100, 40)])
+def test_a_terminal_has_the_answers_the_path_and_the_next_command_in_its_width(
+    okamoto: Analysis, width: int, most: int
+) -> None:
+    *lines, path, following = okamoto.text(width).split("\n")
     assert path == f"Report: {okamoto.report}"
+    assert following == f"Next: palpate audit {okamoto.datasets[0]}"
     assert max(map(len, lines)) <= width
+    assert len(lines) + 2 <= most
     titles = [above for above, rule in pairwise(lines) if rule and set(rule) == {"="}]
-    assert titles == ["Planned and done", "Answer ratios", "Tests against chance", "What was found"]
-    assert " ".join(lines).count("RECONSTRUCTION") == 2
+    assert titles == ["Questions and answers"]
+    assert " ".join(lines).count("RECONSTRUCTION") == 1
+
+
+def test_each_published_question_has_one_answer_with_what_weakens_it(okamoto: Analysis) -> None:
+    """t of the real task and sign flips agree; both analyses of variance take ratios as independent."""
+    first = okamoto.sections[0]
+    assert [(one.standing, len(one.warnings)) for one in first.asked] == [
+        ("published", 0), ("published", 1), ("published", 1), ("published", 0),
+    ]  # fmt: skip
+    answers = [one.answer for one in first.asked]
+    assert all(number in said for number, said in zip(("0.79", "2.12", "7.49", "0.968"), answers, strict=True))
+
+
+def test_the_report_has_3500_words_at_most(okamoto: Analysis) -> None:
+    text = re.sub(r"<style>.*?</style>|<svg .*?</svg>", " ", okamoto.report.read_text("utf-8"), flags=re.DOTALL)
+    assert len(re.sub(r"<[^>]+>", " ", text).split()) <= 3500
 
 
 def test_every_table_says_whether_it_was_planned_published_ours_or_exploratory(okamoto: Analysis) -> None:
@@ -123,13 +141,14 @@ def test_every_table_says_whether_it_was_planned_published_ours_or_exploratory(o
     one_way = {title.split(":")[0]: mark for (_, title), mark in marks.items() if title.startswith("One-way")}
     assert one_way == {"One-way, virtual": "published", "One-way, real": "exploratory"}
     report = okamoto.report.read_text(encoding="utf-8")
+    report += (okamoto.out / "methods.html").read_text(encoding="utf-8")
     assert report.count('<span class="standing">') >= len(marks)
 
 
 def test_what_was_left_out_is_never_passed_over(tmp_path: Path) -> None:
     sessions = {str(k): {"virtual": balanced(k)} for k in range(1, 5)}
     found = analyse([write_dataset(tmp_path, sessions, withdrawn=["4"])], figures=False)
-    assert "Left out\n========" in found.text()
+    assert "12 of 48 attempts are not analysed." in " ".join(found.text().split())
 
 
 def _floats(value: Any) -> Iterator[float]:
@@ -195,7 +214,7 @@ def test_the_report_needs_nothing_else(okamoto: Analysis) -> None:
     text = okamoto.report.read_text(encoding="utf-8")
     page.feed(text)
     assert page.open == []
-    assert page.loads == []
+    assert page.loads == ["methods.html"]
     assert {target.removeprefix("#") for target in page.targets} <= set(page.ids)
     assert not re.search(r"@import|url\((?!#)", text)
     assert text.count("<svg ") == sum(path.suffix == ".svg" for path in okamoto.files) == 6
@@ -206,6 +225,7 @@ def test_the_report_states_label_exclusions_and_formulas(okamoto: Analysis) -> N
     body = text[text.index("<body>") :]
     assert body.startswith(f'<body><div class="band" role="note">{LABELS["RECONSTRUCTION"]}')
     assert "Nothing was left out" in body
+    body = (okamoto.out / "methods.html").read_text(encoding="utf-8")
     for name in ("Holm", "Henderson", "ICC(A,1)", "Type III", "Cohen", "seeded with [1, place of the task"):
         assert name in body
 
@@ -237,7 +257,7 @@ def test_results_never_stand_among_the_data(tmp_path: Path) -> None:
 def _no_nan(found: Analysis) -> str:
     assert json.dumps(found.as_dict(), allow_nan=False)
     shown = found.text(full=True)
-    assert all(len(line) <= 100 for line in shown.split("\n")[:-1])
+    assert all(len(line) <= 100 for line in shown.split("\n")[:-2])
     texts = [path.read_text(encoding="utf-8") for path in found.files if path.suffix not in (".svg", ".png")]
     for text in (shown, *texts):
         body = re.sub(r"<style>.*?</style>|<svg .*?</svg>", "", text, flags=re.DOTALL)
@@ -341,7 +361,7 @@ def test_markup_in_a_dataset_stays_text(tmp_path: Path) -> None:
     found = analyse([write_dataset(tmp_path, {"1": {"real": balanced(1, 4, names)}}, materials=names)], pictures=False)
     page = _Links()
     page.feed(found.report.read_text())
-    assert page.loads == []
+    assert page.loads == ["methods.html"]
 
 
 def test_the_analysis_loads_no_oracle_and_prints_nothing(tmp_path: Path) -> None:

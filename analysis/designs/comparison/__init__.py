@@ -29,7 +29,9 @@ from palpate.analysis.designs.comparison.results import (
     more,
     percent,
 )
+from palpate.analysis.documents.page import ON_METHODS
 from palpate.analysis.documents.tables import (
+    Asked,
     Column,
     Record,
     Section,
@@ -50,6 +52,7 @@ from palpate.analysis.documents.tables import (
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
+from palpate.analysis.report.answers import left_and_sure
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.records.kinds import tapping
 
@@ -103,14 +106,39 @@ def sections(study: Study, results: Compared, printed: Published | None) -> tupl
     parts = {
         stands.results: (plan.marked(pairs, *against), _scales(results, stands)),
         "Exploratory": (plan.marked(_bias(results), plan.EXPLORATORY),),
-        "Checks": ((plan.marked(_in_print(study, results, in_print), plan.DESCRIPTIVE),) if in_print else ()),
-        "": (plan.exclusions_section(study),),
+        "Left out": (plan.exclusions_section(study),),
+        ON_METHODS: ((plan.marked(_in_print(study, results, in_print), plan.DESCRIPTIVE),) if in_print else ()),
     }
     return (
+        _answers(study, results, stands),
         _found(study, results, ", ".join(dict.fromkeys(against))),
         _overview(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )
+
+
+def _answers(study: Study, results: Compared, stands: plan.Standing) -> Section:
+    """Return the planned scales, or else the first of each task, with their steps and what weakens them."""
+    planned: dict[tuple[str, tuple[str, ...]], str] = {
+        (test.test, test.tasks): plan.first_question(test) for test in study.plans()
+    }
+    for task in results.tasks if not planned else ():
+        of = "what was compared" if results.quality == UNNAMED else results.quality
+        planned[task.scales[0].law.title(), (task.task.id,)] = f"How far apart in {of} are the materials?"
+    asked = []
+    for (law, tasks), question in planned.items():
+        said, warnings = [], []
+        for task in (one for one in results.tasks if one.task.id in tasks):
+            one = next((one for one in task.scales if one.law == law.lower()), None)
+            if one is None or one.scale is None:
+                said.append(f"{task.task.id}: no scale{f', because {_why(one, results)}' if one else ''}.")
+                continue
+            said.append(f"{task.task.id}: {' '.join(_steps(one, results))}")
+            warnings += [f"{task.task.id}: {REDUCED}"] * one.scale.reduced
+            if one.p is not None and one.p < 0.001:
+                warnings.append(f"{task.task.id}: the scale does not fit the answers (deviance, {p_is(one.p)}).")
+        asked.append(Asked(question, " ".join(said), stands.of(law, *tasks), tuple(warnings)))
+    return Section("answers", "Questions and answers", (left_and_sure(study),), asked=tuple(asked))
 
 
 def _overview(study: Study, results: Compared) -> Section:
@@ -151,6 +179,21 @@ def _found(study: Study, results: Compared, mark: str) -> Section:
     return Section("found", plan.FOUND, tuple(paragraphs), (table,))
 
 
+REDUCED = (
+    "Some choices never varied, so no finite scale is the most likely one. This scale is bias-reduced (Firth 1993): "
+    "its longest steps are cautious."
+)
+
+
+def _why(missing: Scaled, results: Compared) -> str:
+    """Return why there is no scale."""
+    if not missing.part:
+        return missing.statement
+    part = [results.materials[place] for place in missing.part]
+    others = [name for name in results.materials if name not in part]
+    return f"{joined(part)} and {joined(others)} were never compared with one another"
+
+
 def _first_scale(task: TaskComparisons) -> Scaled | None:
     return next((one for one in task.scales if one.scale is not None), None)
 
@@ -169,9 +212,11 @@ def _compared(task: TaskComparisons, results: Compared) -> Iterator[str]:
         )
     scaled = _first_scale(task)
     if scaled is None:
-        yield from (f"There is no scale: {one.statement}." for one in task.scales[:1])
+        yield from (f"There is no scale: {_why(one, results)}." for one in task.scales[:1])
     else:
         yield from _steps(scaled, results)
+        if scaled.scale and scaled.scale.reduced:
+            yield REDUCED
     same = task.first_of_same
     if same.interval is not None:
         limits = f"{100 * same.interval.low:.0f} to {100 * same.interval.high:.0f}"
@@ -218,7 +263,7 @@ def _done(results: Compared, test: PlannedTest) -> str:
         elif scale is None:
             said.append(f"{task} not run: the answers of the study ask for another scale")
         elif scale.scale is None:
-            said.append(f"{task} run, and it has no scale: {scale.statement}")
+            said.append(f"{task} run, and it has no scale: {_why(scale, results)}")
         else:
             said.append(f"{task} run: the scale stands in its table")
     return "; ".join(said)
@@ -316,7 +361,7 @@ def _scales(results: Compared, stands: plan.Standing) -> Section:
     for task in results.tasks:
         for one in task.scales:
             if one.scale is None:
-                paragraphs.append(f"{task.task.id}: there is no scale of {LAWS[one.law][0]}: {one.statement}.")
+                paragraphs.append(f"{task.task.id}: there is no scale of {LAWS[one.law][0]}: {_why(one, results)}.")
                 continue
             mark = stands.of(one.law.title(), task.task.id)
             tables.append(_scale(results, task, one, mark))
@@ -337,6 +382,8 @@ def _scale(results: Compared, task: TaskComparisons, one: Scaled, standing: str)
         notes.append(f"Being presented first adds {number(one.order.value, 2)} ({interval(one.order, 2)}).")
     if one.scale is not None and one.scale.tie is not None:
         notes.append(f"The logarithm of the odds of a tie between two equals is {number(one.scale.tie, 2)}.")
+    if one.scale is not None and one.scale.reduced:
+        notes.append(REDUCED)
     if one.scale is not None and one.p is not None:
         notes.append(
             f"The deviance from the observed frequencies of the ordered pairs is {number(one.scale.deviance, 1)} with "

@@ -33,7 +33,7 @@ def _sheets(results: Compared, label: str, *, titles: bool) -> Iterator[drawing.
             f"row was named as having {more(results)} than the column. On the diagonal, where both samples were "
             "of one material, how often the first was named: 50 by guessing. Intervals stand in the table."
         )
-        yield drawing.Sheet(f"right-choices{page}", "found", said, figure)
+        yield drawing.Sheet(f"right-choices{page}", "answers", said, figure)
     shown = [(task, one) for task in results.tasks for one in task.scales if one.scale is not None]
     height = min(0.2 * len(results.materials) + 0.8, drawing.PAGE_INCHES)
     for page, scaled in drawing.pages(shown, height):

@@ -16,9 +16,9 @@ from scipy.special import chdtrc, stdtrit
 
 from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study, Task
-from palpate.analysis.statistics.exact import defined
+from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
-from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
+from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, NeverCompared, Scale, fit
 from palpate.experiment.errors import DatasetError
 from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.records.events import NO_ANSWER
@@ -90,7 +90,10 @@ class Estimate:
 
 @dataclass(frozen=True)
 class Scaled:
-    """A scale of one law, or why there is none: values, `steps` to the next, `order`, and P of the deviance."""
+    """A scale of one law, or why there is none: values, `steps` to the next, `order`, and P of the deviance.
+
+    A bias-reduced scale has no P. `part` are the places of items that were compared with no others.
+    """
 
     law: Law
     scale: Scale | None
@@ -99,6 +102,7 @@ class Scaled:
     steps: tuple[Estimate, ...] = ()
     order: Estimate | None = None
     p: float | None = None
+    part: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -261,9 +265,12 @@ def scaled(data: Comparisons, law: Law) -> Scaled:
     """Return a scale of one law with its intervals, or why there is none."""
     if not len(data.first):
         return Scaled(law, None, "no trial has an answer")
-    scale, why = defined(lambda: fit(data, law))
-    if scale is None:
-        return Scaled(law, None, why)
+    try:
+        scale = fit(data, law)
+    except NeverCompared as error:
+        return Scaled(law, None, str(error), part=error.part)
+    except NotDefined as error:
+        return Scaled(law, None, str(error))
     people = len(np.unique(data.person))
     errors = np.sqrt(np.diag(scale.covariance))
     steps = (scale.difference(above, above - 1) for above in range(1, data.items))
@@ -274,7 +281,7 @@ def scaled(data: Comparisons, law: Law) -> Scaled:
         values=tuple(_estimate(*pair, people) for pair in zip(scale.values.tolist(), errors.tolist(), strict=False)),  # noqa: PD011
         steps=tuple(_estimate(*step, people) for step in steps),
         order=_estimate(scale.order, float(errors[data.items]), people),
-        p=float(chdtrc(scale.df, scale.deviance)) if scale.df > 0 else None,
+        p=float(chdtrc(scale.df, scale.deviance)) if scale.df > 0 and not scale.reduced else None,
     )
 
 

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from palpate import __version__
 from palpate.analysis.documents import page
 from palpate.analysis.documents.drawing import Sheet
-from palpate.analysis.documents.tables import Section, Table
+from palpate.analysis.documents.tables import Asked, Section, Table
 from palpate.experiment.records import software
 
 TABLE = Table("A table", ("a", "b"), (("x", "1"),))
@@ -109,7 +109,7 @@ def test_what_a_figure_raises_is_raised_here(place: int) -> None:
         page.drawings(figures)
 
 
-def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_at_the_end() -> None:
+def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_on_the_page_of_methods() -> None:
     one = Sheet("map", "confusions", "What it shows.", Figure())
     parts = [Section("overview", "Study"), Section("confusions", "Confusions")]
     made = page.folder("A study", "SIMULATED", parts, [one], [("Name", "formula")], {"n": 1})
@@ -117,19 +117,38 @@ def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_at_the
     before, section = report.split('<section id="confusions">')
     assert "<figcaption>" not in before
     assert section.count("<figcaption>Figure 1. SIMULATED. What it shows.</figcaption>") == 1
-    assert section.index("<figcaption>") < section.index("<dt>Name</dt><dd>formula</dd>")
+    assert "<dt>Name</dt><dd>formula</dd>" in made[page.METHODS].decode()
+    assert "formula" not in report
     results = json.loads(made["results.json"])
     assert (results["format"], results["n"]) == (page.FORMAT, 1)
     assert results["made_by"] == {"palpate": __version__, "source_sha256": software.this().source_sha256}
 
 
-def test_the_first_section_stands_before_the_contents_and_a_folded_one_is_opened_by_its_reader() -> None:
+def test_questions_are_on_the_first_screen_with_their_answers_and_warnings() -> None:
+    asked = Asked("Do <they> differ?", "They do.", "planned", ("It errs.",))
+    made = page.folder(
+        "A study", "", [Section("answers", "Answers", asked=(asked,)), Section("more", "More")], [], [], {}
+    )
+    first, folded = made[page.REPORT].decode().split('<details class="part">')
+    places = [first.index(text) for text in ("Do &lt;they&gt; differ?", "planned", "They do.", ">It errs.<")]
+    assert places == sorted(places)
+    assert "More" in folded
+
+
+def test_sections_of_methods_are_on_their_own_page() -> None:
+    further = Section("icc", "Intraclass correlations", part=page.ON_METHODS)
+    made = page.folder("A study", "", [Section("answers", "Answers"), further], [], [], {})
+    assert 'id="icc"' in made[page.METHODS].decode()
+    assert 'id="icc"' not in made[page.REPORT].decode()
+
+
+def test_sections_after_the_first_are_folded_and_long_tables_once_more() -> None:
     folded = Section(
         "left", "Left out", ("Some.",), (TABLE,), brief=(Table("By rule", ("a",), (("y",),)),), folded=True
     )
     made = page.folder("A study", "", [Section("found", "What was found"), folded], [], [], {})
     report = made[page.REPORT].decode()
-    assert report.index("What was found</h2>") < report.index("<nav")
+    assert report.index("What was found</h2>") < report.index('<details class="part">')
     counted, details = report.split("<details>")
     assert "By rule" in counted
     assert "A table" not in counted

@@ -160,7 +160,8 @@ def reported(root: Path) -> tuple[Analysis, str]:
 def test_report_and_tables_say_what_was_not_presented(tmp_path: Path, approved: SnapshotAssertion) -> None:
     found, page = reported(tmp_path / "data")
     # Below the matrix and below the tests, and of each of the four that need every row.
-    sentences = [one for one in re.findall(r">([^<>]+\.)<", page) if "present" in one]
+    both = page + (found.out / "methods.html").read_text("utf-8")
+    sentences = [one for one in re.findall(r">([^<>]+\.)<", both) if "present" in one]
     assert page.count("snow is not") == 2 + 4
     assert sentences == approved
     tables = found.report.parent / "tables"

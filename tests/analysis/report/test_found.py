@@ -24,14 +24,12 @@ def _found(study: Study, results: Results) -> Section:
     return found_section(study, results, (), standing(study, None))
 
 
-def test_what_was_found_stands_first_and_what_was_left_out_last(
-    repository_root: Path, approved: SnapshotAssertion
-) -> None:
+def test_what_was_found_follows_the_answers(repository_root: Path, approved: SnapshotAssertion) -> None:
     """Means and stars as in the paper's Tables 1 and 2; typing paper earns none in Task 1."""
     study = read(repository_root / "participants" / "okamoto2012")
     results = compute(study, {})
-    first, *_, last = sections.sections(study, results, None, None)
-    assert (first.slug, last.slug) == ("found", "exclusions")
+    answers, first, *_ = sections.sections(study, results, None, None)
+    assert (answers.slug, first.slug) == ("answers", "found")
     virtual, real, between, remark = first.paragraphs
     assert virtual == approved
     assert real == approved

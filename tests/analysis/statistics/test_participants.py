@@ -28,8 +28,19 @@ def test_repeated_measures_are_those_of_r() -> None:
     (first,) = repeated(values[:, :5], ["hour"])
     wanted = [*(reference[line.effect] for line in lines), reference["hour_of_the_first_phase"]]
     for line, expected in zip((*lines, first), wanted, strict=True):
-        found = (line.f, line.df1, line.df2, line.p_uncorrected, line.epsilon, line.p)
-        assert found == pytest.approx(tuple(expected), rel=1e-9)
+        found = (line.f, line.df1, line.df2, line.p_uncorrected, line.greenhouse_geisser, line.epsilon, line.p)
+        *plain, _, epsilon, p = expected
+        assert found == pytest.approx((*plain, epsilon, p), rel=1e-9)
+
+
+@pytest.mark.parametrize("people", [2, 3, 4])
+def test_epsilon_lies_between_that_of_greenhouse_and_geisser_and_1(people: int) -> None:
+    values = np.random.default_rng(people).normal(size=(50, people, 4))
+    _, epsilon, _, _, least = repeated_tests(values @ helmert(4).T)
+    assert (epsilon >= least).all()
+    assert (epsilon <= 1).all()
+    if people == 2:
+        assert epsilon == pytest.approx(1 / 3)
 
 
 def test_two_levels_are_a_paired_t() -> None:
@@ -50,7 +61,7 @@ def test_participants_who_do_not_differ_have_no_f(refuses: Refuses) -> None:
 
 def test_many_studies_of_repeated_measures_are_those_of_one() -> None:
     values = np.random.default_rng(2).normal(size=(6, 8, 4))
-    f, epsilon, p, _ = repeated_tests(values @ helmert(4).T)
+    f, epsilon, p, *_ = repeated_tests(values @ helmert(4).T)
     for k, study in enumerate(values):
         (line,) = repeated(study, ["material"])
         assert (line.f, line.epsilon, line.p) == pytest.approx((f[k], epsilon[k], p[k]))

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.analysis.statistics.exact import NotDefined
-from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, Scale, fit
+from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, NeverCompared, Scale, fit
 
 CITED = np.array([[714, 730, 498, 221], [33, 425, 68, 17], [320, 813, 1072, 142], [284, 276, 325, 188]])
 """Citations among Biometrika, Commun. Statist., JASA and JRSS-B, 1987-89 (Stigler 1994, Table 4; data `citations` of
@@ -167,9 +167,8 @@ def test_clustered_errors_are_those_of_statsmodels() -> None:
 @pytest.mark.parametrize(
     ("counts", "law", "why"),
     [
-        ({(0, 1): (0, 0, 9), (1, 0): (9, 0, 0)}, "bradley-terry", "chosen over all others"),
-        ({(0, 0): (4, 0, 5), (1, 1): (3, 0, 3)}, "thurstone", "chosen over all others"),
-        ({(0, 1): (0, 0, 9), (1, 0): (0, 0, 9)}, "bradley-terry", "tell every choice"),
+        ({(0, 0): (4, 0, 5), (1, 1): (3, 0, 3)}, "thurstone", "never compared"),
+        ({(0, 1): (3, 0, 9)}, "bradley-terry", "too few orders"),
         ({(0, 1): (3, 2, 9), (1, 0): (5, 0, 9)}, "thurstone", "ended in a tie"),
         ({(0, 1): (3, 0, 9), (1, 0): (5, 0, 9)}, "davidson", "no comparison ended in a tie"),
     ],
@@ -179,6 +178,123 @@ def test_what_has_no_best_scale_is_told(
 ) -> None:
     with pytest.raises(NotDefined, match=why):
         fit(made(counts, 2), law)
+
+
+def test_items_in_two_parts_are_named_by_their_places() -> None:
+    """Each part has choices of both, so that only the missing comparisons are the cause."""
+    counts = {(0, 2): (3, 0, 4), (2, 0): (1, 0, 4), (1, 3): (3, 0, 4), (3, 1): (2, 0, 2)}
+    with pytest.raises(NeverCompared) as raised:
+        fit(made(counts, 4), "bradley-terry")
+    assert raised.value.part == (0, 2)
+
+
+def always_won(law: Law) -> Comparisons:
+    """Item 2 was always chosen; the others, which came first more often when second, were not."""
+    tie = 2 if law == "davidson" else 0
+    counts = {
+        (0, 1): (3, tie, 5), (1, 0): (4, tie, 2), (0, 2): (6, 0, 0), (2, 0): (0, 0, 5), (1, 2): (4, 0, 0),
+        (2, 1): (0, 0, 6),
+    }  # fmt: skip
+    return made(counts, 3, persons=5)
+
+
+IN_BRGLM2 = {
+    "bradley-terry": [-0.9552821218226, -1.4787353962284, -0.0666708205889],
+    "thurstone": [-0.4959846189320, -0.8240489844414, -0.0391184997454],
+}
+"""R 4.2.2, brglm2 0.9: `glm(cbind(first, second) ~ a + b, binomial(link), method = "brglmFit", type = "AS_mean")` of
+the counts of `always_won`, a and b being 1 where item 0 or 1 is first, -1 where second, each less the same of item 2;
+then the intercept."""
+
+
+@pytest.mark.parametrize("law", ["bradley-terry", "thurstone"])
+def test_where_one_always_won_the_scale_is_that_of_brglm2(law: Law) -> None:
+    scale = fit(always_won(law), law)
+    assert scale.reduced
+    assert [*scale.values[:2], scale.order] == pytest.approx(IN_BRGLM2[law], abs=1e-8)
+
+
+def shares(data: Comparisons, law: Law, beta: np.ndarray) -> np.ndarray:
+    """The shares of second, tie and first, shape (comparisons, 3), of two values, the order and the tie."""
+    values = np.append(beta[:2], -beta[:2].sum())
+    d = values[data.first] - values[data.second] + beta[2]
+    if law == "thurstone":
+        return np.column_stack([scipy.stats.norm.cdf(-d), np.zeros_like(d), scipy.stats.norm.cdf(d)])
+    tie = beta[3] if law == "davidson" else -np.inf
+    return np.asarray(scipy.special.softmax(np.column_stack([-d / 2, np.full_like(d, tie), d / 2]), axis=1))
+
+
+def slopes(data: Comparisons, law: Law, beta: np.ndarray) -> np.ndarray:
+    """The derivatives of the shares by each coefficient, shape (comparisons, 3, coefficients), by differences."""
+    steps = 1e-5 * np.eye(len(beta))
+    return np.stack(
+        [(shares(data, law, beta + step) - shares(data, law, beta - step)) / 2e-5 for step in steps], axis=-1
+    )
+
+
+@pytest.mark.parametrize("law", ["bradley-terry", "davidson"])
+def test_where_one_always_won_the_scale_has_the_greatest_penalized_likelihood(law: Law) -> None:
+    """Firth's penalty for logits, half the logarithm of the determinant of the information, maximized directly."""
+    data = always_won(law)
+
+    def worse(beta: np.ndarray) -> float:
+        of = shares(data, law, beta)
+        held = np.where(of > 0, of, 1.0)
+        information = np.einsum("nck,ncl,nc->kl", *[slopes(data, law, beta)] * 2, np.where(of > 0, 1 / held, 0.0))
+        likelihood = np.log(of[np.arange(len(of)), data.chosen]).sum()
+        return float(-likelihood - np.linalg.slogdet(information)[1] / 2)
+
+    start = np.zeros(4 if law == "davidson" else 3)
+    best = scipy.optimize.minimize(worse, start, method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-12})
+    scale = fit(data, law)
+    assert scale.reduced
+    own = np.append(scale.values[:2], [scale.order, *([scale.tie] if scale.tie is not None else [])])
+    # Close to a maximum values differ by 1e-6 where it rises by 1e-11, which rounding hides.
+    assert own == pytest.approx(best.x, abs=1e-5)
+    assert worse(own) <= best.fun + 1e-10
+
+
+def test_the_scores_of_a_normal_law_are_reduced_by_firths_general_formula() -> None:
+    """Half the trace of the inverse information times E(U U' U) - E(J U), J observed, all outcomes enumerated."""
+    data = always_won("thurstone")
+    scale = fit(data, "thurstone")
+    beta = np.append(scale.values[:2], scale.order)
+    design = slopes(data, "thurstone", beta)[:, FIRST] / scipy.stats.norm.pdf(
+        scale.values[data.first] - scale.values[data.second] + scale.order
+    )[:, None]  # fmt: skip
+
+    def score(d: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        towards = np.where(chosen == FIRST, 1.0, -1.0)
+        return np.asarray(towards * np.exp(scipy.stats.norm.logpdf(d) - scipy.stats.norm.logcdf(towards * d)))
+
+    d = design @ beta
+    both = {choice: np.full(len(d), choice) for choice in (SECOND, FIRST)}
+    p = {SECOND: scipy.stats.norm.cdf(-d), FIRST: scipy.stats.norm.cdf(d)}
+    u = {choice: score(d, of) for choice, of in both.items()}
+    j = {choice: -(score(d + 1e-5, of) - score(d - 1e-5, of)) / 2e-5 for choice, of in both.items()}
+    information = np.einsum("nk,nl,n->kl", design, design, sum(p[c] * u[c] ** 2 for c in p))
+    third = sum(p[c] * (u[c] ** 3 - j[c] * u[c]) for c in p)
+    penalty = np.einsum("kl,nk,nl,nm,n->m", np.linalg.inv(information), design, design, design, third) / 2
+    assert design.T @ score(d, data.chosen) + penalty == pytest.approx(np.zeros(3), abs=1e-6)
+    assert scale.reduced
+
+
+def test_two_items_of_which_one_always_won_are_in_closed_form() -> None:
+    """Both orders alike, 0 of n: half a choice is added to each of both coefficients' shares, logit of (n + 1/2)."""
+    scale = fit(made({(0, 1): (9, 0, 0), (1, 0): (0, 0, 9)}, 2, persons=3), "bradley-terry")
+    assert scale.difference(1, 0)[0] == pytest.approx(np.log(9.5 / 0.5), abs=1e-9)
+    assert scale.order == pytest.approx(0, abs=1e-9)
+
+
+@pytest.mark.parametrize("law", ["bradley-terry", "thurstone", "davidson"])
+def test_where_all_answer_alike_errors_are_no_smaller_than_of_independent_answers(law: Law) -> None:
+    """Scores of persons who answer alike have one value, whose variance would be next to nothing."""
+    one = always_won(law)
+    first, second, chosen = (np.tile(of, 5) for of in (one.first, one.second, one.chosen))
+    alike = Comparisons(first, second, chosen, np.repeat(np.arange(5), len(one.first)), 3)
+    apart = Comparisons(first, second, chosen, np.arange(5 * len(one.first)), 3)
+    scale, independent = fit(alike, law), fit(apart, law)
+    assert scale.difference(2, 0)[1] >= 0.7 * independent.difference(2, 0)[1]
 
 
 @settings(max_examples=40, deadline=None)

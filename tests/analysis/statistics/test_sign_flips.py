@@ -97,6 +97,19 @@ def test_forty_participants_whose_sums_all_differ_are_enumerated() -> None:
     assert (found.error, found.p) == (None, found.least)
 
 
+def test_participants_whose_trials_have_no_common_multiple_of_62_bits_are_enumerated() -> None:
+    """Every sign of 14 participants, in fractions; equal shares and a half that is two quarters tie some sums."""
+    primes = (83, 89, 97, 101, 103, 107, 109, 113, 127, 131)
+    values = [Fraction(prime // 3, prime) for prime in primes] + [Fraction(k, 8) for k in (1, 1, 2, 3)]
+    whole = [int((value - Fraction(1, 4)) * math.lcm(8, *primes)) for value in values]
+    sums = np.array([0], dtype=object)
+    for step in whole:
+        sums = np.concatenate([sums - step, sums + step])
+    reached = sum(abs(one) >= abs(sum(whole)) for one in sums)
+    assert sum(map(abs, whole)) > 2**62
+    assert sign_flip(values, Fraction(1, 4), NOTHING).p == pytest.approx(reached / 2**14, rel=1e-12)
+
+
 def test_more_participants_are_drawn_within_the_error_that_is_given() -> None:
     """Normal values: P is that of the normal distribution of their sum, to within 1e-3 of 0.05."""
     values = np.random.default_rng(6).normal(0, 10**6, size=80).round().tolist()

@@ -324,7 +324,7 @@ def test_in_the_first_session_of_a_participant_no_table_is_missed(study: MadeStu
 def test_an_open_session_is_told_as_open_and_not_accused(study: MadeStudy, visited: Path, palpate: Palpate) -> None:
     code, out, err = palpate("analyse", study.root, "--no-figures", "--out", study.root.parent / "tables")
     assert (code, f"palpate: {visited}: {checks.OPEN}" in err) == (0, True)
-    assert "Planned and done" in out
+    assert "Questions and answers" in out
     one = study.tasks[1]
     study.run(study.header(one.participant, one.tasks[1]), "cq")
     told = {finding.place(): finding.clause() for finding in verify(study.root).findings}

@@ -42,7 +42,7 @@ def analysed(tmp_path_factory: pytest.TempPathFactory) -> Analysis:
 
 
 def test_the_matrix_is_in_the_papers_layout(analysed: Analysis, approved: SnapshotAssertion) -> None:
-    text = analysed.text()
+    text = analysed.text(full=True)
     row = next(line for line in text.splitlines() if line.startswith("tin ") and "(" in line)
     # Of felt and tin 6 of 9 were right; of cork and tin 3 of 6, of which 3 had no answer; of tin alone all were first.
     assert row.split()[1] == "67"
@@ -52,32 +52,37 @@ def test_the_matrix_is_in_the_papers_layout(analysed: Analysis, approved: Snapsh
 
 def test_the_report_and_its_files_hold_everything(analysed: Analysis) -> None:
     names = {path.relative_to(analysed.out).as_posix() for path in analysed.files}
-    assert {"report.html", "results.json", "tables/pairs.csv", "tables/scales.csv", "tables/bias.tex"} <= names
+    assert {
+        "report.html",
+        "methods.html",
+        "results.json",
+        "tables/pairs.csv",
+        "tables/scales.csv",
+        "tables/bias.tex",
+    } <= names
     assert {"figures/right-choices.svg", "figures/right-choices.png", "figures/scales.svg"} <= names
     report = analysed.report.read_text("utf-8")
     assert "The P of a deviance takes all answers as independent" in report
-    assert "Clopper and Pearson (1934)" in report
+    assert "Clopper and Pearson (1934)" in (analysed.out / "methods.html").read_text("utf-8")
     told = json.loads((analysed.out / "results.json").read_text("utf-8"))
     assert told["tasks"][0]["unanswered"] == 3
     assert len(told["tasks"][0]["pairs"]) == 6
     assert analysed.as_dict()["quality"] == "what was compared"
 
 
-def test_what_was_found_stands_first_and_at_the_end_of_the_terminal(
-    analysed: Analysis, approved: SnapshotAssertion
-) -> None:
+def test_answers_stand_first_and_at_the_end_of_the_terminal(analysed: Analysis, approved: SnapshotAssertion) -> None:
     """Of felt and cork 6 of 9 were right, and of cork and tin 3 of 6."""
-    first, *_ = analysed.sections
+    _, first, *_ = analysed.sections
     (said,) = first.paragraphs
     assert (first.slug, first.title) == ("found", "What was found")
     right = [record["right"] for record in first.records]
     assert [row[1] for row in first.tables[0].rows] == ["cork above felt", "tin above cork"]
     assert said == approved
     assert right == [6, 3]
-    text = analysed.text(80)
-    assert text.index("What was found") > text.index("Scales of")
+    text = analysed.text(80, full=True)
+    assert text.index("Questions and answers") > text.index("Scales of")
     report = analysed.report.read_text("utf-8")
-    assert report.index("What was found</h2>") < report.index("<figure") < report.index("<nav")
+    assert report.index("Questions and answers</h2>") < report.index("<figure") < report.index("<details")
     assert "The live task (n = 3)" in report
 
 

@@ -87,11 +87,19 @@ def test_each_participant_has_their_own_shares(tmp_path: Path) -> None:
     assert shares == [("1", 1.0, 1.0), ("2", 0.0, None)]
 
 
-def test_where_one_was_always_chosen_no_scale_is_made_up(tmp_path: Path, approved: SnapshotAssertion) -> None:
-    (task,) = results(tmp_path, {"1": [("felt", "tin", "second"), ("tin", "cork", "first")] * 4}).tasks
+def test_where_one_was_always_chosen_the_scale_is_bias_reduced(tmp_path: Path) -> None:
+    both = [("felt", "tin", "second"), ("tin", "felt", "first"), ("tin", "cork", "first"), ("cork", "tin", "second")]
+    (task,) = results(tmp_path, {"1": both * 2, "2": both * 2}).tasks
     for one in task.scales:
-        assert one.scale is None
-        assert one.statement == approved
+        assert one.scale is not None
+        assert (one.scale.reduced, one.p) == (True, None)
+        assert all(step.low is not None and step.low < step.value for step in one.steps)
+
+
+def test_materials_that_were_never_compared_are_named(tmp_path: Path) -> None:
+    (task,) = results(tmp_path, {"1": [("felt", "tin", "second"), ("tin", "felt", "second")]}).tasks
+    assert [one.scale for one in task.scales] == [None, None]
+    assert [one.part for one in task.scales] == [(0, 2), (0, 2)]
 
 
 def test_a_task_without_an_answer_has_no_scale(tmp_path: Path, approved: SnapshotAssertion) -> None:
