@@ -151,7 +151,7 @@ def _replaced(path: Callable[[MadeStudy], Path], old: bytes, new: bytes) -> Act:
 
 
 def _reseeded(study: MadeStudy, _: Path) -> None:
-    _seed(study).write_text('{"format": 1, "seed": 2, "purpose": "STUDY"}', "utf-8")
+    _seed(study).write_text(f'{{"format": {storage.DATASET_FORMAT}, "seed": 2, "purpose": "STUDY"}}', "utf-8")
 
 
 def _gone(*paths: Callable[[MadeStudy], Path]) -> Act:

@@ -133,7 +133,7 @@ def test_a_pilot_is_told_from_a_study_before_its_first_session(
     if purpose is not None:
         seed = storage.seed_path(tmp_path)
         seed.parent.mkdir(parents=True, exist_ok=True)
-        seed.write_text(f'{{"format": 1, "seed": 1, "purpose": "{purpose}"}}', "utf-8")
+        seed.write_text(f'{{"format": {storage.DATASET_FORMAT}, "seed": 1, "purpose": "{purpose}"}}', "utf-8")
     view = session._first_view(protocol, "03", tmp_path, practice=practice)
     assert (view.label, view.study, view.participant) == (label, protocol.study.id, "03")
 

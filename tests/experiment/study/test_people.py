@@ -30,7 +30,10 @@ def _home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def begin(dataset: Path, seed: int) -> None:
-    storage.write_json(storage.seed_path(dataset), {"format": 1, "seed": seed, "purpose": "STUDY", "salt": "0" * 32})
+    storage.write_json(
+        storage.seed_path(dataset),
+        {"format": storage.DATASET_FORMAT, "seed": seed, "purpose": "STUDY", "salt": "0" * 32},
+    )
 
 
 def stored(dataset: Path) -> Path:
