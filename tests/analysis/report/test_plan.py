@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
+from palpate.analysis.documents.page import ON_METHODS
 from palpate.analysis.documents.tables import Section, Table
 from palpate.analysis.identification.results import compute
 from palpate.analysis.published import load
@@ -100,7 +101,7 @@ def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Pat
     assert marks["icc"] == {"planned", "exploratory"}
     assert marks["beside"] == {"ours"}
     assert marks["trials"] <= {"exploratory"}
-    assert {section.part for section in found} == {"", "Planned results", "Ours", "Exploratory"}
+    assert {section.part for section in found} == {"", "Planned results", "Ours", "Exploratory", "Left out", ON_METHODS}
 
 
 def test_a_test_that_could_not_be_run_says_why(root: Path, approved: SnapshotAssertion) -> None:
@@ -145,7 +146,7 @@ def test_single_exclusions_are_folded_below_their_rules(tmp_path: Path, approved
 def test_without_a_plan_nothing_is_called_planned(tmp_path: Path, approved: SnapshotAssertion) -> None:
     study = read(write_dataset(tmp_path, {str(k): {"real": balanced(k)} for k in (1, 2)}))
     found = sections(study, compute(study, {}), None, None)
-    assert found[1].paragraphs == approved
+    assert found[2].paragraphs == approved
     assert {table.standing for section in found for table in section.tables} == {
         "exploratory", "descriptive", "ours, exploratory",
     }  # fmt: skip

@@ -146,11 +146,11 @@ def test_what_is_written_is_whole_and_says_what_it_is(tmp_path: Path) -> None:
                for kind in ("svg", "png")}  # fmt: skip
     parts = ("classification", "overlay", "dissimilarity")
     tables = {f"tables/{name}.{kind}" for name in parts for kind in ("csv", "md", "tex")}
-    assert names == figures | tables | {"results.json", "report.html"}
+    assert names == figures | tables | {"results.json", "report.html", "methods.html"}
     page = made.report.read_text("utf-8")
     parser = Outside()
     parser.feed(page)
-    assert parser.fetched == []
+    assert parser.fetched == ["methods.html"]
     assert page.count("<figure") == 4
     for name in tables:
         assert "SIMULATED" in (tmp_path / "out" / name).read_text("utf-8")
