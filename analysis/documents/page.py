@@ -73,8 +73,10 @@ def folder(
 
     shown = [section for section in sections[1:] if section.part != ON_METHODS]
     further_on = [section for section in sections[1:] if section.part == ON_METHODS]
-    first = _section(sections[0], label, numbered, files, ' class="first"')
-    report = f'{first}<p><a href="{METHODS}">{ON_METHODS}</a></p>{_parts(shown, label, numbered, files)}'
+    first = _section(sections[0], label, numbered, files)
+    heading = f"<h2>{escape(sections[0].title)}</h2>"
+    opening = f'<section id="{sections[0].slug}" class="first">{heading}{first}</section>'
+    report = f'{opening}<p><a href="{METHODS}">{ON_METHODS}</a></p>{_parts(shown, label, numbered, files)}'
     formulas = "".join(f"<dt>{escape(name)}</dt><dd>{escape(formula)}</dd>" for name, formula in methods)
     apart = (
         f'<h2>{ON_METHODS}</h2><p><a href="{REPORT}">Report</a></p>'
@@ -96,8 +98,9 @@ def _parts(
 
 
 def _folded(section: Section, label: str, sheets: Sequence[tuple[int, Sheet]], files: Mapping[str, bytes]) -> str:
+    heading = f"<h3>{escape(section.title)}</h3>"
     shown = _section(section, label, sheets, files)
-    return f'<details class="part"><summary>{escape(section.title)}</summary>{shown}</details>\n'
+    return f'<details class="part" id="{section.slug}"><summary>{heading}</summary>{shown}</details>\n'
 
 
 def _numbered(sections: Sequence[Section], sheets: Sequence[Sheet]) -> list[tuple[int, Sheet]]:
@@ -106,11 +109,8 @@ def _numbered(sections: Sequence[Section], sheets: Sequence[Sheet]) -> list[tupl
     return list(enumerate(shown, start=1))
 
 
-def _section(
-    section: Section, label: str, sheets: Sequence[tuple[int, Sheet]], files: Mapping[str, bytes], first: str = ""
-) -> str:
-    rank = "h3" if section.part else "h2"
-    parts = [f'<section id="{section.slug}"{first}><{rank}>{escape(section.title)}</{rank}>']
+def _section(section: Section, label: str, sheets: Sequence[tuple[int, Sheet]], files: Mapping[str, bytes]) -> str:
+    parts = []
     if section.asked:
         parts.append(f'<dl class="asked">{"".join(map(_asked, section.asked))}</dl>')
     if section.paragraphs:
@@ -128,7 +128,7 @@ def _section(
     else:
         parts += shown
     parts += [f"<p>{escape(paragraph)}</p>" for paragraph in section.aside]
-    return "".join([*parts, "</section>\n"])
+    return "".join(parts)
 
 
 def _asked(one: Asked) -> str:

@@ -28,10 +28,10 @@ TWO_WAY_ERRS = (
 ONE_WAY_ERRS = "This ANOVA takes four ratios of each participant as independent, so its P is not exact."
 
 
-def answers_section(study: Study, results: Results, stands: Standing, rig: tuple[str, ...]) -> Section:
-    """Return the questions with their answers, what the rig and the rules left out, and how sure this is."""
+def answers_section(study: Study, results: Results, stands: Standing, limits: tuple[str, ...]) -> Section:
+    """Return the questions with their answers, what `limits` them, what rules left out, and how sure this is."""
     asked = tuple(_answers(study, results, stands))
-    return Section("answers", "Questions and answers", (*rig, left_and_sure(study)), asked=asked)
+    return Section("answers", "Questions and answers", (*limits, left_and_sure(study)), asked=asked)
 
 
 def left_and_sure(study: Study) -> str:

@@ -168,10 +168,9 @@ def sections(
             *(plans.marked(section, plans.DESCRIPTIVE) for section in checks),
         ),
     }
-    rig = left_out(study)
     return (
-        answers_section(study, results, stands, rig),
-        found_section(study, results, (*remark, *alone, *common), stands),
+        answers_section(study, results, stands, (*common, *left_out(study))),
+        found_section(study, results, (*remark, *alone), stands),
         overview_section(study, results),
         *(replace(section, part=part) for part, of in parts.items() for section in of),
     )

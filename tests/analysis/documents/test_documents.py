@@ -114,7 +114,7 @@ def test_a_figure_stands_in_its_section_with_its_caption_and_the_formulas_on_the
     parts = [Section("overview", "Study"), Section("confusions", "Confusions")]
     made = page.folder("A study", "SIMULATED", parts, [one], [("Name", "formula")], {"n": 1})
     report = made[page.REPORT].decode()
-    before, section = report.split('<section id="confusions">')
+    before, section = report.split('<details class="part" id="confusions">')
     assert "<figcaption>" not in before
     assert section.count("<figcaption>Figure 1. SIMULATED. What it shows.</figcaption>") == 1
     assert "<dt>Name</dt><dd>formula</dd>" in made[page.METHODS].decode()
@@ -129,7 +129,7 @@ def test_questions_are_on_the_first_screen_with_their_answers_and_warnings() -> 
     made = page.folder(
         "A study", "", [Section("answers", "Answers", asked=(asked,)), Section("more", "More")], [], [], {}
     )
-    first, folded = made[page.REPORT].decode().split('<details class="part">')
+    first, folded = made[page.REPORT].decode().split('<details class="part"')
     places = [first.index(text) for text in ("Do &lt;they&gt; differ?", "planned", "They do.", ">It errs.<")]
     assert places == sorted(places)
     assert "More" in folded
@@ -148,7 +148,7 @@ def test_sections_after_the_first_are_folded_and_long_tables_once_more() -> None
     )
     made = page.folder("A study", "", [Section("found", "What was found"), folded], [], [], {})
     report = made[page.REPORT].decode()
-    assert report.index("What was found</h2>") < report.index('<details class="part">')
+    assert report.index("What was found</h2>") < report.index('<details class="part"')
     counted, details = report.split("<details>")
     assert "By rule" in counted
     assert "A table" not in counted
