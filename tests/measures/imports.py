@@ -69,6 +69,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/servo",
         "experiment/dataset/kinds/tapping.py",
         "experiment/protocol/kinds/tapping.py",
+        "experiment/protocol/page/tapping.py",
         "experiment/records/kinds/tapping.py",
         "experiment/rehearsal/tapping",
         "experiment/rehearsal/wires/force_device.py",

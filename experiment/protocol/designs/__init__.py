@@ -1,4 +1,4 @@
-"""What a protocol file says of each design, and what a board's page says of it.
+"""What a protocol file says of each design.
 
 A design is what a trial is made of and what is asked about that: a module that is named as in a protocol file and has a
 `DESIGN`; it never imports another. It stands above the models, and is imported when it is looked up.
@@ -26,26 +26,18 @@ class ProtocolDesign:
         intervals: how many materials one trial presents.
         tests: the planned tests.
         rules: what a file breaks, beyond what every file must keep.
-        answers: keys of answers, each with what it stands for.
         right: whether an answer is right, to what was presented in this order.
         shown: the answers that the participant's screen names.
         keys: places of keys that must be unlike all others, each with its key.
-        pairs: how what is presented is put together.
-        asked: what is asked about what is presented.
-        ranked: in which order materials are listed.
     """
 
     table: type[Confined] | None = None
     intervals: int
     tests: tuple[str, ...]
     rules: Callable[[Table], Iterator[Broken]]
-    answers: Callable[[Any], Sequence[tuple[str, str]]]
     right: Callable[[Any, Sequence[str], str], bool]
     shown: Callable[[Any], tuple[str, ...]]
     keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()
-    pairs: str = ""
-    asked: Callable[[Any], str] = lambda _: ""
-    ranked: Callable[[Any], str] = lambda _: ""
 
 
 def design_of(name: str) -> ProtocolDesign:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator, Sequence
 
-from palpate.experiment.protocol.blocks import named
 from palpate.experiment.protocol.designs import ProtocolDesign
 from palpate.experiment.protocol.kinds import number_at, table_at, tables_at
 from palpate.experiment.protocol.models import Protocol
@@ -75,25 +74,12 @@ def _right(protocol: Protocol, presented: Sequence[str], answered: str) -> bool:
     return answered == (FIRST if first > second else SECOND if first < second else None)
 
 
-def _asked(protocol: Protocol) -> str:
-    comparison = protocol.table(Comparison)
-    tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
-    return f"Participants say which of the two has more {named(comparison.quality)}{tie}."
-
-
 DESIGN = ProtocolDesign(
     table=Comparison,
     intervals=2,
     tests=TESTS,
     rules=_rules,
     keys=_keys,
-    answers=lambda protocol: list(protocol.table(Comparison).answers.items()),
     right=_right,
     shown=lambda protocol: tuple(protocol.table(Comparison).answers.values()),
-    pairs=(
-        "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "
-        "the one of its materials is presented first, in the other half the other."
-    ),
-    asked=_asked,
-    ranked=lambda protocol: f"From the least {named(protocol.table(Comparison).quality)} to the most:",
 )

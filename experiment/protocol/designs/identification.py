@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 
-from palpate.experiment.protocol.blocks import named
 from palpate.experiment.protocol.designs import ProtocolDesign
 from palpate.experiment.protocol.kinds import tables_at
 from palpate.experiment.settings.load import Broken, Table
@@ -21,7 +20,6 @@ DESIGN = ProtocolDesign(
     intervals=1,
     tests=("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "equivalence"),
     rules=_rules,
-    answers=lambda protocol: [(material.key, named(material.id)) for material in protocol.materials],
     right=lambda _, presented, answered: answered == presented[0],
     shown=lambda protocol: tuple(material.spoken[0] for material in protocol.materials),
 )

@@ -1,4 +1,4 @@
-"""What a protocol file says of each kind of trial, and what a board's page says of it; and how rules read plain tables.
+"""What a protocol file says of each kind of trial; and how rules read plain tables.
 
 A kind is what sets a stimulus off and what plays it: a module that is named as in a protocol file and has a `KIND`; it
 never imports another. It stands above the models, and is imported when it is looked up.
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from typing import Any, Literal, get_args
 
-from palpate.experiment.protocol.blocks import Block
 from palpate.experiment.settings.load import Broken, Confined, Table
 
 Kind = Literal["footstep", "tapping"]
@@ -20,7 +19,7 @@ NAMES: tuple[Kind, ...] = get_args(Kind)
 
 @dataclass(frozen=True, kw_only=True)
 class ProtocolKind:
-    """A kind of trial. What is called with a protocol or a task gets models, the rest plain tables.
+    """A kind of trial. What is called with a table gets a plain one.
 
     Attributes:
         table: the model of the table with its name, which stands in a study of the kind where it is needed.
@@ -29,11 +28,6 @@ class ProtocolKind:
         at_will: whether what a trial presents is felt at will, until the answer.
         rules: what a file breaks, beyond what every file must keep.
         keys: places of keys that must be unlike all others, each with its key.
-        sources: what the stimuli of a task are, by its `stimulus`.
-        recorded: what is recorded of a trial, before what is of any.
-        stimuli: how stimuli are made, and what starts them.
-        felt: how long a task with virtual stimuli is felt.
-        odd: legal but odd settings, each as its field, what it is, and what it would be as a rule.
     """
 
     table: type[Confined]
@@ -41,12 +35,7 @@ class ProtocolKind:
     intervals: tuple[int, ...]
     at_will: bool = False
     rules: Callable[[Table], Iterator[Broken]]
-    sources: Mapping[str, str]
-    recorded: Callable[[Any], str]
-    stimuli: Callable[[Any], Iterator[Block]]
-    felt: Callable[[Any, Any], str]
     keys: Callable[[Table], Sequence[tuple[tuple[str, ...], object]]] = lambda _: ()
-    odd: Callable[[Any], Iterator[tuple[str, str, str]]] = lambda _: iter(())
 
 
 def kind_of(name: str) -> ProtocolKind:

@@ -25,9 +25,9 @@ from palpate.experiment.protocol.blocks import (
     named,
     number,
 )
-from palpate.experiment.protocol.designs import ProtocolDesign, design_of
-from palpate.experiment.protocol.kinds import ProtocolKind, kind_of
+from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.models import PlannedTest, Protocol, Task
+from palpate.experiment.protocol.page.words import design_words, kind_words
 from palpate.experiment.settings.load import written
 
 IN_SEAL = "(in the seal, once the board has approved)"
@@ -192,8 +192,9 @@ def _participants(protocol: Protocol) -> Iterator[Block]:
 
 
 def _recorded(protocol: Protocol) -> Iterator[Block]:
+    of_kind = kind_words(protocol.tasks[0]).recorded(protocol)
     yield Said(
-        f"The following is recorded under a number and never under a name: {_kind(protocol).recorded(protocol)}"
+        f"The following is recorded under a number and never under a name: {of_kind}"
         "what was presented, the level and the dose of the noise, the answer that the "
         "experimenter keyed and when, its corrections, keys that were pressed too early, and every pause and "
         "repetition with its reason. The experimenter can add notes, which are kept with the trial."
@@ -286,7 +287,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         for task in protocol.tasks
     ]
     yield Rows((columns, *rows))
-    if paired := _design(protocol).pairs:
+    if paired := design_words(protocol.tasks[0]).pairs:
         yield Gap()
         yield Said(paired)
     for task in protocol.tasks:
@@ -297,7 +298,7 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
             ("Title", Free(task.title)),
             ("Kind of trial", task.kind),
             ("Design", task.design),
-            ("Stimuli", kind_of(task.kind).sources[task.stimulus]),
+            ("Stimuli", kind_words(task).sources[task.stimulus]),
             *((("Materials", f"{', '.join(map(named, task.materials))} {_ALONE}"),) if task.materials else ()),
             ("Familiarisation", f"{number(wanted.min_s)} to {number(wanted.max_s)} s; participants are told:"),
             ("", Free(wanted.instruction)),
@@ -307,16 +308,8 @@ def _tasks(protocol: Protocol) -> Iterator[Block]:
         )
 
 
-def _kind(protocol: Protocol) -> ProtocolKind:
-    return kind_of(protocol.tasks[0].kind)
-
-
-def _design(protocol: Protocol) -> ProtocolDesign:
-    return design_of(protocol.tasks[0].design)
-
-
 def _noun(protocol: Protocol) -> str:
-    return ("material", "pair")[_design(protocol).intervals - 1]
+    return ("material", "pair")[design_of(protocol.tasks[0].design).intervals - 1]
 
 
 _ALONE = "alone are presented; answers may be any of the study's materials"
@@ -337,7 +330,7 @@ def _order(task: Task, presented: str) -> str:
 
 
 def _materials(protocol: Protocol) -> Iterator[Block]:
-    if ranked := _design(protocol).ranked(protocol):
+    if ranked := design_words(protocol.tasks[0]).ranked(protocol):
         yield Said(ranked)
     for one in protocol.materials:
         spoken = " or ".join(map(named, one.spoken))
@@ -347,7 +340,7 @@ def _materials(protocol: Protocol) -> Iterator[Block]:
 
 
 def _stimuli(protocol: Protocol) -> Iterator[Block]:
-    yield from _kind(protocol).stimuli(protocol)
+    yield from kind_words(protocol.tasks[0]).stimuli(protocol)
     masker = protocol.masker
     if any(task.masker is None for task in protocol.tasks):
         yield Said(f"The headphones play {masker.noise} noise.")
@@ -381,14 +374,14 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
     if protocol.renders:
         yield Said(STOPS, indent="  ")
     for task in protocol.tasks:
-        if task.stimulus == "virtual" and (felt := kind_of(task.kind).felt(protocol, task)):
+        if task.stimulus == "virtual" and (felt := kind_words(task).felt(protocol, task)):
             yield Said(felt, indent="  ")
 
 
 def _answers(protocol: Protocol) -> Iterator[Block]:
     answers = protocol.answers
-    keys = "".join(f"[{key}] {words}, " for key, words in _design(protocol).answers(protocol))
-    if asked := _design(protocol).asked(protocol):
+    keys = "".join(f"[{key}] {words}, " for key, words in design_words(protocol.tasks[0]).answers(protocol))
+    if asked := design_words(protocol.tasks[0]).asked(protocol):
         yield Said(asked)
     yield Said(
         f"Answers are {answers.mode}. Participants answer aloud after each trial, and the experimenter presses the "
@@ -490,7 +483,7 @@ def _odd(protocol: Protocol) -> Iterator[Block]:
 def advice(protocol: Protocol) -> tuple[Finding, ...]:
     """Return each value that is legal but odd, which nothing refuses: its field, and what it would be as a rule."""
     checks = (_unasked_consent, _chances, _open_anovas, _orders, _duration, _levels_advice)
-    odd = (mismatch(field, None, got, allowed) for field, got, allowed in _kind(protocol).odd(protocol))
+    odd = (mismatch(field, None, got, allowed) for field, got, allowed in kind_words(protocol.tasks[0]).odd(protocol))
     return (*(problem for check in checks for problem in check(protocol)), *odd)
 
 

@@ -1,0 +1,23 @@
+"""What a board's page says of comparison: two materials a trial, and participants say which has more of a quality."""
+
+from palpate.experiment.protocol.blocks import named
+from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.models import Protocol
+from palpate.experiment.protocol.page.words import DesignWords
+
+
+def _asked(protocol: Protocol) -> str:
+    comparison = protocol.table(Comparison)
+    tie = ", or neither" if comparison.tie_key is not None else "; they have to choose"
+    return f"Participants say which of the two has more {named(comparison.quality)}{tie}."
+
+
+WORDS = DesignWords(
+    answers=lambda protocol: list(protocol.table(Comparison).answers.items()),
+    pairs=(
+        "A pair is two of the materials, or twice the same one. In half of the trials with a pair, drawn at random, "
+        "the one of its materials is presented first, in the other half the other."
+    ),
+    asked=_asked,
+    ranked=lambda protocol: f"From the least {named(protocol.table(Comparison).quality)} to the most:",
+)

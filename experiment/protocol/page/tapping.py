@@ -1,0 +1,70 @@
+"""What a board's page says of taps on samples or on virtual surfaces."""
+
+from collections.abc import Iterator
+from math import log
+
+from palpate.experiment.protocol.blocks import Block, Item, Said, named, number
+from palpate.experiment.protocol.kinds.tapping import Tapping, rendered
+from palpate.experiment.protocol.models import Protocol, Task
+from palpate.experiment.protocol.page.words import KindWords
+
+
+def _stimuli(protocol: Protocol) -> Iterator[Block]:
+    if any(task.stimulus == "real" for task in protocol.tasks):
+        yield Said(
+            "Two real samples lie before the participant in each trial, who tries them as often as they wish, and "
+            "changes from one to the other as often as they wish. No device moves or vibrates, and nobody tells the "
+            "participant whether an answer was right."
+        )
+    if (virtual := rendered(protocol)) is not None:
+        yield from _rendered(protocol, virtual)
+
+
+def _rendered(protocol: Protocol, virtual: Tapping) -> Iterator[Block]:
+    mass = "is held" if virtual.mass_kg is None else f"has a mass of {number(virtual.mass_kg)} kg"
+    yield Said(
+        "In a task with virtual surfaces the hand moves a device, which pushes it back where a block begins. All "
+        f"surfaces have one block: a spring of {number(virtual.stiffness_n_m)} N/m and a damper of "
+        f"{number(virtual.damping_n_s_m)} N s/m, and it {mass}. The force is computed {virtual.rate_hz} times a second "
+        f"and is never above {number(protocol.exposure.force_peak_n or 0.0)} N. It falls to zero, as does the "
+        "vibration, where the device, the tracker or the program fails."
+    )
+    yield Said(
+        "At the touch the finger is vibrated as a tap rings: a sinusoid that fades by exp(-t B), with B = "
+        f"{number(virtual.decay_per_s)} /s, and grows with the speed of the tap. Its frequency, and its amplitude at "
+        "200 mm/s:"
+    )
+    for one in virtual.surfaces:
+        ring = round(one.amplitude * virtual.full_m_s2, 6)
+        yield Item(f"{named(one.material)}: {number(one.attack_hz)} Hz, {number(ring)} m/s^2.")
+    yield Said(
+        "The participant changes from one surface of a pair to the other as often as they wish: they say so, and the "
+        f"experimenter presses [{virtual.switch_key}]. No answer is taken before both were tapped. A lamp says when "
+        f"the hand is faster than {number(virtual.fastest_mm_s)} mm/s. Nobody tells the participant whether an answer "
+        "was right."
+    )
+
+
+def _felt(protocol: Protocol, task: Task) -> str:
+    if (virtual := rendered(protocol)) is None:
+        return ""
+    faded_ms = 1e3 * log(1e3) / virtual.decay_per_s
+    told = f"In task {task.id} the finger vibrates at every tap, and nothing limits taps but the time."
+    return f"{told} Each time it has faded to a thousandth after {faded_ms:.0f} ms."
+
+
+def _recorded(protocol: Protocol) -> str:
+    if rendered(protocol) is None:
+        return ""
+    return "the time and the speed of each tap on a virtual surface, each change from one to the other, "
+
+
+WORDS = KindWords(
+    sources={
+        "virtual": "virtual: surfaces that the rig renders",
+        "real": "real: the experimenter lays out both samples before each trial",
+    },
+    recorded=_recorded,
+    stimuli=_stimuli,
+    felt=_felt,
+)
