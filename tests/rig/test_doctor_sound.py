@@ -25,7 +25,7 @@ from tests.rig import sound
 from tests.rig.laboratory import write_rig
 from tests.rig.verdicts import red, verdicts
 
-pytestmark = pytest.mark.clocked
+pytestmark = pytest.mark.alone
 
 
 def test_the_simulated_rig_with_sound_is_green_and_says_what_it_is(palpate: Palpate, tmp_path: Path) -> None:
