@@ -26,6 +26,8 @@ TWO_WAY_ERRS = (
     "studies, not in 5 %."
 )
 ONE_WAY_ERRS = "This ANOVA takes four ratios of each participant as independent, so its P is not exact."
+BY_FLIPS = "Exact sign flips answer here; the t-tests and the ANOVA as published stand below, each under its own mark."
+UNDEFINED = "No answer: this test is not defined for what was planned and done."
 
 
 def answers_section(study: Study, results: Results, stands: Standing, limits: tuple[str, ...]) -> Section:
@@ -48,36 +50,43 @@ def how_sure(study: Study) -> str:
     return f"{' '.join(said)} `palpate verify` checks the data against their anchors."
 
 
-def _questions(study: Study, results: Results, stands: Standing) -> dict[tuple[str, tuple[str, ...]], str]:
-    """Return the question of each planned test and its tasks, or else of the tests in print, or of two others."""
-    planned: dict[tuple[str, tuple[str, ...]], str] = {
-        (plan.test, plan.tasks): first_question(plan) for plan in study.plans()
-    }
+def _questions(study: Study, results: Results, stands: Standing) -> list[tuple[str, tuple[str, ...], str]]:
+    """Return each planned test with its tasks and question, or else the tests in print, or two others."""
+    planned: list[tuple[str, tuple[str, ...], str]] = [
+        (plan.test, plan.tasks, first_question(plan)) for plan in study.plans()
+    ]
     if planned:
         return planned
     tasks = tuple(task.task.id for task in results.tasks)
     known = {test for test, _ in stands.printed} & set(QUESTIONS) or {T, TWO_WAY}
-    return {(test, tasks): question for test, question in QUESTIONS.items() if test in known}
+    return [(test, tasks, question) for test, question in QUESTIONS.items() if test in known]
 
 
 def _answers(study: Study, results: Results, stands: Standing) -> Iterator[Asked]:
-    for (test, tasks), question in _questions(study, results, stands).items():
-        level = alpha(study, test, *tasks)
+    for test, tasks, question in _questions(study, results, stands):
         mark = stands.of(test, *tasks)
-        match test:
-            case "t against chance":
-                found = [one for one in map(results.task, tasks) if one is not None]
-                yield Asked(question, " ".join(_above(one, results, level) for one in found), mark)
-            case "one-way ANOVA":
-                for answer in _told_apart(results, tasks, stands, level):
-                    yield Asked(question, answer, mark, (ONE_WAY_ERRS,))
-            case "two-way ANOVA" if len(results.tasks) > 1:
-                yield _tasks_differ(results, question, mark, level)
-            case "ICC" if results.components and (value := results.components.by_k[0][2]) is not None:
-                k = results.components.by_k[0][0]
-                yield Asked(question, f"ICC = {number(value)}, variance components, mean of k = {k}.", mark)
-            case "equivalence":
-                yield from (Asked(question, answer, mark) for answer in _equivalent(results, tasks))
+        answered = tuple(_answered(test, tasks, question, mark, alpha(study, test, *tasks), results, stands))
+        yield from answered or (Asked(question, UNDEFINED, mark),)
+
+
+def _answered(
+    test: str, tasks: tuple[str, ...], question: str, mark: str, level: float, results: Results, stands: Standing
+) -> Iterator[Asked]:
+    """Yield the answers to a question; none where the test is not defined."""
+    match test:
+        case "t against chance":
+            if found := [one for one in map(results.task, tasks) if one is not None]:
+                yield Asked(question, " ".join(_above(one, results, level) for one in found), mark, (BY_FLIPS,))
+        case "one-way ANOVA":
+            for answer in _told_apart(results, tasks, stands, level):
+                yield Asked(question, answer, mark, (ONE_WAY_ERRS,))
+        case "two-way ANOVA" if len(results.tasks) > 1:
+            yield _tasks_differ(results, question, mark, level)
+        case "ICC" if results.components and (value := results.components.by_k[0][2]) is not None:
+            k = results.components.by_k[0][0]
+            yield Asked(question, f"ICC = {number(value)}, variance components, mean of k = {k}.", mark)
+        case "equivalence":
+            yield from (Asked(question, answer, mark) for answer in _equivalent(results, tasks))
 
 
 def _above(task: TaskResult, results: Results, level: float) -> str:
@@ -126,7 +135,7 @@ def _tasks_differ(results: Results, question: str, mark: str, level: float) -> A
         if one.test.mean is not None
     ]
     if paired:
-        return Asked(question, " ".join(paired), mark)
+        return Asked(question, " ".join(paired), mark, (BY_FLIPS,))
     if not results.two_way or (effect := results.two_way[1].effects[0]).f is None or effect.p is None:
         return Asked(question, f"No test is defined: {results.two_way_statement or 'F is not defined'}.", mark)
     means = [

@@ -132,7 +132,7 @@ def test_a_task_that_was_practised_has_its_tables_whatever_ends_the_next(
     assert code == -9, screen
     root = tmp_path / "participants" / "practice-small"
     assert verify(root).refused == 0
-    code, out, err = palpate("analyse", root, "--no-figures", "--out", tmp_path / "tables")
+    code, out, err = palpate("analyse", root, "--no-figures", "--full", "--out", tmp_path / "tables")
     assert (code, "no footer" in err, "PRACTICE" in out) == (0, True, True), err
 
 
@@ -195,5 +195,5 @@ def test_a_task_that_presents_one_material_is_practised_and_analysed(tmp_path: P
     order = journal.read(storage.journal_path(root, "01", "two")).header.order
     assert [trial.presented for trial in order] == [("cork",)] * 2
     assert verify(root).refused == 0
-    code, out, err = palpate("analyse", root, "--no-figures", "--out", tmp_path / "tables")
+    code, out, err = palpate("analyse", root, "--no-figures", "--full", "--out", tmp_path / "tables")
     assert (code, "felt is not" in out) == (0, True), err

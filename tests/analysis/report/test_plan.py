@@ -16,6 +16,7 @@ from palpate.analysis.identification.results import compute
 from palpate.analysis.published import load
 from palpate.analysis.reading.dataset import read
 from palpate.analysis.reading.study import Study
+from palpate.analysis.report.answers import UNDEFINED
 from palpate.analysis.report.plan import alpha, exclusions_section, marked, standing
 from palpate.analysis.report.sections import overview_section, sections
 from palpate.experiment.protocol import files
@@ -102,6 +103,19 @@ def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Pat
     assert marks["beside"] == {"ours"}
     assert marks["trials"] <= {"exploratory"}
     assert {section.part for section in found} == {"", "Planned results", "Ours", "Exploratory", "Left out", ON_METHODS}
+
+
+def test_every_planned_question_is_on_the_first_screen(root: Path) -> None:
+    """Twice the same test, and a one-way ANOVA of which the plan names no materials."""
+    path = root / "sourcedata" / "protocol.toml"
+    text = path.read_text("utf-8").replace('materials = ["aluminum foil", "typing paper"]\n', "")
+    again = '\n[[analysis]]\ntest = "t against chance"\ntasks = ["virtual"]\nchance = 0.25\nquestion = "Once more?"\n'
+    path.write_text(text + again * 2, "utf-8")
+    study = read(root)
+    asked = sections(study, compute(study, {}), None, None)[0].asked
+    assert len({one.question for one in asked}) == len({plan.question for plan in study.plans()})
+    assert [one.question for one in asked].count("Once more?") == 2
+    assert [one.answer for one in asked].count(UNDEFINED) == 1
 
 
 def test_a_test_that_could_not_be_run_says_why(root: Path, approved: SnapshotAssertion) -> None:
