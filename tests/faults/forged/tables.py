@@ -63,8 +63,8 @@ def _take_answer(at: At) -> Act:
 READ: dict[str, object] = {
     "TaskTitle": "Another",
     "Instructions": "Another",
-    "Kind": "tapping",
-    "Design": "comparison",
+    "Kind": "another",
+    "Design": "another",
     "Materials": [],
     "Answers": ["first"],
     "Rows": 1,
