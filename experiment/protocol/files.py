@@ -25,14 +25,14 @@ def _tables() -> dict[str, Any]:
     return of_kinds | {name: (table | None, None) for name in designs.NAMES if (table := design_of(name).table)}
 
 
-def _said() -> str:
+def _docstring() -> str:
     """Return what a protocol is, with what each table of `_tables` is for."""
     return (Protocol.__doc__ or "").rstrip() + "".join(
         f"\n        {name}: what trials of `{name}` need, in a study of these." for name in _tables()
     )
 
 
-ProtocolFile = create_model("ProtocolFile", __base__=Protocol, __module__=__name__, __doc__=_said(), **_tables())
+ProtocolFile = create_model("ProtocolFile", __base__=Protocol, __module__=__name__, __doc__=_docstring(), **_tables())
 """A whole study with the tables of every kind and design, of which a file has those of its own."""
 
 
