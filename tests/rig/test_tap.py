@@ -111,7 +111,8 @@ def test_what_begins_at_a_server_and_starts_and_stops_one_has_its_turn(monkeypat
             card.mouth(1, 1, np.ones(1, np.float32))
         card.close()
         monkeypatch.undo()
-    assert seen == ["_started", "Tap", "Mouth", "_stop"]
+    # A server that does not start in time is stopped within `_started`, and the next name is tried.
+    assert list(dict.fromkeys(reversed(seen))) == ["_stop", "Mouth", "Tap", "_started"]
 
 
 def test_a_card_that_is_interrupted_while_it_waits_to_close_leaves_no_setting_behind(
