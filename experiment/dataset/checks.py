@@ -2,7 +2,7 @@
 
 Nothing foreign, copied, renamed or made for another purpose enters a table. Headers are checked against path, protocol,
 seal, seed and roster (or the plan), and every file against the log's anchors. A reader runs the list as far as it
-wants: `load_sound` stops at the first refusal, `palpate status` shows all, `palpate verify` those of tables as well.
+wants: `load_sound` stops at the first refusal, `palpate status` shows all, `palpate verify` those `OF_TABLES` as well.
 """
 
 import hashlib
@@ -130,10 +130,10 @@ def load_sound(root: Path, each: Each = map) -> Dataset:
 def findings(dataset: Dataset, *names: str) -> Iterator[Finding]:
     """Yield each thing that speaks against a dataset once, with the name of its check, in the order of `CHECKS`.
 
-    Without `names` of checks, all are run but the one that reads tables, which only make sense of sound journals.
+    Without `names` of checks, all are run but those `OF_TABLES`, which only make sense of sound journals.
     """
     known: set[Finding] = set()
-    for name in names or [name for name in CHECKS if name != EDITS]:
+    for name in names or [name for name in CHECKS if name not in OF_TABLES]:
         for one in CHECKS[name](dataset):
             finding = replace(one, check=name)
             if finding not in known:
@@ -441,8 +441,8 @@ def _forgotten_withdrawals(root: Path, roster: Roster, marked: Iterable[Path]) -
             yield Finding(what, roster.path, remedy="restore the roster from a backup")
 
 
-EDITS = "edits"
-"""The check that compares tables with the journals of sound sessions; looked up, for no session brings it along."""
+OF_TABLES = ("edits", "traces")
+"""The checks that compare what was made of sound sessions' journals; looked up, for no session brings them along."""
 
 CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "anchors": _anchors,
@@ -455,6 +455,7 @@ CHECKS: Mapping[str, Callable[[Dataset], Iterable[Finding]]] = {
     "tables": _tables_alone,
     "participants": _lost_sessions,
     "withdrawals": lambda dataset: _forgotten_withdrawals(dataset.root, dataset.people, dataset.withdrawals),
-    EDITS: lambda dataset: import_module("palpate.experiment.dataset.tables").differences(dataset),
+    "edits": lambda dataset: import_module("palpate.experiment.dataset.tables").differences(dataset),
+    "traces": lambda dataset: import_module("palpate.experiment.dataset.tables").lost_traces(dataset),
 }
 """Every check of a dataset, in the order in which it is run, by the name that its findings have."""

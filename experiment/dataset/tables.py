@@ -1,4 +1,4 @@
-"""Whether the tables on disk are those that the journals give."""
+"""Whether the tables and traces on disk are those that the journals give."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -10,7 +10,7 @@ from pathlib import Path
 from palpate.experiment import storage
 from palpate.experiment.dataset import bids, build
 from palpate.experiment.dataset.checks import (
-    EDITS,
+    OF_TABLES,
     OPEN,
     Dataset,
     build_again,
@@ -42,12 +42,12 @@ def unmade(root: Path, dataset: Dataset) -> bool:
 
 
 def check_tables(root: Path) -> Dataset:
-    """Return a dataset if journals, tables and raw frames agree, apart from open sessions.
+    """Return a dataset if journals, tables, traces and raw frames agree, apart from open sessions.
 
     Raises as `load_sound`, and `DatasetError` for the first difference, or if no session ended and none has a table.
     """
     dataset = load_sound(root)
-    doubts = list(findings(dataset, EDITS))
+    doubts = list(findings(dataset, *OF_TABLES))
     none = dataset.under_way and not any(_has_table(root, header) for _, header in dataset.sessions)
     if (doubts or none) and unmade(root, dataset):
         raise DatasetError(root, UNMADE)
@@ -75,7 +75,7 @@ def check_analysed(root: Path) -> tuple[str, ...]:
 
 
 def differences(dataset: Dataset) -> Iterator[Finding]:
-    """Yield each table that the journals do not give, and frames that they do not name.
+    """Yield each table that the journals do not give.
 
     Journals under way may have tables since their last footer. Files of all participants are compared in a whole
     dataset.
@@ -90,11 +90,24 @@ def differences(dataset: Dataset) -> Iterator[Finding]:
             unmade = not until_footer(contents).lines and not _has_table(root, header)
             unlike = [] if unmade else min([unlike, *earlier], key=len)
         yield from unlike
+
+
+def lost_traces(dataset: Dataset) -> Iterator[Finding]:
+    """Yield raw frames that are not those a journal names, and each trace of the foot's height that is missing."""
+    for path, header in dataset.sessions:
+        contents = journal.read(path)
         kind = build.kind_of(dataset.protocol.task(header.task))
         try:
             build.raw_frames(path, [outcome for outcome, _ in kind.cells(path, contents)])
         except PalpateError as error:
             yield error.finding
+        ended = until_footer(contents) if path in dataset.under_way else contents
+        stepped = any(isinstance(entry, entries.Outcome) and entry.frames and entry.asks for entry in ended.entries)
+        for suffix in ("tsv.gz", "json") if stepped else ():
+            trace = f"recording-foot_physio.{suffix}"
+            file = bids.beh_path(dataset.root, header.participant, header.task, trace)
+            if not file.exists():
+                yield _missing(dataset.root, file)
 
 
 def _of_study(dataset: Dataset) -> list[Finding]:
@@ -138,13 +151,17 @@ CAUSE = "it was edited, or the journals are newer, or were changed themselves"
 def _difference(root: Path, path: Path, content: bytes) -> Finding | None:
     """Return what is wrong with a table that is not the one that the journals give."""
     if not path.exists():
-        return Finding("is missing", path, remedy=build_again(root, "make it again"))
+        return _missing(root, path)
     keys = next((keys for end, keys in READ.items() if path.name.endswith(end)), None)
     if keys is None and path.suffix != ".tsv":
         return None
     remedy = build_again(root, "compare both with a backup, then make the tables again", suffices=False)
     what = _differing_line(path, content) if keys is None else _differing_key(path, content, keys)
     return Finding(f"{what}: {CAUSE}", path, remedy=remedy) if what else None
+
+
+def _missing(root: Path, path: Path) -> Finding:
+    return Finding("is missing", path, remedy=build_again(root, "make it again"))
 
 
 def _differing_line(path: Path, content: bytes) -> str:

@@ -15,7 +15,7 @@ from typing import Literal
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.dataset import bids, build, checks, register, tables
+from palpate.experiment.dataset import build, checks, register, tables
 from palpate.experiment.dataset.checks import Dataset
 from palpate.experiment.dataset.register import DIGITS, LOG, Anchor, Anchored, Evidence, anchors_of_file
 from palpate.experiment.dataset.signatures import Signer, soundly_signed
@@ -144,8 +144,7 @@ def _together(
         under_way = dataset.under_way.intersection(path for path, _ in sound)
         held = replace(dataset, sessions=sound, under_way=under_way, whole=not refused)
         if sound:
-            edited = checks.findings(held, checks.EDITS)
-            differing = [_inside(root, one) for one in (*edited, *_lost_traces(root, held))]
+            differing = [_inside(root, one) for one in checks.findings(held, *checks.OF_TABLES)]
             unmade = bool(differing) and tables.unmade(root, dataset)
     except PalpateError as error:
         doubts, stopped = [*doubts, _inside(root, error.finding)], True
@@ -195,19 +194,6 @@ def _sealed(root: Path, evidence: Sequence[Evidence]) -> Iterator[Finding]:
     yield Finding(f"from {seal.approved_on} to {seal.expires_on}", "approval", verdict=verdict)
     yield Finding(seal.approval_number, "approval number", verdict=verdict)
     yield Finding(" ".join(seal.board.split()), "board", verdict=verdict)
-
-
-def _lost_traces(root: Path, dataset: Dataset) -> Iterator[Finding]:
-    """Yield each trace of the foot's height that is missing beside its table."""
-    for journal_file, header in dataset.sessions:
-        participant, task = header.participant, header.task
-        contents = journal.read(journal_file)
-        ended = tables.until_footer(contents) if journal_file in dataset.under_way else contents
-        stepped = any(isinstance(entry, Outcome) and entry.frames and entry.asks for entry in ended.entries)
-        for suffix in ("tsv.gz", "json") if stepped else ():
-            path = bids.beh_path(root, participant, task, f"recording-foot_physio.{suffix}")
-            if not path.exists():
-                yield Finding("is missing", path, remedy=checks.build_again(root, "make it again"))
 
 
 def _tables_alone(root: Path) -> Iterator[Finding]:

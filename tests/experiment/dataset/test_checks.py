@@ -86,17 +86,27 @@ def test_each_check_finds_what_it_is_for(made: MadeStudy, tmp_path: Path, check:
     assert refused.value.finding.check == found[0]
 
 
-def test_the_last_check_finds_a_cell_that_was_edited_and_is_run_where_it_is_asked_for(
-    made: MadeStudy, tmp_path: Path
+@pytest.mark.parametrize(("check", "end", "suffices"), [("edits", "events.tsv", False), ("traces", "tsv.gz", True)])
+def test_what_was_made_of_journals_is_compared_where_it_is_asked_for(
+    made: MadeStudy, tmp_path: Path, check: str, end: str, suffices: bool
 ) -> None:
     study = copied(made, tmp_path / "study")
-    next(one for one in WRONG if one.name == "an answer edited in the events").act(study, tmp_path)
+    if check == "edits":
+        next(one for one in WRONG if one.name == "an answer edited in the events").act(study, tmp_path)
+    else:
+        next(study.root.glob("sub-*/beh/*.tsv.gz")).unlink()
     dataset = checks.load_sound(study.root)
-    found = {one.place(study.root): one for one in checks.findings(dataset, *checks.CHECKS)}
-    assert {one.check for one in found.values()} == {list(checks.CHECKS)[-1]} == {checks.EDITS}
-    remedy = next(one.remedy for place, one in found.items() if place.endswith("_events.tsv"))
+    found = list(checks.findings(dataset, *checks.CHECKS))
+    assert {one.check for one in found} == {check} <= set(checks.OF_TABLES)
+    for read in (tables.check_tables, tables.check_analysed):
+        with pytest.raises(DatasetError) as refused:
+            read(study.root)
+        assert refused.value.finding == found[0]
+    remedy = next(one.remedy for one in found if str(one.where).endswith(end))
     assert isinstance(remedy, Remedy)
-    assert (remedy.command, remedy.suffices) == (("palpate", "build", str(study.root)), False)
+    assert (remedy.command, remedy.suffices) == (("palpate", "build", str(study.root)), suffices)
+    shown = [(one.where, one.remedy) for one in verify(study.root).findings if one.verdict == "refuses"]
+    assert shown == [(one.place(study.root), one.remedy) for one in found]
 
 
 def test_what_a_backup_brought_back_is_the_finding_of_a_check(made: MadeStudy, tmp_path: Path) -> None:

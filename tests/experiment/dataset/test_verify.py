@@ -318,7 +318,7 @@ def test_in_the_first_session_of_a_participant_no_table_is_missed(study: MadeStu
     rechained(path, path.read_bytes().splitlines(keepends=True)[:-2])
     assert verify(study.root).refused == 0
     ended = replace(checks.load_sound(study.root), under_way=frozenset())
-    assert "is missing" in {one.what for one in checks.findings(ended, checks.EDITS)}
+    assert "is missing" in {one.what for one in checks.findings(ended, "edits")}
 
 
 def test_an_open_session_is_told_as_open_and_not_accused(study: MadeStudy, visited: Path, palpate: Palpate) -> None:
