@@ -193,13 +193,12 @@ def other_format(
     newer = type(got) is int and got > known
     by = f"{'a newer' if newer else 'an unreleased'} palpate"
     number = "has no number" if got is None else f"is {got!r:.20}"
-    use = "install a newer palpate" if newer else "read it with the palpate that made it"
-    advice = "" if mend else f". To use it, {use}"
+    use = "update palpate" if newer else "open it with the version that wrote it"
     return OtherFormat(
         file,
         f"made by {by}{f' ({software:.80})' if software else ''}. The format of this {what} {number}; this palpate "
-        f"reads format {known}. The file is not damaged{advice}",
-        mend,
+        f"reads format {known}. The file is not damaged",
+        mend or f"to use it, {use}",
         line=line,
     )
 

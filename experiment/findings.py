@@ -75,12 +75,9 @@ class Finding:
         """Return all of it as one line: the place, with files below `root` by their paths in there, and the clause."""
         return ": ".join(part for part in (self.place(root), self.clause()) if part)
 
-    def lines(self, width: int, root: Path, indents: tuple[str, str]) -> list[str]:
-        """Return the sentence in lines, none of which ends inside of a command: pasted, the first part would run."""
-        command = shown(self.remedy.command) if isinstance(self.remedy, Remedy) else ""
-        text = self.sentence(root).replace(command, command.replace(" ", "\0"))
-        filler = TextWrapper(width, *indents, break_long_words=False, break_on_hyphens=False)
-        return [line.replace("\0", " ") for line in filler.wrap(text)]
+    def lines(self, width: int, indents: tuple[str, str], root: Path | None = None) -> list[str]:
+        """Return the sentence in lines, as `wrapped`."""
+        return wrapped(self.sentence(root), self.remedy, width, indents)
 
     def record(self) -> dict[str, object]:
         """Return a finding of a settings file for programs."""
@@ -100,6 +97,14 @@ def summary(file: Path | str, findings: Sequence[Finding]) -> Finding:
 def counted(findings: Sequence[Finding]) -> str:
     """Return how many errors there are."""
     return f"{len(findings)} error{'' if len(findings) == 1 else 's'}"
+
+
+def wrapped(text: str, remedy: Remedy | str, width: int, indents: tuple[str, str]) -> list[str]:
+    """Return a text in lines, none of which ends inside of a remedy's command: pasted, the first part would run."""
+    command = shown(remedy.command) if isinstance(remedy, Remedy) else ""
+    filler = TextWrapper(width, *indents, break_long_words=False, break_on_hyphens=False)
+    whole = text.replace(command, command.replace(" ", "\0")) if command else text
+    return [line.replace("\0", " ") for line in filler.wrap(whole)]
 
 
 def shown(command: Sequence[str]) -> str:

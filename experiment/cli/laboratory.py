@@ -510,12 +510,11 @@ def verify(
     from palpate.experiment.settings.characters import plain
 
     report = verifying.verify(dataset, registers or (), numbers or (), Signer(signer) if signer else None)
-    records = report.records()
     if as_json:
-        options.put({"title": report.title, "findings": records, "verdict": list(report.verdict)})
+        options.put({"title": report.title, "findings": report.records(), "verdict": list(report.verdict)})
     else:
-        words = {"holds": "holds  ", "refused": "REFUSED", "note": "note   "}
-        found = [f"  {words[one['word']]}  {one['item']}: {one['text']}" for one in records]
+        words = {"passes": "holds", "refuses": "REFUSED"}
+        found = [f"  {words.get(one.verdict, 'note'):7}  {one.sentence()}" for one in report.findings]
         # A name of a file may hold line feeds, and passes for no line of the report.
         typer.echo("\n".join(plain(line, keep="") for line in (report.title, *found, *report.verdict)))
     raise typer.Exit(1 if report.refused else 0)

@@ -167,7 +167,7 @@ def _answered(asks: str, default: str, given: str | None, ask: bool, take: Calla
             return take(typed or default)
         except PalpateError as error:
             for one in error.findings:
-                options.say(f"  {one.sentence()}")
+                typer.echo("\n".join(one.lines(options.columns(10_000), ("  ", ""))))
 
 
 def _typed(prompt: str) -> str:

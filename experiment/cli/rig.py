@@ -1,6 +1,5 @@
 """The commands of a rig: which devices this machine has, whether they are in order, and what calibrates them."""
 
-import textwrap
 from collections.abc import Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import asdict
@@ -131,12 +130,14 @@ def document_of(check: "Finding") -> dict[str, str]:
 
 def lines(check: "Finding") -> Iterator[str]:
     """Yield a check for the terminal: what was measured, and the remedy under it."""
+    from palpate.experiment.findings import wrapped
+
     shown = document_of(check)
     allowed = f" (allowed: {check.allowed})" if check.allowed else ""
     heads = f"{shown['verdict']:11}  {shown['name']:19}  ", " " * 34
     for head, text in zip(heads, (shown["measured"] + allowed, shown["remedy"]), strict=True):
         if text:
-            yield textwrap.fill(text, options.columns(10_000), initial_indent=head, subsequent_indent=heads[1])
+            yield from wrapped(text, check.remedy, options.columns(10_000), (head, heads[1]))
 
 
 @calibrate.command("tracker", epilog="Example: palpate calibrate tracker --rig our-rig.toml --out new-rig.toml")

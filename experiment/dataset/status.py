@@ -387,6 +387,6 @@ def _listed(heading: str, sentences: Sequence[str | Finding], root: Path = Path(
         return
     yield from ("", heading)
     for one in sentences[:SHOWN]:
-        yield from (one if isinstance(one, Finding) else Finding(one)).lines(COLUMNS, root, ("  ", "    "))
+        yield from (one if isinstance(one, Finding) else Finding(one)).lines(COLUMNS, ("  ", "    "), root)
     if len(sentences) > SHOWN:
         yield f"  ... and {len(sentences) - SHOWN} more (--json has all)."

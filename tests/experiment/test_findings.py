@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment.errors import DatasetError, PalpateError, ProtocolError, RigError, mismatch
-from palpate.experiment.findings import Finding, Remedy, windows_command
+from palpate.experiment.findings import Finding, Remedy, windows_command, wrapped
 
 FILE = Path("/data/study/participants.tsv")
 COMMAND = ("palpate", "build", "/data/my study")
@@ -56,6 +56,15 @@ def test_a_remedy_shows_its_command_where_its_words_say_so_or_behind_them() -> N
     shown = shlex.join(COMMAND)
     assert str(Remedy("make it again", COMMAND)) == f"{'make it again'} ({shown})"
     assert str(Remedy("run {}, then", COMMAND)) == f"run {shown}, then"
+
+
+def test_no_line_ends_inside_of_a_command() -> None:
+    remedy, shown = Remedy("make it again", COMMAND), shlex.join(COMMAND)
+    finding = Finding("is missing", FILE, remedy=remedy)
+    for lines in (wrapped(f"{remedy}", remedy, 20, ("> ", "  ")), finding.lines(20, ("> ", "  "), FILE.parent)):
+        assert [line.strip() for line in lines if "palpate" in line] == [f"({shown})"]
+        assert (lines[0][:2], {line[:2] for line in lines[1:]}) == ("> ", {"  "})
+    assert wrapped("one two", "", 5, ("", "")) == ["one", "two"]
 
 
 @pytest.mark.parametrize(
