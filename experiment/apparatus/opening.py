@@ -76,9 +76,9 @@ def session_stream(rig: Rig, *, limit_m_s2: float | None, listens: bool, masker:
     if plays and limit_m_s2 is not None:
         from palpate.experiment.apparatus.panel.conditioning import Conditioner
 
-        volts = rig.actuator.shaping is not None
+        behind = rig.actuator.shaping is not None or rig.actuator.measured is not None
         conditioner = Conditioner(full_scale=rig.actuator.full_scale, limit_m_s2=limit_m_s2)
-        ceilings[channels.actuator - 1] = 1.0 if volts else conditioner.ceiling
+        ceilings[channels.actuator - 1] = 1.0 if behind else conditioner.ceiling
     return stream_settings(
         audio, ceilings, inputs=inputs, sent=listens and channels.microphone is not None, stimuli=plays
     )
@@ -213,11 +213,9 @@ def open_actuator(
             "correct [actuator.shaping] there",
             allowed=f"{allowed}, as the rig file says",
         )
-    from palpate.experiment.apparatus.panel.conditioning import Conditioner
+    from palpate.experiment.apparatus.panel.conditioning import open_conditioner
 
-    condition = Conditioner(
-        full_scale=settings.full_scale, limit_m_s2=limit_m_s2, drive=drive, carries_hz=settings.carries_hz
-    )
+    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
     if where is not None:
         from palpate.experiment.apparatus.panel.pcm import PcmActuator
 

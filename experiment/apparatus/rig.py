@@ -634,6 +634,11 @@ class Rig(Confined):
     _folder: Path | None = PrivateAttr(None)
 
     @property
+    def folder(self) -> Path | None:
+        """The folder of its file; None for a rig that was read from none."""
+        return self._folder
+
+    @property
     def driver_file(self) -> Path | None:
         """The file beside the rig file that holds the tracker's driver; None where an installed package does."""
         module = self.tracker.driver.partition(":")[0]

@@ -44,14 +44,26 @@ class Computed(Record):
     dissimilarity_m_s2: float | None = None
 
 
+class Moved(Record):
+    """The panel's peak by its measured complex response, m/s^2, and what that is uncertain by.
+
+    `scale`: factor, at most 1, by which the whole stimulus was taken down so that their sum keeps the limit.
+    """
+
+    peak_m_s2: float
+    uncertainty_m_s2: float
+    scale: float
+
+
 class Stimulus(Record):
     """What was requested of the actuator for a step, what its device was handed, and the panel's acceleration.
 
     `asked_sha256` is the hash of the requested amplitudes of all bins, m/s^2 with sign, as float64, little-endian.
     `floored_bins` counts those that extrapolation would have made negative. `handed_sha256` is that of the samples as
     float32, little-endian, 1.0 being full scale; `handed_peak` their largest magnitude, in `handed_unit`; `limited` how
-    many the limiter changed. `reached_peak_m_s2` is the panel's largest magnitude: by the rig's response for volts,
-    less than 1.3 % too high, with losses in `shaping`; for accelerations `handed_peak`, with `shaping` None.
+    many the limiter changed. `reached_peak_m_s2` is the panel's largest magnitude: where `moved` has a measured panel's
+    peak, that with its uncertainty; otherwise for volts by the rig's response without phase, less than 1.3 % too high,
+    and for accelerations `handed_peak`. Losses of volts are in `shaping`.
     """
 
     asked_sha256: str
@@ -66,6 +78,7 @@ class Stimulus(Record):
     limited: int
     reached_peak_m_s2: float
     shaping: Shaping | None = None
+    moved: Moved | None = None
 
     @property
     def lasts_s(self) -> float:
@@ -119,8 +132,9 @@ def played_line(stimulus: Stimulus | None, onset: Onset | None) -> str:
     said = f"a stimulus was played, with a peak of at most {stimulus.reached_peak_m_s2:.3g} m/s^2"
     if stimulus.handed_unit == "V":
         said += f" at the panel for {stimulus.handed_peak:.3g} V"
-    if stimulus.shaping is not None and stimulus.shaping.scale < 1:
-        said += f", taken down to {stimulus.shaping.scale:.1%} as a whole"
+    scale = (stimulus.shaping.scale if stimulus.shaping else 1.0) * (stimulus.moved.scale if stimulus.moved else 1.0)
+    if scale < 1:
+        said += f", taken down to {scale:.1%} as a whole"
     if stimulus.computed.left_out is not None:
         said += f", off by {stimulus.computed.relative_error:.2%} (rms) with {stimulus.computed.left_out:.2%} left out"
     if stimulus.extrapolated:

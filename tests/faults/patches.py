@@ -223,6 +223,20 @@ PATCHES = (
         (f"{_T}apparatus/panel/test_limiter.py",),
     ),
     Patch(
+        "the limit of a measured panel without its uncertainty",
+        "experiment/apparatus/panel/movement.py",
+        "uncertain + highest * abs(1 - gain))",
+        "0.0 * uncertain)",
+        (f"{_T}apparatus/panel/test_movement.py",),
+    ),
+    Patch(
+        "a measured panel whose limit nothing keeps",
+        "experiment/apparatus/panel/conditioning.py",
+        "        if peak.highest_m_s2 > self._limit_m_s2:\n",
+        "        if peak.highest_m_s2 > 2 * self._limit_m_s2:\n",
+        (f"{_T}apparatus/panel/test_movement.py",),
+    ),
+    Patch(
         "peak limiter left out before the device",
         "experiment/apparatus/panel/conditioning.py",
         "        bounded, limited = limit(wanted, self._limit)\n",

@@ -77,6 +77,14 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/synthesis/contact",
         "experiment/synthesis/tap.py",
     ),
+    "panel": (
+        "experiment/apparatus/panel/calibration.py",
+        "experiment/apparatus/panel/drift.py",
+        "experiment/apparatus/panel/measured.py",
+        "experiment/apparatus/panel/movement.py",
+        "experiment/apparatus/panel/multisine.py",
+        "experiment/desk/panel.py",
+    ),
     "stepping": ("experiment/synthesis/stepping",),
     "levels": (
         "experiment/protocol/levels.py",

@@ -1,21 +1,24 @@
 """From a stimulus in m/s^2 to the samples of a device, 1.0 being its full scale. Shared by the actuators' drivers.
 
-A device that takes accelerations gets the limited stimulus. One that takes volts gets the shaped one: shaping holds the
-protocol's limit of acceleration, which no voltage alone implies, and scales the whole stimulus down. The limiter stands
-last before the device, whatever shaping did.
+A device that takes accelerations gets the limited stimulus. One that takes volts gets the shaped one. Where the panel
+was measured, the protocol's limit is that of its movement, and the whole stimulus is scaled down to it. Elsewhere, in
+simulation alone, samples in m/s^2 are limited, and shaping scales voltages down, by the response without phase. The
+limiter stands last before the device, whatever was done before.
 """
 
 import hashlib
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from importlib import import_module
 from pathlib import Path
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from palpate.experiment.apparatus.panel.response_table import parse
-from palpate.experiment.apparatus.rig import ActuatorRig, response_table
+from palpate.experiment.apparatus.rig import ActuatorRig, Rig, response_table
 from palpate.experiment.errors import ActuatorError
 from palpate.experiment.records import stimulus as records
 from palpate.experiment.synthesis import budget
@@ -23,8 +26,29 @@ from palpate.experiment.synthesis.shaping import Shaped
 from palpate.experiment.synthesis.voltages import Drive
 from palpate.experiment.synthesis.waveforms import Basis, Waveform
 
+MOVEMENT = "palpate.experiment.apparatus.panel.movement"
+"""How a measured panel moves, which is imported for one alone."""
+
 EVERY_HZ = (0.0, math.inf)
 """What a device carries of which nothing else is said, Hz."""
+
+
+class Peak(NamedTuple):
+    """The largest magnitude of a movement at any time, m/s^2, and what it is uncertain by."""
+
+    peak_m_s2: float
+    uncertainty_m_s2: float
+
+    @property
+    def highest_m_s2(self) -> float:
+        return self.peak_m_s2 + self.uncertainty_m_s2
+
+
+class Movement(Protocol):
+    """How a measured panel moves."""
+
+    def peak(self, samples: NDArray[np.float32]) -> Peak:
+        """Return the peak that finite samples, shape (n,), move the panel by."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +56,8 @@ class Played:
     """A stimulus as its device is given it: `samples`, little-endian float32, shape (n,), 1.0 being full scale.
 
     Full scale is in V with a `drive`, else in m/s^2. The limiter changed `limited` samples; shaping scaled all by
-    `scale`. `method` is for readers. A device that takes accelerations moves the panel at `carries_hz` alone.
+    `scale`, and the limit of a measured panel, whose peak is now `moved`, by `panel_scale`. `method` is for readers. A
+    device that takes accelerations moves the panel at `carries_hz` alone.
     """
 
     stimulus: Waveform
@@ -43,16 +68,22 @@ class Played:
     drive: Drive | None = None
     scale: float = 1.0
     carries_hz: tuple[float, float] = EVERY_HZ
+    moved: Peak | None = None
+    panel_scale: float = 1.0
 
     def budget(self) -> tuple[budget.Budget, Shaped | None]:
         """Return how the samples differ from the request, and what shaping did, None without; computed anew."""
         handed = self.samples.astype(np.float64) * self.full_scale
         if self.drive is None:
+            changed = self.limited + (self.panel_scale < 1)
             found = budget.of_accelerations(
-                self.stimulus, handed_m_s2=handed, limited=self.limited, carries_hz=self.carries_hz
+                self.stimulus, handed_m_s2=handed, limited=changed, carries_hz=self.carries_hz
             )
             return found, None
         voltages_v, shaped = self.drive.worked_out(self.stimulus, self.scale)
+        if (down := self.panel_scale) < 1:
+            voltages_v, both = voltages_v * down, (shaped.coefficients_v * down, shaped.reached_m_s2 * down)
+            shaped = replace(shaped, coefficients_v=both[0], reached_m_s2=both[1], scale=shaped.scale * down)
         found = budget.of_voltages(
             self.stimulus, handed_v=handed, voltages_v=voltages_v, shaped=shaped, response=self.drive.response
         )
@@ -66,6 +97,8 @@ class Played:
         if self.drive is not None and shaped is not None:
             # The bound may lie above the peak, and so above a limit that is known to hold.
             reached = min(shaped.peak_m_s2, self.drive.limit_m_s2)
+        if self.moved is not None:
+            reached = self.moved.highest_m_s2
         return records.Stimulus(
             asked_sha256=hashlib.sha256(np.asarray(asked.exact, "<f8").tobytes()).hexdigest(),
             floored_bins=asked.floored_bins,
@@ -83,7 +116,8 @@ class Played:
             rate_hz=asked.rate_hz,
             limited=self.limited,
             reached_peak_m_s2=reached,
-            shaping=None if shaped is None else _lost(shaped),
+            shaping=None if shaped is None else _lost(shaped, self.scale),
+            moved=None if self.moved is None else records.Moved(**self.moved._asdict(), scale=self.panel_scale),
         )
 
 
@@ -97,15 +131,18 @@ class Conditioner:
         limit_m_s2: float,
         drive: Drive | None = None,
         carries_hz: tuple[float, float] | None = None,
+        movement: Movement | None = None,
     ) -> None:
         """Set the limits; `ActuatorError` if the protocol's is negative or not finite.
 
         A device that takes volts has a `drive` and a full scale in V. Otherwise full scale and `limit_m_s2`, whichever
-        is lower, limit accelerations, and `carries_hz` is the device's known range, for the record.
+        is lower, limit accelerations, and `carries_hz` is the device's known range, for the record. With a `movement`
+        full scale alone limits samples, and `limit_m_s2` what they move.
         """
         limit((), limit_m_s2)
         self._full_scale = full_scale
-        self._limit = full_scale if drive is not None else min(limit_m_s2, full_scale)
+        self._movement, self._limit_m_s2 = movement, limit_m_s2
+        self._limit = full_scale if drive is not None or movement is not None else min(limit_m_s2, full_scale)
         self._drive = drive
         self._carries_hz = carries_hz or EVERY_HZ
         highest = np.float32(self._limit / full_scale)
@@ -131,7 +168,19 @@ class Conditioner:
         samples = np.empty(bounded.shape, "<f4")
         np.divide(bounded, self._full_scale, out=samples, casting="same_kind")
         np.clip(samples, -self._highest, self._highest, out=samples)
-        return Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale, self._carries_hz)
+        played = Played(stimulus, samples, self._full_scale, limited, method, self._drive, scale, self._carries_hz)
+        return played if self._movement is None else self._within(played, self._movement)
+
+    def _within(self, played: Played, movement: Movement) -> Played:
+        """Return a stimulus taken down as a whole to where its panel moves by the protocol's limit at most."""
+        peak, down = movement.peak(played.samples), 1.0
+        if peak.highest_m_s2 > self._limit_m_s2:
+            # Rounding to float32 must not lift it over the limit.
+            down = self._limit_m_s2 / peak.highest_m_s2 * (1 - float(np.finfo(np.float32).eps))
+        samples = played.samples if down == 1.0 else (played.samples * down).astype("<f4")
+        return replace(
+            played, samples=samples, moved=Peak(peak.peak_m_s2 * down, peak.uncertainty_m_s2 * down), panel_scale=down
+        )
 
     def _made(self, stimulus: Waveform) -> tuple[NDArray[np.float64], float, str]:
         """Return a stimulus in the device's unit, shape (n,), the scale it was taken down to, and how it was made."""
@@ -158,13 +207,29 @@ def limit(waveform: ArrayLike, peak: float) -> tuple[NDArray[np.float64], int]:
     return bounded, int(np.count_nonzero(bounded != wanted))
 
 
+def open_conditioner(rig: Rig, *, limit_m_s2: float, drive: Drive | None) -> Conditioner:
+    """Return what conditions stimuli for a rig's actuator, with its `open_drive`. Raises `RigError` for the panel."""
+    actuator, movement = rig.actuator, None
+    if actuator.measured is not None:
+        module = import_module(MOVEMENT)
+        movement = module.open_movement(rig.folder or Path(), actuator.measured, rate_hz=actuator.rate_hz)
+    return Conditioner(
+        full_scale=actuator.full_scale,
+        limit_m_s2=limit_m_s2,
+        drive=drive,
+        carries_hz=actuator.carries_hz,
+        movement=movement,
+    )
+
+
 def open_drive(
     folder: Path, actuator: ActuatorRig, *, limit_m_s2: float, materials: Mapping[str, Basis] | None = None
 ) -> Drive | None:
     """Return what turns accelerations into voltages for a rig's actuator; None for one that takes accelerations.
 
-    `limit_m_s2` is the protocol's, for the acceleration delivered. The voltages of `materials`, by id, are prepared
-    now. Raises `RigError` if the table in `folder` is not the rig file's, and `RecordingError` if it is unusable.
+    `limit_m_s2` is the protocol's; that of a measured panel is kept behind the drive. The voltages of `materials`, by
+    id, are prepared now. Raises `RigError` if the table in `folder` is not the rig file's, and `RecordingError` if it
+    is unusable.
     """
     settings = actuator.shaping
     if settings is None:
@@ -174,12 +239,12 @@ def open_drive(
         rate_hz=actuator.rate_hz,
         response=parse(folder / settings.response, response_table(folder, settings)),
         gain_limit_v_per_m_s2=settings.gain_limit_v_per_m_s2,
-        limit_m_s2=limit_m_s2,
+        limit_m_s2=limit_m_s2 if actuator.measured is None else math.inf,
         limit_v=settings.full_scale_v,
     )
 
 
-def _lost(shaped: Shaped) -> records.Shaping:
+def _lost(shaped: Shaped, scale: float) -> records.Shaping:
     return records.Shaping(
         saturated_bins=shaped.saturated.bins,
         saturated_cost_m_s2=shaped.saturated.cost_m_s2,
@@ -187,5 +252,5 @@ def _lost(shaped: Shaped) -> records.Shaping:
         outside_cost_m_s2=shaped.outside.cost_m_s2,
         bounded_bins=shaped.bounded.bins,
         bounded_cost_m_s2=shaped.bounded.cost_m_s2,
-        scale=shaped.scale,
+        scale=scale,
     )

@@ -4,8 +4,6 @@ A third octave's level is that of what repeats each second, without the noise in
 measured response makes of what was played, less what a soft spring or coil took from it when the panel was measured.
 """
 
-import csv
-import io
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +13,7 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.panel import calibration, multisine
 from palpate.experiment.apparatus.panel.calibration import HIGH_HZ, LOW_HZ, UNCERTAIN_DB, Devices
-from palpate.experiment.apparatus.panel.measured import COLUMNS
+from palpate.experiment.apparatus.panel.movement import Reference, expected_gain, read_reference
 from palpate.experiment.apparatus.panel.validity import CALIBRATE
 from palpate.experiment.apparatus.rig import MeasuredRig, Rig, response_table
 from palpate.experiment.errors import Finding, Remedy, RigError
@@ -28,22 +26,6 @@ WARNED_DB, REFUSED_DB = 1.0, 3.0
 
 THIRD = 10**0.1
 """From one third octave to the next (IEC 61260-1)."""
-
-
-@dataclass(frozen=True, eq=False)
-class Reference:
-    """A panel as it was measured, for a small drive: lines, Hz, and the response with its standard error, m/s^2."""
-
-    lines_hz: NDArray[np.int64]
-    response_m_s2: NDArray[np.complex128]
-    standard_error_m_s2: NDArray[np.float64]
-
-
-def read_reference(content: bytes) -> Reference:
-    """Return the table that `measured.table` made."""
-    rows = csv.DictReader(io.StringIO("\n".join(r for r in content.decode().splitlines() if not r.startswith("#"))))
-    hz, real, imaginary, error, _ = np.array([[float(row[key]) for key in COLUMNS] for row in rows]).T
-    return Reference(hz.astype(np.int64), real + 1j * imaginary, error)
 
 
 @dataclass(frozen=True)
@@ -78,11 +60,6 @@ def drifts(
         now, then = max(float(power[band].sum()), 1e-12 * float(expected[band].sum())), float(expected[band].sum())
         relative = power_variance[band].sum() / now**2 + expected_variance[band].sum() / then**2
         yield Drift(hz, 10 * float(np.log10(now / then)), 10 / float(np.log(10)) * float(np.sqrt(relative)))
-
-
-def expected_gain(measured: MeasuredRig, peak: float) -> float:
-    """Return the gain of a panel at a peak, relative to a small drive; what it loses rises as the drive's power."""
-    return float(10 ** (-measured.compression_db * (peak / measured.loudest) ** 2 / 20))
 
 
 def compare(

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from palpate.experiment.apparatus.panel.movement import COLUMNS
 from palpate.experiment.apparatus.panel.multisine import Estimate
 
 FLAT_DB = 6.0
@@ -19,8 +20,6 @@ PROMINENT_DB = 3.0
 
 BROAD = 2.0
 """A peak whose highest decibel reaches so many times its lowest frequency is no resonance."""
-
-COLUMNS = ("frequency_hz", "real_m_s2", "imaginary_m_s2", "standard_error_m_s2", "coherence")
 
 
 @dataclass(frozen=True)

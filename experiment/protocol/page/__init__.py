@@ -363,8 +363,8 @@ def _limits(protocol: Protocol) -> Iterator[Block]:
     yield facts(
         (
             "Vibration",
-            f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, whatever the device is asked for; of a panel "
-            "that takes volts, as computed from its response to each frequency alone, without phase",
+            f"at most {number(exposure.vibration_peak_m_s2)} m/s^2 peak, between samples too, by the measured response "
+            "of the panel with its uncertainty; on a panel that moves 3 dB more or less than that nobody is run",
         ),
         *force,
         ("Masking noise", f"at most {number(exposure.masker_level_db_a)} dB(A)"),

@@ -1,6 +1,6 @@
 """What a rig for footsteps omits of a study's recordings: `palpate doctor` checks it, and the board reads it."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
 from palpate.experiment import storage
@@ -12,7 +12,7 @@ from palpate.experiment.protocol import files
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.session import scene
-from palpate.experiment.session.footstep.fidelity import judged
+from palpate.experiment.session.footstep.fidelity import WEAKER, judged, played, speeds_mm_s
 from palpate.experiment.study.enrolment import default_root
 
 NAME = "left out"
@@ -73,5 +73,31 @@ def examine(
         limitless = "the protocol sets no limit on what a rig leaves out of a vibration"
         return f"{name}: {limitless}. Name the folder of recordings (--recordings) to see what is left out.", None
     told = judged(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder)
+    bound = binding(limit_scales(protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=folder), protocol)
     mend = "palpate plan says what would lower this"
-    return f"{name}: {told}. The protocol {allowed}; {mend}. The recordings are those in {folder}.", None
+    return f"{name}: {told}. The protocol {allowed}; {mend}. {bound} The recordings are those in {folder}.", None
+
+
+def limit_scales(*, protocol: Protocol, rig: Rig, rig_folder: Path, recordings: Path) -> dict[str, tuple[float, ...]]:
+    """Return the scale of each material that a study plays, at each of `speeds_mm_s`; raises as `judged`."""
+    found: dict[str, tuple[float, ...]] = {}
+    for each in scene.played(protocol):
+        spectra = scene.load_spectra(scene=each, protocol=protocol, recordings=recordings)
+        given = played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder)
+        found |= {material: tuple(one.scale * one.panel_scale for one in of) for material, of in given.items()}
+    return found
+
+
+def binding(scales: Mapping[str, Sequence[float]], protocol: Protocol) -> str:
+    """Return in words from which speed on a limit scales each material, and by how much, so that none does unseen."""
+    speeds, bound = speeds_mm_s(protocol), []
+    for material, of in scales.items():
+        if down := [(v, scale) for v, scale in zip(speeds, of, strict=True) if scale <= 1 - WEAKER]:
+            least = min(down, key=lambda one: one[1])
+            bound.append(f"{material} from {down[0][0]:.0f} mm/s on, to {least[1]:.0%} at {least[0]:.0f} mm/s")
+    limits = f"The limits of panel ({protocol.exposure.vibration_peak_m_s2:g} m/s^2) and amplifier"
+    if not bound:
+        return f"{limits} scale no vibration down from {speeds[0]:.0f} to {speeds[-1]:.0f} mm/s."
+    unequal = len(bound) < len(scales) or len({tuple(of) for of in scales.values()}) > 1
+    warned = " Materials are scaled unequally, which participants may notice." if unequal else ""
+    return f"{limits} scale vibrations down: {'; '.join(bound)}.{warned}"

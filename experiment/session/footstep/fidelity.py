@@ -59,17 +59,13 @@ def played(
 ) -> dict[str, list[Played]]:
     """Return what a rig is handed of each material at each of `speeds_mm_s`, by the material's id.
 
-    Raises `RigError` for the response table.
+    Raises `RigError` for the response tables.
     """
-    from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
+    from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
 
     limit_m_s2, actuator = protocol.exposure.vibration_peak_m_s2, rig.actuator
-    condition = Conditioner(
-        full_scale=actuator.full_scale,
-        limit_m_s2=limit_m_s2,
-        drive=open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2),
-        carries_hz=actuator.carries_hz,
-    )
+    drive = open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2)
+    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
     prepared = scenes.prepare_stimuli(spectra, protocol=protocol, output_rate_hz=actuator.rate_hz)
     speeds = speeds_mm_s(protocol)
     return {material: [condition(basis.at(v)) for v in speeds] for material, basis in prepared.items()}

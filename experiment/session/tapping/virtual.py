@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus import opening
-from palpate.experiment.apparatus.panel.conditioning import Conditioner, open_drive
+from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.ports import Actuator, Servo
 from palpate.experiment.apparatus.rig import Rig
@@ -129,12 +129,8 @@ def left_out(*, protocol: Protocol, rig: Rig, rig_folder: Path) -> str:
     Where no voltage or limit bends, the share is the same at every speed.
     """
     limit_m_s2, actuator, virtual = protocol.exposure.vibration_peak_m_s2, rig.actuator, protocol.table(Tapping)
-    condition = Conditioner(
-        full_scale=actuator.full_scale,
-        limit_m_s2=limit_m_s2,
-        drive=open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2),
-        carries_hz=actuator.carries_hz,
-    )
+    drive = open_drive(rig_folder, actuator, limit_m_s2=limit_m_s2)
+    condition = open_conditioner(rig, limit_m_s2=limit_m_s2, drive=drive)
     shares = {}
     for name, surface in surfaces(virtual).items():
         rings = tap.rings(surface, rate_hz=actuator.rate_hz, aluminum_m_s2=virtual.full_m_s2)

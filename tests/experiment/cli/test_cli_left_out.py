@@ -21,7 +21,8 @@ from palpate.experiment.errors import Finding, RecordingError, RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep import recorded_takes
-from palpate.experiment.session.footstep.doctor import omissions
+from palpate.experiment.session.footstep.doctor import binding, omissions
+from palpate.experiment.session.footstep.fidelity import speeds_mm_s
 from tests.approved import anywhere
 
 RIG = shipped("rigs/rehearsal.toml")
@@ -148,14 +149,27 @@ def test_check_refuses_a_real_rig_whose_response_nobody_measured(tmp_path: Path,
     assert anywhere(str(result.exception), tmp_path) == approved
 
 
+def test_no_limit_scales_one_material_and_not_another_in_silence() -> None:
+    protocol = files.load(shipped("okamoto2012.toml"))
+    speeds = speeds_mm_s(protocol)
+    none, some = [1.0] * len(speeds), [1.0] * (len(speeds) - 2) + [0.9, 0.5]
+    one = binding({"copy paper": none, "plastic": some}, protocol)
+    assert f"plastic from {speeds[-2]:.0f} mm/s on, to 50% at {speeds[-1]:.0f} mm/s" in one
+    assert "copy paper" not in one
+    alike = binding({"copy paper": some, "plastic": some}, protocol)
+    assert len(alike) - len(alike.replace("from", "")) == 2 * len("from")
+    assert len(one.split(". ")) > len(alike.split(". "))
+    assert f"{speeds[0]:.0f} to {speeds[-1]:.0f} mm/s" in binding({"copy paper": none}, protocol)
+
+
 def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> None:
     result = call("check", allowing(tmp_path, 0.5), "--rig", RIG, "--recordings", recordings)
     assert result.exit_code == 0
     told = re.search(
         r"Rig 'rehearsal': at most 34\.\d\d% \(rms\) of copy .* is left out of these SIMULATED recordings; limits of "
         r"panel and amplifier take up to \d+\.\d% \(rms\) off .*\. The protocol allows 50%; "
-        r"palpate plan says what would lower this\. The recordings are those "
-        r"in (.*)\.\n$",
+        r"palpate plan says what would lower this\. The limits of panel \(30 m/s\^2\) and amplifier scale vibrations down: "
+        r".* mm/s on, to \d+% at \d+ mm/s.*\. The recordings are those in (.*)\.\n$",
         result.stdout,
     )
     assert told is not None

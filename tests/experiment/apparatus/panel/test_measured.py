@@ -7,7 +7,7 @@ import csv
 import numpy as np
 import pytest
 
-from palpate.experiment.apparatus.panel import measured, multisine
+from palpate.experiment.apparatus.panel import measured, movement, multisine
 from palpate.experiment.apparatus.panel.multisine import Estimate
 
 LINES_HZ = multisine.lines(5000)
@@ -54,6 +54,6 @@ def test_the_table_has_a_row_a_line_behind_its_remarks() -> None:
     content = measured.table(known(LINES_HZ * (1 + 2j)), ("ours", "measured today")).decode().splitlines()
     assert content[:2] == ["# ours", "# measured today"]
     rows = list(csv.DictReader(content[2:]))
-    assert tuple(rows[0]) == measured.COLUMNS
+    assert tuple(rows[0]) == movement.COLUMNS
     assert [int(row["frequency_hz"]) for row in rows] == LINES_HZ.tolist()
     assert [float(row["imaginary_m_s2"]) for row in rows] == pytest.approx((2.0 * LINES_HZ).tolist())

@@ -1,0 +1,117 @@
+"""A panel's movement by its measured complex response, and a bound on its peak, which the protocol's limit rests on.
+
+Beyond the lines that were measured the slope of the nearest octave goes on, at the phase of the nearest line; how
+uncertain that is, nobody knows.
+"""
+
+import csv
+import io
+from dataclasses import dataclass, field
+from math import ceil, cos, pi
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+from scipy.interpolate import CubicSpline
+
+from palpate.experiment.apparatus.panel.conditioning import Peak
+from palpate.experiment.apparatus.rig import MeasuredRig, response_table
+
+COLUMNS = ("frequency_hz", "real_m_s2", "imaginary_m_s2", "standard_error_m_s2", "coherence")
+
+RINGS_S = 0.2
+"""How long a panel rings after a stimulus, s: ours, some 10 periods of its slowest resonance."""
+
+FINER = 16
+"""So many times the highest line is the rate at which a peak is looked for."""
+
+ERRORS = 2.0
+"""So many standard errors of all lines at once, in whatever phase, are in the uncertainty of a peak: a stimulus that
+happens to meet what a measurement is off by does not exceed it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """A panel as it was measured, for a small drive: lines, Hz, and the response with its standard error, m/s^2."""
+
+    lines_hz: NDArray[np.int64]
+    response_m_s2: NDArray[np.complex128]
+    standard_error_m_s2: NDArray[np.float64]
+
+
+def read_reference(content: bytes) -> Reference:
+    """Return the table that `measured.table` made."""
+    rows = csv.DictReader(io.StringIO("\n".join(r for r in content.decode().splitlines() if not r.startswith("#"))))
+    hz, real, imaginary, error, _ = np.array([[float(row[key]) for key in COLUMNS] for row in rows]).T
+    return Reference(hz.astype(np.int64), real + 1j * imaginary, error)
+
+
+def expected_gain(measured: MeasuredRig, peak: float) -> float:
+    """Return the gain of a panel at a peak, relative to a small drive; what it loses rises as the drive's power."""
+    return float(10 ** (-measured.compression_db * (peak / measured.loudest) ** 2 / 20))
+
+
+class _Grid(NamedTuple):
+    """For stimuli of one length: points, times as many that are looked at, response, and where lines' bins begin."""
+
+    size: int
+    finer: int
+    response_m_s2: NDArray[np.complex128]
+    cells: NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Movement:
+    """What a measured panel makes of samples at a rate, 1.0 being full scale."""
+
+    reference: Reference
+    measured: MeasuredRig
+    rate_hz: int
+    _grids: dict[int, _Grid] = field(default_factory=dict)
+
+    def grid(self, count: int) -> _Grid:
+        """Return the grid of so many samples, which is computed once."""
+        if count not in self._grids:
+            size = fft.next_fast_len(count + round(RINGS_S * self.rate_hz), real=True)
+            f, lines = np.arange(size // 2 + 1) * (self.rate_hz / size), self.reference.lines_hz.astype(np.float64)
+            response = self.response_m_s2(f)
+            ends = np.concatenate([[0.0], (lines[:-1] + lines[1:]) / 2, [2 * lines[-1] - lines[-2]]])
+            finer = ceil(FINER * lines[-1] / self.rate_hz)
+            self._grids[count] = _Grid(size, finer, response, np.searchsorted(f, np.minimum(ends, f[-1])))
+        return self._grids[count]
+
+    def response_m_s2(self, frequencies_hz: NDArray[np.float64]) -> NDArray[np.complex128]:
+        """Return the acceleration of a sample of 1.0 at any frequencies, shape (n,)."""
+        lines, response = self.reference.lines_hz.astype(np.float64), self.reference.response_m_s2
+        within = np.clip(frequencies_hz, lines[0], lines[-1])
+        found = np.asarray(CubicSpline(lines, response)(within))
+        for octave in (lines <= 2 * lines[0], lines >= lines[-1] / 2):
+            slope = float(np.polyfit(np.log(lines[octave]), np.log(np.abs(response[octave])), 1)[0])
+            beyond = frequencies_hz < within if octave[0] else frequencies_hz > within
+            found[beyond] *= (frequencies_hz[beyond] / within[beyond]) ** (
+                max(slope, 0) if octave[0] else min(slope, 0)
+            )
+        return found
+
+    def peak(self, samples: NDArray[np.float32] | NDArray[np.float64]) -> Peak:
+        """Return the peak that finite samples, shape (n,), move the panel by.
+
+        Between points a sum of bins below the part r of the points' rate is at most 1 / cos(pi r) times as high as at
+        them (Ehlich and Zeller 1964). A soft coil or spring may leave a peak what it takes from the power.
+        """
+        on, loudest = self.grid(samples.size), float(np.abs(samples).max(initial=0.0))
+        bins = fft.rfft(samples.astype(np.float64, copy=False), on.size)
+        moved = fft.irfft(bins * on.response_m_s2, on.finer * on.size, overwrite_x=True)
+        highest = on.finer * max(float(moved.max()), -float(moved.min()))
+        highest /= cos(pi * float(self.reference.lines_hz[-1]) / (on.finer * self.rate_hz))
+        parts = np.add.reduceat(np.abs(bins), on.cells)[:-1] * self.reference.standard_error_m_s2
+        uncertain = ERRORS * 2 / on.size * float(parts.sum())
+        gain = expected_gain(self.measured, loudest)
+        return Peak(highest * gain, uncertain + highest * abs(1 - gain))
+
+
+def open_movement(folder: Path, measured: MeasuredRig, *, rate_hz: int) -> Movement:
+    """Return how a panel moves whose response is a table in a folder. Raises `RigError` for the table."""
+    return Movement(read_reference(response_table(folder, measured)), measured, rate_hz)
