@@ -154,8 +154,7 @@ def test_no_limit_scales_one_material_and_not_another_in_silence() -> None:
     speeds = speeds_mm_s(protocol)
     none, some = [1.0] * len(speeds), [1.0] * (len(speeds) - 2) + [0.9, 0.5]
     one = binding({"copy paper": none, "plastic": some}, protocol)
-    assert f"plastic from {speeds[-2]:.0f} mm/s on, to 50% at {speeds[-1]:.0f} mm/s" in one
-    assert "copy paper" not in one
+    assert [f"{speeds[-2]:.0f} mm/s" in one, "50%" in one, "copy paper" in one] == [True, True, False]
     alike = binding({"copy paper": some, "plastic": some}, protocol)
     assert len(alike) - len(alike.replace("from", "")) == 2 * len("from")
     assert len(one.split(". ")) > len(alike.split(". "))
@@ -168,8 +167,8 @@ def test_check_says_what_a_rig_is_allowed(tmp_path: Path, recordings: Path) -> N
     told = re.search(
         r"Rig 'rehearsal': at most 34\.\d\d% \(rms\) of copy .* is left out of these SIMULATED recordings; limits of "
         r"panel and amplifier take up to \d+\.\d% \(rms\) off .*\. The protocol allows 50%; "
-        r"palpate plan says what would lower this\. The limits of panel \(30 m/s\^2\) and amplifier scale vibrations down: "
-        r".* mm/s on, to \d+% at \d+ mm/s.*\. The recordings are those in (.*)\.\n$",
+        r"palpate plan says what would lower this\. The limits of panel \(30 m/s\^2\) and amplifier scale vibrations "
+        r"down: .* mm/s on, to \d+% at \d+ mm/s.*\. The recordings are those in (.*)\.\n$",
         result.stdout,
     )
     assert told is not None
