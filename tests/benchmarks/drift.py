@@ -83,7 +83,7 @@ def reference(modes: Modes, rng: np.random.Generator) -> tuple[MeasuredRig, Refe
         calibrated_on=date(2026, 1, 1),
         calibration_days=30,
     )
-    return stated, read_reference(measured.table(made.found, ()))
+    return stated, read_reference(Path("panel.csv"), measured.table(made.found, ()))
 
 
 def drifted(modes: Modes, db: float) -> Modes:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.experiment.apparatus import host, rig
+from palpate.experiment.apparatus.panel.movement import COLUMNS
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
 from palpate.experiment.rehearsal.wires.panel import Panel
@@ -52,7 +53,9 @@ calibration_days = 30
 
 def measured(text: str, folder: Path) -> str:
     """The text of a rig file whose panel was measured today, with the table of its response in its folder."""
-    (folder / "panel.csv").write_bytes(table := b"# Measured with nobody on the panel.\n")
+    rows = "".join(f"{hz},50,0,0.01,1\n" for hz in range(5, 2001, 5))
+    table = f"# Measured with nobody on the panel.\n{','.join(COLUMNS)}\n{rows}".encode()
+    (folder / "panel.csv").write_bytes(table)
     stated_m_s2 = re.search(r"(?m)^full_scale_m_s2 = (\S+)", text.partition("[accelerometer]")[0])
     full_m_s2 = stated_m_s2[1] if stated_m_s2 else "50.0"
     stated = MEASURED.format(digest=hashlib.sha256(table).hexdigest(), full_m_s2=full_m_s2, day=date.today())

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.panel import calibration, multisine
 from palpate.experiment.apparatus.panel.calibration import HIGH_HZ, LOW_HZ, UNCERTAIN_DB, Devices
-from palpate.experiment.apparatus.panel.movement import Reference, expected_gain, read_reference
+from palpate.experiment.apparatus.panel.movement import Reference, expected_gain, open_movement
 from palpate.experiment.apparatus.panel.validity import CALIBRATE
-from palpate.experiment.apparatus.rig import MeasuredRig, Rig, response_table
+from palpate.experiment.apparatus.rig import MeasuredRig, Rig
 from palpate.experiment.errors import Finding, Remedy, RigError
 
 SECONDS, LONGER = 2, 8
@@ -109,7 +109,10 @@ def compare_panel(rig_file: Path, rig: Rig) -> Finding:
     """
     if (measured := rig.actuator.measured) is None:
         raise RigError.at(Finding("nobody measured its panel", rig_file, remedy=Remedy("run {}", CALIBRATE)))
-    reference, peak = read_reference(response_table(rig_file.parent, measured)), measured.check_peak
+    reference, peak = (
+        open_movement(rig_file.parent, measured, rate_hz=rig.actuator.rate_hz).reference,
+        measured.check_peak,
+    )
     with calibration.devices(rig, loudest=peak) as devices:
         found = judged(compare(devices, measured, reference, peak=peak, rng=np.random.default_rng()), rig_file)
     if found.verdict == "refuses":

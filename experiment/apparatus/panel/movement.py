@@ -18,6 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from palpate.experiment.apparatus.panel.conditioning import Peak
 from palpate.experiment.apparatus.rig import MeasuredRig, response_table
+from palpate.experiment.errors import RigError
 
 COLUMNS = ("frequency_hz", "real_m_s2", "imaginary_m_s2", "standard_error_m_s2", "coherence")
 
@@ -32,6 +33,10 @@ ERRORS = 2.0
 happens to meet what a measurement is off by does not exceed it."""
 
 
+FEWEST, LEAST = 10, 1e-12
+"""Lines of a response, at the least, and m/s^2 that count as none."""
+
+
 @dataclass(frozen=True, eq=False)
 class Reference:
     """A panel as it was measured, for a small drive: lines, Hz, and the response with its standard error, m/s^2."""
@@ -41,10 +46,17 @@ class Reference:
     standard_error_m_s2: NDArray[np.float64]
 
 
-def read_reference(content: bytes) -> Reference:
-    """Return the table that `measured.table` made."""
+def read_reference(path: Path, content: bytes) -> Reference:
+    """Return the table that `measured.table` made. Raises `RigError` for one that it did not make."""
     rows = csv.DictReader(io.StringIO("\n".join(r for r in content.decode().splitlines() if not r.startswith("#"))))
-    hz, real, imaginary, error, _ = np.array([[float(row[key]) for key in COLUMNS] for row in rows]).T
+    try:
+        table = np.array([[float(row[key]) for key in COLUMNS] for row in rows])
+    except (KeyError, TypeError, ValueError):
+        table = np.empty((0, len(COLUMNS)))
+    if len(table) < FEWEST or not np.isfinite(table).all() or np.any(np.diff(table[:, 0], prepend=0.0) <= 0):
+        remedy, allowed = "restore it, or measure the panel again", f"rising frequencies, {', '.join(COLUMNS)} in each"
+        raise RigError(path, "is not the response of a panel", remedy, allowed=allowed)
+    hz, real, imaginary, error, _ = table.T
     return Reference(hz.astype(np.int64), real + 1j * imaginary, error)
 
 
@@ -88,7 +100,7 @@ class Movement:
         within = np.clip(frequencies_hz, lines[0], lines[-1])
         found = np.asarray(CubicSpline(lines, response)(within))
         for octave in (lines <= 2 * lines[0], lines >= lines[-1] / 2):
-            slope = float(np.polyfit(np.log(lines[octave]), np.log(np.abs(response[octave])), 1)[0])
+            slope = float(np.polyfit(np.log(lines[octave]), np.log(np.maximum(np.abs(response[octave]), LEAST)), 1)[0])
             beyond = frequencies_hz < within if octave[0] else frequencies_hz > within
             found[beyond] *= (frequencies_hz[beyond] / within[beyond]) ** (
                 max(slope, 0) if octave[0] else min(slope, 0)
@@ -114,4 +126,4 @@ class Movement:
 
 def open_movement(folder: Path, measured: MeasuredRig, *, rate_hz: int) -> Movement:
     """Return how a panel moves whose response is a table in a folder. Raises `RigError` for the table."""
-    return Movement(read_reference(response_table(folder, measured)), measured, rate_hz)
+    return Movement(read_reference(folder / measured.response, response_table(folder, measured)), measured, rate_hz)

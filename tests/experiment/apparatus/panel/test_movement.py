@@ -12,7 +12,7 @@ import pytest
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
-from palpate.experiment.apparatus.panel.movement import COLUMNS, Movement, Reference
+from palpate.experiment.apparatus.panel.movement import COLUMNS, Movement, Reference, read_reference
 from palpate.experiment.apparatus.rig import MeasuredRig, Rig
 from palpate.experiment.errors import RigError
 from palpate.experiment.protocol.files import shipped
@@ -137,6 +137,16 @@ def test_a_device_that_takes_accelerations_is_scaled_as_a_whole(rig: Rig) -> Non
     broken = condition(Ring(np.array([np.nan, np.inf, -np.inf, 0.0]), 5000))
     assert broken.moved is not None
     assert broken.moved.highest_m_s2 <= 1.0
+
+
+@pytest.mark.parametrize(
+    "rows", ["", "5,1,0,0,1", "5,1,0,0,1\n5,1,0,0,1", "5,nan,0,0,1\n6,1,0,0,1", "5,1,0\n6,1,0", "5,1,0,0,1\n6,1,x,0,1"]
+)
+def test_a_table_that_is_no_response_is_refused(rows: str) -> None:
+    with pytest.raises(RigError):
+        read_reference(Path("panel.csv"), f"{','.join(COLUMNS)}\n{rows}\n".encode())
+    with pytest.raises(RigError):
+        read_reference(Path("panel.csv"), b"# measured\n")
 
 
 def test_a_measured_rig_without_its_table_conditions_nothing(rig: Rig) -> None:
