@@ -84,9 +84,9 @@ class Finding:
         return {"path": self.field, "line": self.line, "got": self.got, "allowed": self.allowed}
 
 
-def mismatch(field: str, line: int | None, got: str, allowed: str) -> Finding:
-    """Return the finding of one value in a file that may not be so: what it is, and what may stand there."""
-    return Finding(f"got {got}", line=line, field=field, got=got, allowed=allowed)
+def mismatch(field: str, line: int | None, got: str, allowed: str, remedy: Remedy | str = "") -> Finding:
+    """Return the finding of one value in a file that may not be so: what it is, what may stand there, what to do."""
+    return Finding(f"got {got}", line=line, field=field, got=got, allowed=allowed, remedy=remedy)
 
 
 def summary(file: Path | str, findings: Sequence[Finding]) -> Finding:

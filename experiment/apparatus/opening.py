@@ -13,7 +13,7 @@ from palpate.experiment.apparatus.ports import Actuator, Pedal, Tracker
 from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AudioRig, Rig, response_table
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import ActuatorError, Finding, RigError, TrackerError
+from palpate.experiment.errors import ActuatorError, Finding, Remedy, RigError, TrackerError
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.audio.masker import MaskerNoise
@@ -27,7 +27,7 @@ def audio_of(rig: Rig) -> AudioRig:
         raise RigError(
             f"rig '{rig.rig.name}'",
             "got no table [audio]",
-            "`palpate devices` lists what this machine has",
+            Remedy("{} lists what this machine has", ("palpate", "devices"), suffices=False),
             allowed="one, for masker and loopback need it",
         )
     return rig.audio

@@ -11,7 +11,7 @@ import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import AtConsole, Participant, ProtocolFile, StudyFolder
-from palpate.experiment.errors import LinkError
+from palpate.experiment.errors import LinkError, Remedy
 
 commands = options.room()
 
@@ -34,10 +34,11 @@ def desk(
     from palpate.experiment.cli.analysis import status_of
     from palpate.experiment.desk.console.study import StudyPage
 
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
-        raise LinkError("the desk needs a terminal", remedy="palpate status prints the same as lines of text")
-    options.check_terminal("print the same as lines of text (palpate status)")
     place = dataset or study
+    status = ("palpate", "status", str(place))
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise LinkError("the desk needs a terminal", remedy=Remedy("{} prints the same as lines of text", status))
+    options.check_terminal(Remedy("leave the redirection out, or print the same as lines of text", status))
     refuses = (
         "To begin sessions here, open the desk with the study's protocol file and --rig."
         if rig is None or not study.is_file()

@@ -4,7 +4,6 @@ import gc
 import sys
 from datetime import date
 from pathlib import Path
-from shlex import quote
 from typing import Annotated, Literal
 
 import typer
@@ -12,6 +11,7 @@ import typer
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, Participant, ProtocolFile, Seed, StudyFolder, a_day
 from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.findings import shown
 from palpate.experiment.settings.characters import plain
 
 commands = options.room()
@@ -433,7 +433,7 @@ def withdraw(
         typer.echo("Their data stay and are not analysed. To delete them for good, add --erase to the same command.")
     typer.echo(
         f"For the lab book: {checks.keep_anchor(root)[0].line}\n"
-        f"Enter it in the register too: palpate anchor {quote(str(root))} --to REGISTER."
+        f"Enter it in the register too: {shown(('palpate', 'anchor', str(root), '--to', 'REGISTER'))}."
     )
 
 

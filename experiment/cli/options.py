@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from palpate.experiment.errors import LinkError, PalpateError
+from palpate.experiment.errors import LinkError, PalpateError, Remedy
 from palpate.experiment.settings.characters import hidden, quoted
 
 if TYPE_CHECKING:
@@ -136,12 +136,12 @@ def say(words: str, *, err: bool = False) -> None:
         typer.echo(textwrap.fill(line, columns(10_000), break_long_words=False, break_on_hyphens=False), err=err)
 
 
-def check_terminal(instead: str) -> None:
+def check_terminal(remedy: Remedy | str) -> None:
     """Raise `LinkError` where the screen could not be seen, for it is drawn on the standard error; name what to do."""
     if sys.stderr is None or not sys.stderr.isatty():
         raise LinkError(
             "got a standard error that is no terminal (as with 2> FILE), where the screen would be drawn",
-            remedy=f"leave the redirection out, or {instead}",
+            remedy=remedy,
             allowed="a terminal",
         )
 
@@ -150,7 +150,7 @@ def at_terminal(*, draws: bool) -> bool:
     """Return whether a session's command stands at a terminal. Raises `LinkError` where a console `draws` unseen."""
     found = sys.stdin.isatty() and sys.stdout.isatty()
     if found and draws:
-        check_terminal("run the session on lines of text (--lines)")
+        check_terminal("leave the redirection out, or run the session on lines of text (--lines)")
     return found
 
 

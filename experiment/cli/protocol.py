@@ -6,7 +6,6 @@ from dataclasses import replace
 from datetime import date
 from functools import partial
 from pathlib import Path
-from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Literal, TypeVar
 
 import typer
@@ -14,6 +13,7 @@ import typer
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, ProtocolFile, a_day, a_protocol
 from palpate.experiment.errors import Interrupted, PalpateError
+from palpate.experiment.findings import shown
 from palpate.experiment.settings.characters import quoted
 
 if TYPE_CHECKING:
@@ -109,8 +109,8 @@ def new(
     if rig:
         typer.echo(f"Rig: {rig}. It is to be calibrated; experiment/apparatus/README.md says how.")
     typer.echo(
-        f"To practise a session at your own keys: palpate run {quote(str(file))} --practice\n"
-        f"To read it as an ethics board does: palpate check {quote(str(file))}"
+        f"To practise a session at your own keys: {shown(('palpate', 'run', str(file), '--practice'))}\n"
+        f"To read it as an ethics board does: {shown(('palpate', 'check', str(file)))}"
     )
 
 

@@ -5,7 +5,6 @@ Journals, heads and tables show accidents; only anchors (`register.py`) show tha
 
 import hashlib
 import re
-import shlex
 import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -44,9 +43,6 @@ WORDS: Mapping[Verdict, Literal["holds", "refused", "note"]] = {
     "warns": "note",
 }
 """What a verdict is called in the report."""
-
-CUT_SHORT = "unfinished withdrawals"
-"""The check that finds a withdrawal which was cut short."""
 
 
 @dataclass(frozen=True)
@@ -118,9 +114,8 @@ def verify(
     findings = list(_cut_short(findings, _unfinished(root, people)))
     findings += _leftovers(root)
     if (root / "derivatives").exists():
-        anew = shlex.join(["palpate", "analyse", str(root)])
-        text = f"was not compared: to trust a result there, make it anew ({anew})"
-        findings.append(Finding(text, "derivatives", verdict="unknown"))
+        again = Remedy("to trust a result there, make it again", ("palpate", "analyse", str(root)))
+        findings.append(Finding("was not compared", "derivatives", remedy=again, verdict="unknown"))
     findings += [*_erased(root, people), *told, *unlike]
     there = {name for name, lines in files.items() if lines}.union(str(one.where) for one in unlike)
     findings += _without_session(people, there)
@@ -306,12 +301,13 @@ def _check_place(root: Path, path: Path) -> None:
 
 def _cut_short(findings: Sequence[Finding], mends: Mapping[str, Remedy]) -> Iterator[Finding]:
     """Tell of each withdrawal that was cut short what finishes it; the table of participants is older than these."""
-    all_of_them = "; ".join(map(str, mends.values()))
     for one in findings:
-        older = mends and (one.verdict, one.where) == ("refuses", "participants.tsv")
-        yield Finding(f"is older than the roster: {all_of_them}", one.where, check=CUT_SHORT) if older else one
-    if mends and not any(one.where == "participants.tsv" or [one.remedy] == [*mends.values()] for one in findings):
-        yield Finding(all_of_them, "withdrawn", verdict="unknown", check=CUT_SHORT)
+        if mends and (one.verdict, one.where) == ("refuses", "participants.tsv"):
+            yield from (Finding("is older than the roster", one.where, remedy=mend) for mend in mends.values())
+        else:
+            yield one
+    if not any(one.where == "participants.tsv" or [one.remedy] == [*mends.values()] for one in findings):
+        yield from (Finding("", "withdrawn", remedy=mend, verdict="unknown") for mend in mends.values())
 
 
 def _erased(root: Path, people: Roster) -> Iterator[Finding]:
@@ -442,8 +438,7 @@ def _verdict(
 ) -> Iterator[str]:
     if refused := [finding for finding in findings if finding.verdict == "refuses"]:
         speak = "1 finding speaks" if len(refused) == 1 else f"{len(refused)} findings speak"
-        remedies = [one.remedy for one in refused if one.check != CUT_SHORT]
-        by_command = all(isinstance(one, Remedy) and one.suffices for one in remedies)
+        by_command = all(isinstance(one.remedy, Remedy) and one.remedy.suffices for one in refused)
         mend = "Do what the findings say" if by_command else "Keep the folder as it is, and compare it with a backup"
         yield f"REFUSED: {speak} against this dataset. {mend}."
         return

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from palpate.experiment import storage
-from palpate.experiment.errors import ProtocolError, RecordingError
+from palpate.experiment.errors import ProtocolError, RecordingError, Remedy
 from palpate.experiment.protocol.kinds.footstep import Synthesis
 from palpate.experiment.recordings.wav import wav_samples
 from palpate.experiment.settings import load as settings
@@ -149,6 +149,10 @@ def load(directory: Path, *, synthesis: Synthesis, material_ids: Sequence[str]) 
     return _loaded(directory, manifest, synthesis.speeds_mm_s, synthesis.takes, material_ids)
 
 
+RECORD = ("palpate", "record", "PROTOCOL", "--rig", "RIG", "--out", "FOLDER")
+"""The command that records; a folder of recordings does not name its protocol and its rig file."""
+
+
 def load_all(directory: Path) -> Recordings:
     """Return all checked takes, as many at each speed for every material. Raises `RecordingError`, also for none."""
     path = directory / MANIFEST
@@ -158,7 +162,7 @@ def load_all(directory: Path) -> Recordings:
         raise RecordingError(
             path,
             f"got {len(manifest.takes)} takes, none of a material",
-            "record them with palpate record",
+            Remedy("record them with {}", RECORD),
             allowed="takes of one material or more and of the bare panel",
         )
     speeds_mm_s = sorted({take.speed_mm_s for take in manifest.takes})

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import shlex
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from palpate.experiment import storage
 from palpate.experiment.clock import Clock
-from palpate.experiment.errors import JournalError, SessionLocked, other_format
+from palpate.experiment.errors import JournalError, Remedy, SessionLocked, other_format
 from palpate.experiment.records import chain, entries
 from palpate.experiment.records.chain import End
 from palpate.experiment.records.entries import Header
@@ -145,9 +144,10 @@ def refuse_unreadable(path: Path, contents: Contents) -> None:
                 by_trial.pop(entry.trial, None)
         answers = ", ".join(f"trial {trial} {answered or 'no answer'}" for trial, answered in by_trial.items())
         rest = f"These answers are confirmed: {answers}" if answers else "No answer is confirmed"
-        show = shlex.join(["palpate", "journal", str(path)])
-        remedy = f"{rest}. Show all other entries with {show}, and ask the maintainers for a version that reads it"
-        raise _refused(path, one.number, one.why, f"no line is missing or changed. {remedy}")
+        ask = f"{rest}. Show all other entries with {{}}, and ask the maintainers for a version that reads it"
+        show = ("palpate", "journal", str(path))
+        remedy = Remedy(f"no line is missing or changed. {ask}", show, suffices=False)
+        raise _refused(path, one.number, one.why, remedy)
 
 
 def _entry(path: Path, number: int, link: chain.Link) -> AnyEntry:
@@ -173,7 +173,7 @@ def _why(error: ValueError) -> str:
     return f"{'.'.join(map(str, problem['loc']))}: {problem['msg']}" if problem["loc"] else "not of a known kind"
 
 
-def _refused(path: Path, number: int, why: str, remedy: str) -> JournalError:
+def _refused(path: Path, number: int, why: str, remedy: Remedy | str) -> JournalError:
     return JournalError(path, f"line {number} is no journal entry that this palpate knows ({why})", remedy)
 
 

@@ -7,7 +7,6 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from shlex import quote
 from typing import Literal
 
 from palpate.experiment import storage
@@ -19,6 +18,7 @@ from palpate.experiment.dataset import build
 from palpate.experiment.dataset.checks import Plan
 from palpate.experiment.desk.questions import At, Attended, Console, Notice
 from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.findings import shown
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
@@ -203,7 +203,7 @@ def practise(
     # What ended the session may stand on an unfinished line.
     console.tell(Notice(f"\n{onward}"))
     if footer.answered:
-        console.tell(Notice(f"To see tables of what you practised: palpate analyse {quote(str(out))}"))
+        console.tell(Notice(f"To see tables of what you practised: {shown(('palpate', 'analyse', str(out)))}"))
     return footer
 
 

@@ -1,6 +1,5 @@
 """The sessions of a participant's visit in a real study: from the approved protocol and the roster to the dataset."""
 
-import shlex
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from datetime import date
@@ -19,10 +18,12 @@ from palpate.experiment.errors import (
     Interrupted,
     PalpateError,
     RecordingError,
+    Remedy,
     RigError,
     RosterError,
     SessionLocked,
 )
+from palpate.experiment.findings import shown
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
@@ -86,7 +87,8 @@ def run(
     rig = rigs.load(rig_file)
     anchored_in = _anchored_in(rig, rig_file)
     if rig.rig.simulated:
-        raise RigError(rig_file, "the rig is simulated", "name a rig file of real devices, or use palpate rehearse")
+        rehearse = Remedy("name a rig file of real devices, or use {}", ("palpate", "rehearse", str(protocol_file)))
+        raise RigError(rig_file, "the rig is simulated", rehearse)
     for one in protocol.tasks:
         session_kind(one).check_rig(protocol, rig, today)
     if not _lacks_consent(root, protocol, participant):
@@ -320,7 +322,7 @@ def _anchor(root: Path, anchored_in: tuple[Path, Path | None] | None, console: C
             again += ["--to", str(to), *(["--sign", str(key)] if key else [])]
             console.tell(Notice(register.enter(anchor, root, to, key)))
     except PalpateError as error:
-        mend = f"Once that is mended, run: {shlex.join(again)}"
+        mend = f"Once that is corrected, run: {shown(again)}"
         console.tell(Notice(f"NOT ANCHORED: {error.sentence()}. The session is on disk. {mend}", again=True))
     return True
 
@@ -379,7 +381,9 @@ def _real_recordings(root: Path, given: Path | None, protocol: Protocol) -> Path
     folder = given or kept
     if manifest.is_simulated(folder):
         raise RecordingError(
-            folder, "the recordings are simulated", "record real ones (palpate record), or use palpate rehearse"
+            folder,
+            "the recordings are simulated",
+            Remedy("record real ones ({}), or use palpate rehearse", manifest.RECORD),
         )
     if not kept.exists():
         needed = scene.virtual(protocol).materials

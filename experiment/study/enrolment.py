@@ -16,7 +16,7 @@ from pydantic import Field, ValidationError
 
 from palpate.experiment import storage
 from palpate.experiment.clock import day, wall_ns
-from palpate.experiment.errors import DatasetError, RosterError
+from palpate.experiment.errors import DatasetError, Remedy, RosterError
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, journal
@@ -214,8 +214,12 @@ def refuse_rehearsal(root: Path) -> None:
             root,
             "this is the dataset of practice or of a rehearsal, and its participants are simulated: nobody enrols, "
             "consents or withdraws",
-            "name the folder of a study with --dataset, delete this one if it is not needed, or try these commands in "
-            "a pilot, which is no data of the study (palpate enrol --pilot)",
+            Remedy(
+                "name the folder of a study with --dataset, delete this one if it is not needed, or try these commands "
+                "in a pilot, which is no data of the study",
+                ("palpate", "enrol", "PROTOCOL", "--participant", "01", "--pilot"),
+                suffices=False,
+            ),
         )
 
 

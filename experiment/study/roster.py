@@ -18,7 +18,7 @@ from pydantic import Field, TypeAdapter, ValidationError
 
 from palpate.experiment import storage
 from palpate.experiment.clock import wall_ns
-from palpate.experiment.errors import Finding, RosterError, other_format
+from palpate.experiment.errors import Finding, Remedy, RosterError, other_format
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain
 from palpate.experiment.records.chain import Chain
@@ -358,7 +358,9 @@ class Roster:
 
 def check_consent(participant: str, consent_on: date | None, *, approved_on: date | None, today: date) -> None:
     """Raise `RosterError` for a day of consent in the future or before the approval; None is no approval yet."""
-    mend = "give the right day; one on record is corrected with palpate consent --correct"
+    given = ("--participant", participant, "--consent-on", "DAY", "--correct", "--reason", "REASON")
+    words = "give the right day; one on record is corrected with {}"
+    mend = Remedy(words, ("palpate", "consent", "PROTOCOL", *given), suffices=False)
     if consent_on is not None and consent_on > today:
         raise RosterError(f"participant {participant}", f"got consent on {consent_on}", mend, allowed=f"up to {today}")
     if consent_on is not None and approved_on is not None and consent_on < approved_on:

@@ -78,16 +78,20 @@ def verify(protocol_path: Path, protocol: Protocol, today: date) -> Seal:
     seal = read(protocol_path)
     problems = changes(protocol_path, protocol, seal)
     if today < seal.approved_on:
-        problems.append(mismatch("approved_on", None, str(seal.approved_on), f"no later than today ({today}); wait"))
+        allowed = f"no later than today ({today})"
+        problems.append(mismatch("approved_on", None, str(seal.approved_on), allowed, "wait"))
     if today > seal.expires_on:
-        allowed = f"no earlier than today ({today}): the approval has expired; have it renewed and seal again"
-        problems.append(mismatch("expires_on", None, str(seal.expires_on), allowed))
+        allowed, remedy = f"no earlier than today ({today}): the approval has expired", "have it renewed and seal again"
+        problems.append(mismatch("expires_on", None, str(seal.expires_on), allowed, remedy))
     refuse(seal_path(protocol_path), problems)
     return seal
 
 
 def held(protocol_path: Path, protocol: Protocol) -> Seal:
-    """Return the seal of `protocol`, expired or not. Raises `ProtocolError` if it is not sealed or was changed."""
+    """Return the seal of a dataset's `protocol`, expired or not. Raises `ProtocolError` if it is gone or changed."""
+    if not (path := seal_path(protocol_path)).exists():
+        remedy = "restore it from a backup, for another is another approval"
+        refuse(path, [mismatch("seal", None, "no seal", "that under which the study was begun", remedy)])
     seal = read(protocol_path)
     refuse(seal_path(protocol_path), changes(protocol_path, protocol, seal))
     return seal
@@ -97,35 +101,34 @@ def read(protocol_path: Path) -> Seal:
     """Return the seal beside a protocol file. Raises `ProtocolError` if there is none, or if it cannot be read."""
     path = seal_path(protocol_path)
     if not path.exists():
-        allowed = (
-            "a protocol with its seal; if it had one, restore that from a backup, for another is another approval; if "
-            "not, have it approved, then seal it (palpate seal)"
-        )
-        refuse(path, [mismatch("seal", None, "no seal", allowed)])
+        restore = "if it had one, restore that from a backup, for another is another approval"
+        remedy = seal_again(protocol_path, f"{restore}; if not, have it approved, then seal it")
+        refuse(path, [mismatch("seal", None, "no seal", "a protocol with its seal", remedy)])
     document, text = load.parsed(path)
-    given = ("--approval-number", "NUMBER", "--approved-on", "DAY", "--expires-on", "DAY", "--replace")
-    again = Remedy("to use it, seal the protocol again", ("palpate", "seal", str(protocol_path), *given))
+    again = seal_again(protocol_path, "to use it, seal the protocol again", "--replace")
     if (other := other_format(path, "seal", document.get("format"), FORMAT, mend=again)) is not None:
         raise other
     seal = load.checked(path, Seal, document, text)
     own = hashlib.sha256(seal.protocol.encode()).hexdigest()
     if own != seal.protocol_sha256:
-        allowed = (
-            f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited; put back the "
-            "one that palpate seal wrote"
-        )
-        refuse(path, [mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed)])
+        allowed = f"{own[:12]}..., the hash of the protocol that the seal itself holds: the seal was edited"
+        got, put_back = f"{seal.protocol_sha256[:12]}...", "put back the one that palpate seal wrote"
+        refuse(path, [mismatch("protocol_sha256", None, got, allowed, put_back)])
     return seal
+
+
+def seal_again(protocol_path: Path, words: str, *options: str) -> Remedy:
+    """Return the remedy whose command seals a protocol, once the board has approved it."""
+    given = ("--approval-number", "NUMBER", "--approved-on", "DAY", "--expires-on", "DAY", *options)
+    return Remedy(words, ("palpate", "seal", str(protocol_path), *given))
 
 
 def changes(protocol_path: Path, protocol: Protocol, seal: Seal) -> list[Finding]:
     problems = contradictions(protocol, seal)
     if seal.protocol_sha256 != (found := sha256(protocol)):
-        allowed = (
-            f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval; "
-            "undo the change, or have it approved and seal it again"
-        )
-        problems.append(mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed))
+        allowed = f"the hash of {protocol_path.name} ({found[:12]}...): the protocol was changed after its approval"
+        remedy = "undo the change, or have it approved and seal it again"
+        problems.append(mismatch("protocol_sha256", None, f"{seal.protocol_sha256[:12]}...", allowed, remedy))
         changed, more = differences(protocol, seal.protocol)
         problems += [mismatch(field, None, now, f"{approved}, as it was approved") for field, now, approved in changed]
         problems += [mismatch("...", None, f"{more} more changes", "none")] if more else []
@@ -181,7 +184,9 @@ def refuse(path: Path, problems: list[Finding]) -> None:
 
 def contradictions(protocol: Protocol, seal: Seal) -> list[Finding]:
     return [
-        mismatch(name, None, f"'{sealed}'", f"'{stated}', as the protocol's own ethics block says; mend one of them")
+        mismatch(
+            name, None, f"'{sealed}'", f"'{stated}', as the protocol's own ethics block says", "correct one of them"
+        )
         for name in ("approval_number", "board", "approved_on", "expires_on")
         if (stated := getattr(protocol.ethics, name)) and stated != (sealed := getattr(seal, name))
     ]

@@ -5,7 +5,7 @@ from datetime import date
 from pathlib import Path
 
 from palpate.experiment import storage
-from palpate.experiment.errors import Finding, PalpateError, mismatch
+from palpate.experiment.errors import Finding, PalpateError, Remedy, mismatch
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.approval import (
     FORMAT,
@@ -54,9 +54,9 @@ def write(
     """
     path = seal_path(protocol_path)
     if page_sha256 is not None:
-        refuse(protocol_path, _of_another_page(protocol, page_sha256))
-    allowed = "a text of your own; write it, then have the board read the page (palpate check)"
-    refuse(protocol_path, [mismatch(name, None, f"'{UNFILLED}'", allowed) for name in unfilled(protocol)])
+        refuse(protocol_path, _of_another_page(protocol_path, protocol, page_sha256))
+    got, write_it = f"'{UNFILLED}'", _page_of(protocol_path, "write it, then have the board read the page")
+    refuse(protocol_path, [mismatch(name, None, got, "a text of your own", write_it) for name in unfilled(protocol)])
     stated = {
         "format": FORMAT,
         "protocol_sha256": sha256(protocol),
@@ -71,8 +71,8 @@ def write(
     if path.exists() and not replace:
         same = read(protocol_path).protocol_sha256 == seal.protocol_sha256
         there = "this version of the protocol is sealed already" if same else "there is one for another version"
-        allowed = f"no seal: {there}; replace it (--replace), or move it away"
-        refuse(path, [mismatch("seal", None, "an existing seal", allowed)])
+        remedy = "replace it (--replace), or move it away"
+        refuse(path, [mismatch("seal", None, "an existing seal", f"no seal: {there}", remedy)])
     _write(path, seal)
     return seal
 
@@ -118,18 +118,20 @@ def state(protocol_path: Path, protocol: Protocol, today: date) -> tuple[str, Se
     return "SEALED: this version is approved; compare what the seal says with the board's letter.", seal
 
 
-def _of_another_page(protocol: Protocol, digits: str) -> list[Finding]:
+def _page_of(protocol_path: Path, words: str) -> Remedy:
+    return Remedy(words, ("palpate", "check", str(protocol_path)), suffices=False)
+
+
+def _of_another_page(protocol_path: Path, protocol: Protocol, digits: str) -> list[Finding]:
     found = sha256(protocol)
     if not re.fullmatch("[0-9a-f]{8,64}", digits.lower()):
-        allowed = f"8 to 64 digits and letters a to f, and these are {len(digits)}; type the first on the page again"
-    elif found.startswith(digits.lower()):
+        allowed = f"8 to 64 digits and letters a to f, and these are {len(digits)}"
+        return [mismatch("--sha256", None, quoted(digits), allowed, "type the first on the page again")]
+    if found.startswith(digits.lower()):
         return []
-    else:
-        allowed = (
-            f"the first 8 or more digits of {found}; the page that the board read is of another version: have them "
-            "read the page of this one (palpate check)"
-        )
-    return [mismatch("--sha256", None, quoted(digits), allowed)]
+    words = "the page that the board read is of another version: have them read the page of this one"
+    allowed = f"the first 8 or more digits of {found}"
+    return [mismatch("--sha256", None, quoted(digits), allowed, _page_of(protocol_path, words))]
 
 
 def _write(path: Path, seal: Seal) -> None:

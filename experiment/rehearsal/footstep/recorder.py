@@ -16,11 +16,11 @@ from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import GateDetector
 from palpate.experiment.clock import Clock, ManualClock
-from palpate.experiment.errors import RecordingError
+from palpate.experiment.errors import RecordingError, Remedy
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.recordings import store, workflow
-from palpate.experiment.recordings.manifest import Recordings
+from palpate.experiment.recordings.manifest import RECORD, Recordings
 from palpate.experiment.recordings.store import Condition, Plan, plan
 from palpate.experiment.recordings.workflow import Step
 from palpate.experiment.rehearsal.footstep import recorded_takes
@@ -185,10 +185,11 @@ def record_simulated(
 def fresh_takes(recorded: Recordings, *, seed: int) -> Recordings:
     """Return new SIMULATED takes, with a `seed` of their own. Raises `RecordingError` if the old ones are real."""
     if not recorded.simulated:
+        fresh = ("--speeds", ",".join(f"{speed:g}" for speed in FRESH_SPEEDS_MM_S), "--takes", f"{FRESH_TAKES}")
         raise RecordingError(
             "fresh takes",
             "got none",
-            "record them with palpate record --speeds 150,250,400 --takes 10, then name their folder with --fresh",
+            Remedy("record them with {}, then name their folder with --fresh", (*RECORD, *fresh), suffices=False),
             allowed="takes of the real materials, because the recordings are real",
         )
     planned = Plan(
