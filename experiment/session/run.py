@@ -215,8 +215,7 @@ class _Visit:
                 # No device is kept, and no priority, while files are written.
                 opened.close()
                 try:
-                    build.build(root)
-                    _anchor(root, self.anchored_in, console)
+                    self._update()
                 except PalpateError as unbuilt:
                     ended.add_note(f"the dataset could not be brought up to date either: {unbuilt.sentence()}")
                 raise
@@ -224,10 +223,14 @@ class _Visit:
             from palpate.experiment.desk.voice import enrolling
 
             enrolling.forget(enrolling.place(root, participant))
-        build.build(root)
-        if not _anchor(root, self.anchored_in, console) and footer.reason == "complete":
+        if not self._update() and footer.reason == "complete":
             console.tell(Notice("This session was complete already; nothing was added to it."))
         return footer
+
+    def _update(self) -> bool:
+        """Bring the dataset up to date with its journals; return whether it has a new anchor."""
+        build.build(self.root)
+        return _anchor(self.root, self.anchored_in, self.console)
 
     def noting(self, task_id: str) -> Attended | None:
         """Return what takes a note while no session is under way: that of the task, or the one before."""

@@ -111,7 +111,7 @@ def judged(
     if (refused := refusal(protocol, rig, worst, carries_hz)) is not None:
         raise RigError.at(refused)
     known = f"at most {worst.told} is left out" if worst.share >= SHOWN else "nothing is left out"
-    known += " of these SIMULATED recordings" * manifest.is_simulated(recordings)
+    known += " of these SIMULATED recordings" if manifest.is_simulated(recordings) else ""
     known += f"; {worst.weaker}" if worst.weaker else ""
     return known if carries_hz else f"{UNKNOWN}; if it carries all, {known}"
 
