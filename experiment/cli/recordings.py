@@ -172,12 +172,13 @@ def plan(
     and memory that it saves and the error that it causes, measured on this machine while you wait, and so is a process
     of each task, on a simulated rig. The exit code is 2 where the protocol does not allow what the rig leaves out.
     """
+    from palpate.experiment.clock import day, wall_ns
     from palpate.experiment.protocol import files
     from palpate.experiment.rehearsal import held
 
     rig_file = rig or files.shipped("rigs/rehearsal.toml")
     with options.progress("plan", quiet=as_json) as bar:
-        source, named, plans = held.plans(protocol_file, rig_file, task, recordings, bar)
+        source, named, plans = held.plans(protocol_file, rig_file, task, recordings, bar, day(wall_ns()))
     document = {"recordings": source, "rig": named, "tasks": [one.as_dict() for one in plans]}
     heading = f"Measured with: {source}\nRig: {named}"
     options.put(document if as_json else "\n\n\n".join([heading, *(one.text() for one in plans)]))

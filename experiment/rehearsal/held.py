@@ -10,13 +10,14 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
+from datetime import date
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from palpate.experiment import storage
-from palpate.experiment.errors import PalpateError, Remedy, ScheduleError, SessionError
+from palpate.experiment.errors import Finding, PalpateError, Remedy, ScheduleError, SessionError
 
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.rig import Rig
@@ -68,16 +69,25 @@ def started(asked: Asked, opened: ExitStack) -> Held:
     return Held(**json.loads(line))
 
 
+def with_refusal(planned: "TaskPlan", unmeasured: Finding | None) -> "TaskPlan":
+    """Return a plan that a panel nobody measured refuses too, if it has vibrations and nothing else refuses it."""
+    if unmeasured is None or planned.budget is None or planned.refused:
+        return planned
+    return replace(planned, budget=replace(planned.budget, refused=unmeasured.sentence()))
+
+
 def plans(
-    protocol_file: Path, rig_file: Path, task: str | None, recordings: Path | None, bar: Bar
+    protocol_file: Path, rig_file: Path, task: str | None, recordings: Path | None, bar: Bar, today: date
 ) -> tuple[str, str, list["TaskPlan"]]:
     """Return which recordings and rig were planned with, and plans of a footstep task or, for None, of every task.
 
-    Recordings are simulated where there are none. Raises as `scene_cost.plan`, and `ScheduleError` for another kind of
+    Recordings are simulated where there are none. A plan of vibrations refuses a real rig whose panel does not count as
+    measured `today`. Raises as `scene_cost.plan`, and `ScheduleError` for another kind of
     trial or an unknown task.
     """
     from palpate.experiment.apparatus import rig as rigs
     from palpate.experiment.apparatus.panel.conditioning import open_drive
+    from palpate.experiment.apparatus.panel.validity import unmeasured_panel
     from palpate.experiment.protocol import files
     from palpate.experiment.recordings import manifest
     from palpate.experiment.rehearsal.footstep import recorded_takes
@@ -105,10 +115,11 @@ def plans(
             recordings = recorded_takes.make_recordings(Path(folder) / "simulated", protocol=protocol, seed=1).parent
         else:
             source = f"SIMULATED recordings, {recordings}" if manifest.is_simulated(recordings) else str(recordings)
-        made = []
+        made, unmeasured = [], unmeasured_panel(rig_file, rig, today)
         plan = partial(scene_cost.plan, protocol=protocol, rig=rig, rig_folder=rig_file.parent, recordings=recordings)
         for one in tasks:
-            made.append(plan(task_id=one, process=_process(protocol_file, rig_file, rig, one, recordings)))
+            process = _process(protocol_file, rig_file, rig, one, recordings)
+            made.append(with_refusal(plan(task_id=one, process=process), unmeasured))
             tick()
     return source, f"{rig.rig.name} ({'SIMULATED' if rig.rig.simulated else 'real'})", made
 

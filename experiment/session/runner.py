@@ -112,11 +112,10 @@ def _check_same_session(path: Path, found: entries.Header, asked: entries.Header
         was, now = getattr(found, name), getattr(asked, name)
         if was != now:
             shown = "" if name == "order" else f" ({was} then, {now} now)"
-            raise JournalError(
-                path,
-                f"the session was begun with another {name}{shown}",
-                "continue with the earlier one, or choose another dataset folder",
-            )
+            remedy = "continue with the earlier one, or choose another dataset folder"
+            if name == "rig_sha256":
+                remedy = f"continue with {rig_path(path)}; a rig that was calibrated since is another apparatus"
+            raise JournalError(path, f"the session was begun with another {name}{shown}", remedy)
 
 
 def _onward(done: Progress, stopped_on: date) -> str:

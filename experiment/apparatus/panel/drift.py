@@ -86,7 +86,7 @@ def compare(
 def judged(found: Sequence[Drift], rig_file: Path) -> Finding:
     """Return what a comparison shows: it passes, warns, or refuses the rig."""
     most = max(found, key=lambda one: abs(one.db))
-    what, allowed = f"its panel moves by {most.db:+.2f} dB at {most.hz:.0f} Hz beside its measurement", ""
+    what, allowed = f"at {most.hz:.0f} Hz its panel differs by {most.db:+.2f} dB from its measurement", ""
     if abs(most.db) < WARNED_DB:
         return Finding(what, rig_file, allowed=f"less than {WARNED_DB:g} dB", verdict="passes")
     remedy = Remedy("see that nothing lies on the panel, or run {}", CALIBRATE, suffices=False)

@@ -378,6 +378,16 @@ def test_a_session_goes_on_only_as_it_was_begun(
         bench("pt").run(protocol, header("real").model_copy(update=change), tmp_path)
 
 
+def test_a_rig_that_was_calibrated_since_is_another_one_and_the_first_is_named(
+    protocol: Protocol, tmp_path: Path
+) -> None:
+    bench("cq").run(protocol, header("real"), tmp_path)
+    with pytest.raises(JournalError) as refused:
+        bench("pt").run(protocol, header("real").model_copy(update={"rig_sha256": "2" * 64}), tmp_path)
+    remedy = refused.value.finding.remedy
+    assert str(storage.rig_path(storage.journal_path(tmp_path, "01", "real"))) in str(remedy)
+
+
 def test_a_session_with_an_entry_that_cannot_be_read_does_not_go_on(protocol: Protocol, tmp_path: Path) -> None:
     bench("cpq").run(protocol, header("real"), tmp_path)
     path = storage.journal_path(tmp_path, "01", "real")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,13 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.rig import Rig
-from palpate.experiment.errors import RigError
+from palpate.experiment.errors import Finding, RigError
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.rehearsal.footstep import recorded_takes
+from palpate.experiment.rehearsal.held import with_refusal
 from palpate.experiment.session import scene
 from palpate.experiment.session.footstep.error_budget import (
     ASSUMED,
@@ -36,6 +38,7 @@ from palpate.experiment.session.footstep.fidelity import (
     refusal,
     speeds_mm_s,
 )
+from palpate.experiment.session.footstep.scene_cost import TaskPlan
 from palpate.experiment.synthesis.budget import Budget
 from tests.approved import Refuses
 
@@ -252,6 +255,18 @@ def test_a_real_rig_whose_response_nobody_measured_is_refused_whatever_it_carrie
     assert not error_budget(task_id="virtual", rig=volts, **given).refused
     refused = error_budget(task_id="virtual", rig=real, **given).refused
     assert refused == approved
+
+
+def test_a_plan_of_vibrations_refuses_a_panel_that_nobody_measured() -> None:
+    silent = Detailed((20.0, 600.0), (Budget(1.0, 0.0),) * 2, (1.0, 2.0), (), None, None)
+    planned = TaskPlan("virtual", "Virtual", (), (), ErrorBudget({"felt": silent}, (None, None), None, False, ""))
+    finding = Finding("nobody measured its panel", "rig.toml")
+    assert with_refusal(planned, finding).refused == finding.sentence()
+    assert with_refusal(planned, None) == planned
+    already = replace(planned, budget=replace(planned.budget, refused="left out"))  # type: ignore[type-var]
+    assert with_refusal(already, finding).refused == "left out"
+    real = replace(planned, budget=None)
+    assert with_refusal(real, finding) == real
 
 
 def test_what_a_perfect_rig_leaves_is_said_without_advice(approved: SnapshotAssertion) -> None:
