@@ -9,7 +9,7 @@ import typer
 
 from palpate.experiment.cli import options
 from palpate.experiment.cli.options import Json, ProtocolFile
-from palpate.experiment.errors import Interrupted, PalpateError, PowerError, PublishedError
+from palpate.experiment.errors import Finding, Interrupted, PalpateError, PowerError, PublishedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -444,8 +444,9 @@ def status_of(study: Path) -> "Status":
         tables.check_tables(found.root)
         whole = [one for one in reading.read(found.root).exclusions if one.trial is None and one.participant in done]
     except PalpateError as error:
-        told = f"Who is excluded is not known: {error.sentence()}"
-        return replace(found, excluded=None, reminders=(*found.reminders, told))
+        what = f"Who is excluded is not known: {error.finding.observation()}"
+        unknown = Finding(what, allowed=error.finding.allowed, remedy=error.finding.remedy)
+        return replace(found, excluded=None, reminders=(*found.reminders, unknown))
     return replace(found, excluded={one.participant: one.reason for one in whole})
 
 

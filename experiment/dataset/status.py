@@ -99,7 +99,7 @@ class Status:
     revealed: Mapping[str, date]
     to_enrol: str | None
     doubts: tuple[Finding, ...]
-    reminders: tuple[str, ...]
+    reminders: tuple[Finding, ...]
     excluded: Mapping[str, str] | None = field(default_factory=dict)
     keep_until: Mapping[str, date] = field(default_factory=dict)
 
@@ -157,7 +157,7 @@ class Status:
                 for order, counts in self.orders().items()
             ],
             "doubts": [one.sentence(self.root) for one in self.doubts],
-            "reminders": self.reminders,
+            "reminders": [one.sentence(self.root) for one in self.reminders],
         }
 
     def text(self) -> str:
@@ -185,7 +185,7 @@ class Status:
                 *_listed("Under way:", [one.told for one in under_way]),
                 *_listed("Next:", come),
                 *_listed("AGAINST THE EVIDENCE (palpate verify tells more):", self.doubts, self.root),
-                *_listed("To do:", self.reminders),
+                *_listed("To do:", self.reminders, self.root),
             ]
         )
 
@@ -293,12 +293,12 @@ def status(given: Path, today: date) -> Status:
         revealed=dict(known.revealed if known else {}),
         to_enrol=left[0] if left else None,
         doubts=doubts,
-        reminders=(*wanted, *_reminders(root, dataset, people), *_due(keep_until, today)),
+        reminders=(*wanted, *_reminders(root, dataset, people), *_due(root, keep_until, today)),
         keep_until=keep_until,
     )
 
 
-def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date) -> tuple[str, list[str]]:
+def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date) -> tuple[str, list[Finding]]:
     """Return the approval in a sentence, and what to do about it, by the seal that `palpate run` would check."""
     file = protocol_file or storage.protocol_path(root)
     if protocol_file is None and not approval.seal_path(file).exists():
@@ -307,33 +307,39 @@ def _seal(root: Path, protocol_file: Path | None, dataset: Dataset, today: date)
     told, _ = sealing.state(file, version, today)
     wanted = []
     if approval.sha256(version) != approval.sha256(dataset.protocol):
-        wanted.append(
-            f"{file} is another version of the protocol than the dataset's, so no session can be run with it."
-        )
+        what = f"{file} is another version of the protocol than the dataset's, so no session can be run with it."
+        wanted.append(Finding(what))
     try:
         seal = approval.verify(file, version, today)
     except ProtocolError:
-        return told, [*wanted, f"Have the protocol approved and sealed (palpate seal). {told}"]
+        words, replaces = "Have the protocol approved and sealed: {}", approval.seal_path(file).exists()
+        seal_it = approval.seal_again(protocol_file or Path("PROTOCOL"), words, *(["--replace"] if replaces else []))
+        return told, [*wanted, Finding("", remedy=seal_it)]
     if seal.expires_on - today <= SOON:
-        wanted.append(f"The approval ends on {seal.expires_on}; have it renewed and seal the protocol again.")
+        what = f"The approval ends on {seal.expires_on}; have it renewed and seal the protocol again."
+        wanted.append(Finding(what))
     return f"Sealed until {seal.expires_on}, approval number {seal.approval_number}.", wanted
 
 
-def _reminders(root: Path, dataset: Dataset, people: list[Person]) -> Iterator[str]:
+def _reminders(root: Path, dataset: Dataset, people: list[Person]) -> Iterator[Finding]:
     asked = dataset.roster.consent_on if dataset.roster and dataset.protocol.consent.required else {}
     for one in people:
         if one.state == "to begin" and asked.get(one.participant, date.min) is None:
-            yield f"Record the consent of participant {one.participant} before their session (palpate consent)."
+            words = f"Record the consent of participant {one.participant} before their session: {{}}"
+            given = ("--participant", one.participant, "--consent-on", "DAY", "--dataset", str(root))
+            command = ("palpate", "consent", str(storage.protocol_path(root)), *given)
+            yield Finding("", remedy=Remedy(words, command))
         if one.task is not None and one.task.footer is None and one.state == "under way":
             again = GOES_ON.get(dataset.purpose, "palpate run")
-            yield (
+            yield Finding(
                 f"Participant {one.participant}: the session of task {one.task.header.task} has no end on record. "
                 f"Unless it is running now, it was cut off; {again} goes on with it."
             )
     if warning := privacy.readers_warning(root):
-        yield warning
+        yield Finding(warning)
     if (free := shutil.disk_usage(root).free) < LEAST_FREE:
-        yield f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."
+        full = f"The disk of the dataset is nearly full ({free / 1e6:,.0f} MB free); make room before the next session."
+        yield Finding(full)
 
 
 def _keep_until(dataset: Dataset, people: list[Person]) -> dict[str, date]:
@@ -357,21 +363,20 @@ def months_after(day: date, months: int) -> date:
     return date(year, month + 1, min(day.day, monthrange(year, month + 1)[1]))
 
 
-def _due(keep_until: Mapping[str, date], today: date) -> Iterator[str]:
+def _due(root: Path, keep_until: Mapping[str, date], today: date) -> Iterator[Finding]:
     """Tell whose data may be kept no longer, or not for long."""
     over = {who: day for who, day in keep_until.items() if day < today}
     soon = {who: day for who, day in keep_until.items() if today <= day <= today + SOON}
+    given = ("--participant", "LABEL", "--reason", "REASON", "--erase", "--dataset", str(root))
+    erase = ("palpate", "withdraw", str(storage.protocol_path(root)), *given)
     if over:
-        yield (
-            f"OVERDUE: the data of {_people(over)} were to be kept until {min(over.values())}, as the protocol says. "
-            "Erase them (palpate withdraw --erase, for each), or delete the whole dataset by hand once nothing of it "
-            "may be kept; backups, copies and exports too."
-        )
+        what = f"OVERDUE: the data of {_people(over)} were to be kept until {min(over.values())}, as the protocol says"
+        by_hand = "or delete the whole dataset by hand once nothing of it may be kept; backups, copies and exports too"
+        yield Finding(what, remedy=Remedy(f"erase them ({{}} for each), {by_hand}", erase, suffices=False))
     if soon:
-        yield (
-            f"The data of {_people(soon)} may be kept until {min(soon.values())}, as the protocol says. Be ready to "
-            "erase them after that day (palpate withdraw --erase), or to delete the dataset by hand."
-        )
+        what = f"The data of {_people(soon)} may be kept until {min(soon.values())}, as the protocol says"
+        words = "be ready to erase them after that day ({} for each), or to delete the dataset by hand"
+        yield Finding(what, remedy=Remedy(words, erase, suffices=False))
 
 
 def _people(labels: Mapping[str, date]) -> str:

@@ -238,7 +238,7 @@ def _report_lines(status: Status) -> Iterator[tuple[str, str, list[str]]]:
     if come:
         yield "Next", f"bold {GOOD}", come
     if status.reminders:
-        yield "To do", "bold", list(status.reminders)
+        yield "To do", "bold", [one.sentence(status.root) for one in status.reminders]
     if status.revealed:
         yield "Revealed before a session", "bold", [f"{who}, on {day}." for who, day in status.revealed.items()]
 

@@ -20,7 +20,7 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import build, checks
 from palpate.experiment.dataset.checks import Plan
 from palpate.experiment.dataset.status import Status, months_after, status
-from palpate.experiment.errors import DatasetError
+from palpate.experiment.errors import DatasetError, Remedy
 from palpate.experiment.protocol import approval, files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import chain
@@ -70,7 +70,10 @@ def test_every_participant_has_one_state(made: MadeStudy) -> None:
         "02 is between tasks: task 2 of 2 comes next.",
         f"04, {made.tasks[3].tasks[0]} (task 1 of 2), is paused: 2 of 4 trials remain.",
     ]
-    assert found.reminders == ("Record the consent of participant 07 before their session (palpate consent).",)
+    (reminder,) = found.reminders
+    given = ("--participant", "07", "--consent-on", "DAY", "--dataset", str(made.root))
+    assert isinstance(reminder.remedy, Remedy)
+    assert reminder.remedy.command == ("palpate", "consent", str(storage.protocol_path(made.root)), *given)
 
 
 def test_the_counts_by_order_are_those_who_began(made: MadeStudy) -> None:
@@ -99,7 +102,8 @@ def test_the_order_of_who_has_not_begun_is_concealed(tmp_path: Path, palpate: Pa
 def test_the_screen_is_one_of_80_columns(made: MadeStudy, palpate: Palpate) -> None:
     code, out, err = palpate("status", made.root)
     assert (code, err) == (0, "")
-    assert max(map(len, out.splitlines())) <= 80
+    wide = [line for line in out.splitlines() if len(line) > 80]
+    assert [line.split()[:2] for line in wide] == [["palpate", "consent"]], "a command is never wrapped"
     assert len(out.splitlines()) <= 24
     assert "15 participants planned, 7 enrolled: 1 done, 2 under way, 2 to begin, 2" in out
     assert "06, task 1 of 2; the order of their tasks is concealed." in out
@@ -141,7 +145,8 @@ def test_a_session_without_an_end_is_told(study: MadeStudy) -> None:
     journal.with_suffix(".head").write_text(f"{kept:012d} {hashlib.sha256(last).hexdigest()}\n")
     found = status(study.root, DAY)
     assert states(found)["04"] == "under way"
-    assert any("04: the session of task" in one and "palpate run goes on with it" in one for one in found.reminders)
+    told = [one.what for one in found.reminders]
+    assert any("04: the session of task" in one and "palpate run goes on with it" in one for one in told)
 
 
 def test_what_speaks_against_the_evidence_is_told_and_the_exit_code_is_1(study: MadeStudy, palpate: Palpate) -> None:
@@ -158,18 +163,18 @@ def test_what_speaks_against_the_evidence_is_told_and_the_exit_code_is_1(study: 
     [
         (date(2098, 12, 1), None),
         (date(2098, 12, 2), "The approval ends on 2099-01-01; have it renewed and seal the protocol again."),
-        (date(2099, 1, 2), "SEALED, BUT EXPIRED"),
+        (date(2099, 1, 2), "palpate seal PROTOCOL"),
     ],
 )
 def test_a_seal_that_ends_soon_is_told(made: MadeStudy, today: date, said: str | None) -> None:
-    found = [one for one in status(made.root, today).reminders if "approv" in one]
+    found = [told for one in status(made.root, today).reminders if "approv" in (told := one.sentence())]
     assert found == [] if said is None else len(found) == 1 and said in found[0]
 
 
 def test_a_disk_that_is_nearly_full_is_told(made: MadeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
     usage = namedtuple("usage", "free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: usage(999_999_999))
-    assert "nearly full (1,000 MB free)" in status(made.root, DAY).reminders[-1]
+    assert "nearly full (1,000 MB free)" in status(made.root, DAY).reminders[-1].what
 
 
 def test_a_protocol_file_leads_to_its_default_folder(study: MadeStudy, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -179,7 +184,7 @@ def test_a_protocol_file_leads_to_its_default_folder(study: MadeStudy, monkeypat
     shutil.copytree(study.root, "participants/okamoto2012")
     assert states(status(study.file, DAY)) == states(status(study.root, DAY))
     study.file.write_text(study.file.read_text("utf-8").replace("min_s = 0", "min_s = 1"))
-    assert any("another version of the protocol" in one for one in status(study.file, DAY).reminders)
+    assert any("another version of the protocol" in one.what for one in status(study.file, DAY).reminders)
 
 
 def test_before_the_first_session_the_seal_is_beside_the_protocol(tmp_path: Path) -> None:
@@ -277,24 +282,25 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> MadeStudy:
     ("today", "said"),
     [
         (date(2003, 2, 6), ()),
-        (date(2003, 2, 7), ("The data of participants 01, 02 may be kept until 2003-03-09, as the protocol says.",)),
-        (date(2003, 3, 9), ("The data of participants 01, 02 may be kept until 2003-03-09, as the protocol says.",)),
+        (date(2003, 2, 7), ("The data of participants 01, 02 may be kept until 2003-03-09, as the protocol says",)),
+        (date(2003, 3, 9), ("The data of participants 01, 02 may be kept until 2003-03-09, as the protocol says",)),
         (date(2003, 3, 10), ("OVERDUE: the data of participants 01, 02 were to be kept until 2003-03-09",)),
     ],
 )
 def test_it_is_told_when_data_are_due_to_be_deleted(kept: MadeStudy, today: date, said: tuple[str, ...]) -> None:
     found = status(kept.root, today)
-    told = [one for one in found.reminders if "kept until" in one]
-    assert len(told) == len(said)
-    assert [one[: len(start)] for one, start in zip(told, said, strict=True)] == list(said)
-    assert all("palpate withdraw --erase" in one and "by hand" in one for one in told)
+    reminders = [one for one in found.reminders if "kept until" in one.what]
+    assert [one.what[: len(start)] for one, start in zip(reminders, said, strict=True)] == list(said)
+    assert all(isinstance(one.remedy, Remedy) and "--erase" in one.remedy.command for one in reminders)
+    told = [one.sentence() for one in reminders]
+    assert all("by hand" in one for one in told)
     assert found.as_dict()["keep_until"] == {"01": "2003-03-09", "02": "2003-03-09"}
     assert all(one in " ".join(found.text().split()) for one in told)
 
 
 def test_where_the_protocol_states_no_time_none_is_told(made: MadeStudy) -> None:
     found = status(made.root, date(2099, 1, 1))
-    assert (found.keep_until, [one for one in found.reminders if "kept" in one]) == ({}, [])
+    assert (found.keep_until, [one for one in found.reminders if "kept" in one.what]) == ({}, [])
 
 
 def test_an_older_roster_speaks_against_the_evidence(study: MadeStudy, palpate: Palpate) -> None:
@@ -328,4 +334,4 @@ def test_what_others_can_read_is_a_reminder(made: MadeStudy, monkeypatch: pytest
     before = status(made.root, DAY).reminders
     monkeypatch.setattr(privacy, "readers_warning", lambda root: f"Others can read {root}.")
     after = status(made.root, DAY).reminders
-    assert [one for one in after if one not in before] == [f"Others can read {made.root}."]
+    assert [one.what for one in after if one not in before] == [f"Others can read {made.root}."]

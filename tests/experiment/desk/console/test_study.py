@@ -33,7 +33,7 @@ STUDY = Status(
     revealed={},
     to_enrol="05",
     doubts=(Finding("cut", "sub-04"),),
-    reminders=("Make room.",),
+    reminders=(Finding("Make room."),),
 )
 
 
