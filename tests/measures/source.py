@@ -28,7 +28,7 @@ class Source:
     def lines(self) -> int:
         return len(self.text.splitlines())
 
-    @property
+    @cached_property
     def module(self) -> str:
         return module_of(self.path)
 

@@ -62,7 +62,7 @@ def truth_m_s2(modes: Modes, lines_hz: NDArray[np.int64] | NDArray[np.float64]) 
         natural = 2 * np.pi * one.frequency_hz
         return np.asarray(s**2 + 2 * one.damping * natural * s + natural**2)
 
-    s = 2j * np.pi * lines_hz
+    s: NDArray[np.complex128] = np.asarray(2j * np.pi * lines_hz)
     passed = sum(one.part * (2 * np.pi * one.frequency_hz) ** 2 / divided(one) for one in modes.modes)
     volts = rigs.load(RIG).actuator.full_scale
     return np.asarray(volts * modes.gain_m_s2_per_v * s**2 / divided(modes.suspension) * passed)
