@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from palpate.experiment.apparatus.host import elsewhere as elsewhere
     from palpate.experiment.apparatus.ports import Tracker as Tracker
-    from palpate.experiment.apparatus.rig import TrackerRig as TrackerRig
     from palpate.experiment.apparatus.tracker.clock_map import ClockMap as ClockMap
     from palpate.experiment.apparatus.tracker.clock_map import ClockState as ClockState
     from palpate.experiment.apparatus.tracker.clock_map import init as begin_clock  # noqa: F401
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from palpate.experiment.apparatus.tracker.frames import LinkCounts as LinkCounts
     from palpate.experiment.apparatus.tracker.frames import Samples as Samples
     from palpate.experiment.apparatus.tracker.frames import encode as encode
+    from palpate.experiment.apparatus.tracker.settings import TrackerRig as TrackerRig
     from palpate.experiment.clock import Clock as Clock
     from palpate.experiment.errors import TrackerError as TrackerError
     from palpate.experiment.errors import TrackerStopped as TrackerStopped
@@ -32,7 +32,7 @@ _PLACES = {
     "Samples": "palpate.experiment.apparatus.tracker.frames:Samples",
     "Tracker": "palpate.experiment.apparatus.ports:Tracker",
     "TrackerError": "palpate.experiment.errors:TrackerError",
-    "TrackerRig": "palpate.experiment.apparatus.rig:TrackerRig",
+    "TrackerRig": "palpate.experiment.apparatus.tracker.settings:TrackerRig",
     "TrackerStopped": "palpate.experiment.errors:TrackerStopped",
     "begin_clock": "palpate.experiment.apparatus.tracker.clock_map:init",
     "elsewhere": "palpate.experiment.apparatus.host:elsewhere",

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Actuator, Pedal, Tracker
-from palpate.experiment.apparatus.rig import FRAMES, REHEARSAL, AudioRig, Rig, response_table
+from palpate.experiment.apparatus.rig import REHEARSAL, AudioRig, Rig, response_table, tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
+from palpate.experiment.apparatus.tracker.settings import FRAMES
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import ActuatorError, Finding, Remedy, RigError, TrackerError
 
@@ -149,26 +150,27 @@ def open_tracker(
 
     The session's clock stamps arrivals. A `port` replaces the rig's. Without a `clock_map` arrivals give it.
     `contact_mm` is the protocol's, None without steps. Raises `TrackerError` for the port, and `RigError` for the
-    driver.
+    driver or a rig without a tracker.
     """
-    if port is None and rig.tracker.port == REHEARSAL:
+    settings = tracker_of(rig)
+    if port is None and settings.port == REHEARSAL:
         raise TrackerError.at(simulated_only(rig, "tracker.port"))
-    where = port or rig.tracker.port
+    where = port or settings.port
     tracker: Tracker
-    if rig.tracker.driver == FRAMES:
+    if settings.driver == FRAMES:
         from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 
-        tracker = SerialTracker(where, rig.tracker, clock=clock, clock_map=clock_map)
+        tracker = SerialTracker(where, settings, clock=clock, clock_map=clock_map)
     else:
         from palpate.experiment.apparatus.tracker.guarded import open_guarded
 
         tracker = open_guarded(rig, where, clock=clock, clock_map=clock_map)
-    farthest_mm = rig.tracker.zeroing_mm
+    farthest_mm = settings.zeroing_mm
     if contact_mm is None or farthest_mm is None:
         return tracker
     from palpate.experiment.apparatus.tracker.zeroing import REST_S, ZeroedTracker
 
-    samples = round(REST_S * rig.tracker.rate_hz)
+    samples = round(REST_S * settings.rate_hz)
     return ZeroedTracker(tracker, contact_mm=contact_mm, farthest_mm=farthest_mm, samples=samples)
 
 

@@ -6,22 +6,18 @@ and no contact, and that the noise of a resting foot stays inside.
 """
 
 import hashlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from datetime import date
-from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal, cast
 
-import numpy as np
 import rfc8785
-from numpy.typing import NDArray
 from pydantic import Field, PrivateAttr
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.display import PedalRig, ScreenRig
 from palpate.experiment.apparatus.servo.settings import ServoRig
-from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
+from palpate.experiment.apparatus.tracker.settings import FRAMES, TrackerRig
 from palpate.experiment.errors import ProtocolError, Remedy, RigError
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.settings import load as files
@@ -362,51 +358,24 @@ def check_age(calibrated: LatencyRig | HeadphonesRig, today: date) -> None:
     raise RigError(f"audio.{table}", f"got {got}", remedy, allowed=allowed)
 
 
-FRAMES = "palpate-frames"
-"""The tracker's driver unless a rig names another."""
-
 ABOVE_GATE_MM, BELOW_CONTACT_MM = 5.0, 1.0
 """How far above the gate, and below contact, the calibration must reach, mm: a fast foot moves less in several samples,
 and the sole gives way."""
 
 
-def _tracker_rules(table: Any) -> Iterator[Broken]:
-    """`baud` is at least 120 times `rate_hz`, because a frame takes 120 bits, or 140 times with `along_calibration`.
-
-    From point to point of a calibration the counts rise, and the heights, or places, rise or fall all the way.
-    """
-    baud, rate_hz = table.get("baud"), table.get("rate_hz")
-    frame = FRAME_BYTES[1 if table.get("along_calibration") is None else 2]
-    if isinstance(baud, int) and isinstance(rate_hz, int) and baud < 10 * frame * rate_hz:
-        yield Broken(("baud",), f"at least {10 * frame * rate_hz}: {rate_hz} frames of {frame} bytes a second")
-    yield from _rising("calibration", table.get("calibration"), "heights")
-    yield from _rising("along_calibration", table.get("along_calibration"), "places")
-
-
-def _rising(key: str, points: Any, called: str) -> Iterator[Broken]:
-    if not isinstance(points, list | tuple):
-        return
-    counts = [point.get("counts") if isinstance(point, dict) else None for point in points]
-    mm = [point.get("mm") if isinstance(point, dict) else None for point in points]
-    for i, (before, after) in enumerate(pairwise(counts), start=1):
-        if isinstance(before, int) and isinstance(after, int) and after <= before:
-            yield Broken((key, i, "counts"), f"more than at the point before it ({before})")
-    heights = [height for height in mm if isinstance(height, int | float)]
-    if len(heights) < max(len(mm), 2):
-        return
-    rises = heights[1] > heights[0]
-    for i, (before, after) in enumerate(pairwise(heights), start=1):
-        if before == after or (after > before) != rises:
-            way = "more" if rises else "less"
-            yield Broken((key, i, "mm"), f"{way} than at the point before it ({before}), as {called} began")
-
-
 def _rig_rules(table: Any) -> Iterator[Broken]:
     """`actuator.driver = "audio"` needs the table `[audio]`, at the same `rate_hz`.
+
+    `[servo]` needs `[tracker]`, and so does every file of a format before 5.
 
     Only a simulated rig may say "rehearsal" for a port, an address or a device.
     """
     yield from _audio_rules(table.get("actuator"), table.get("audio"))
+    if table.get("tracker") is None:
+        if table.get("servo") is not None:
+            yield Broken(("tracker",), "a table [tracker]: it follows the hand that [servo] pushes")
+        elif table.get("format") in (1, 2, 3, 4):
+            yield Broken(("tracker",), "a table [tracker], or format = 5, which may leave it out")
     rig = table.get("rig")
     if not isinstance(rig, dict) or rig.get("simulated") is not False:
         return
@@ -436,108 +405,6 @@ class Identity(Confined):
 
     name: Name
     simulated: bool
-
-
-class CalibrationPoint(Confined):
-    """A reading, and the height, or the place along the face, at which it was taken.
-
-    Attributes:
-        counts: what the sensor reads.
-        mm: the height above the panel, or the place along the face.
-    """
-
-    counts: Annotated[int, Field(ge=0, le=65535)]
-    mm: float
-
-
-class TrackerRig(Confined):
-    """The foot's sensor, and the serial port that it speaks through.
-
-    Attributes:
-        driver: palpate's own for its frames, or a class of a module beside the rig file or of an installed package.
-        port: a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`.
-        baud: the speed of the line, bits a second.
-        rate_hz: frames a second.
-        stall_ms: after so long without a frame the tracker counts as stopped.
-        calibration: readings at known heights; heights between two points follow a straight line.
-        calibrated_on: when the calibration was made; a real rig states it.
-        calibration_days: for how many days the calibration holds; a real rig states it.
-        noise_mm: rms of the sensor at rest, as `palpate calibrate tracker` measures it.
-        zeroing_mm: heights count from where the participant's foot rests on the panel, at most so far from contact;
-            without it they count as calibrated.
-        along_calibration: readings of a planar tracker, whose frames have two, at known places along the face of a
-            virtual block; it pushes back along its face too. A step is followed by its height alone.
-    """
-
-    RULES: ClassVar[Rules] = _tracker_rules
-
-    driver: Annotated[
-        str,
-        Field(
-            pattern=r"^(palpate-frames|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$",
-            description="palpate-frames, or package.module:Class of a driver of your own",
-        ),
-        ONE_LINE,
-    ] = FRAMES
-    port: Line
-    baud: Annotated[int, Field(ge=9600, le=12_000_000)]
-    rate_hz: Annotated[int, Field(ge=1000, le=5000)]
-    stall_ms: Annotated[int, Field(ge=50, le=200)]
-    calibration: Annotated[tuple[CalibrationPoint, ...], Field(min_length=2)]
-    calibrated_on: date | None = None
-    calibration_days: Annotated[int, Field(ge=1, le=3650)] | None = None
-    noise_mm: Annotated[float, Field(ge=0)] | None = None
-    zeroing_mm: Annotated[float, Field(gt=0, le=10)] | None = None
-    along_calibration: Annotated[tuple[CalibrationPoint, ...] | None, Field(min_length=2)] = None
-
-    @property
-    def readings(self) -> int:
-        """Return how many readings a frame has: 2 if the tracker is planar."""
-        return 1 if self.along_calibration is None else 2
-
-    def height_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
-        """Return the height above the panel of each reading, mm; that of the outermost points beyond them."""
-        heights_mm: NDArray[np.float64] = np.interp(counts, *self._points)
-        return heights_mm
-
-    def along_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64] | None:
-        """Return the place along the face of each reading, as `height_mm`; None if the tracker is not planar."""
-        return None if self.along_calibration is None else np.interp(counts, *self._along_points)
-
-    @property
-    def resolution_mm(self) -> float:
-        """Return what one count is at most, mm."""
-        counts, mm = self._points
-        return float(np.abs(np.diff(mm) / np.diff(counts)).max())
-
-    @cached_property
-    def _points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Readings and heights of the calibration."""
-        return _columns(self.calibration)
-
-    @cached_property
-    def _along_points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return _columns(self.along_calibration or ())
-
-    def counts(self, height_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
-        """Return the reading for each height above the panel, mm, shape (n,); the inverse of `height_mm`."""
-        return _read(height_mm, *self._points)
-
-    def along_counts(self, along_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
-        """Return the reading of a planar tracker for each place along the face, as `counts`."""
-        return _read(along_mm, *self._along_points)
-
-
-def _columns(points: Sequence[CalibrationPoint]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    return np.array([float(point.counts) for point in points]), np.array([point.mm for point in points])
-
-
-def _read(
-    mm: NDArray[np.floating[Any]], counts: NDArray[np.float64], points_mm: NDArray[np.float64]
-) -> NDArray[np.int64]:
-    order = np.argsort(points_mm)
-    whole: NDArray[np.int64] = np.rint(np.interp(mm, points_mm[order], counts[order])).astype(np.int64)
-    return whole
 
 
 Elsewhere = Annotated[
@@ -603,7 +470,7 @@ class Rig(Confined):
     Attributes:
         format: the form of the file.
         rig: what it is called.
-        tracker: what follows the foot.
+        tracker: what follows the foot, where a kind of trial needs it.
         actuator: what shakes the panel.
         accelerometer: what measures the panel, for `palpate record` and `palpate calibrate actuator`.
         audio: the audio device, where there is one: for the masker, the loopback and an actuator with `driver =
@@ -619,9 +486,9 @@ class Rig(Confined):
 
     RULES: ClassVar[Rules] = _rig_rules
 
-    format: Literal[1, 2, 3, 4]
+    format: Literal[1, 2, 3, 4, 5]
     rig: Identity
-    tracker: TrackerRig
+    tracker: TrackerRig | None = None
     actuator: ActuatorRig
     accelerometer: AccelerometerRig | None = None
     audio: AudioRig | None = None
@@ -641,11 +508,23 @@ class Rig(Confined):
     @property
     def driver_file(self) -> Path | None:
         """The file beside the rig file that holds the tracker's driver; None where an installed package does."""
-        module = self.tracker.driver.partition(":")[0]
-        if self._folder is None or self.tracker.driver == FRAMES:
+        if self._folder is None or self.tracker is None or self.tracker.driver == FRAMES:
             return None
+        module = self.tracker.driver.partition(":")[0]
         file = self._folder / f"{module}.py"
         return file if file.is_file() else None
+
+
+def tracker_of(rig: Rig) -> TrackerRig:
+    """Return the settings of the rig's tracker; `RigError` if the rig has none."""
+    if rig.tracker is None:
+        raise RigError(
+            f"rig '{rig.rig.name}'",
+            "got no table [tracker]",
+            "name a rig file with a tracker, or add its table",
+            allowed="one, because this needs to know where the foot or the hand is",
+        )
+    return rig.tracker
 
 
 def load(path: Path) -> Rig:
@@ -686,13 +565,13 @@ def sha256(rig: Rig) -> str:
 
 def reach_mm(rig: Rig, step: Step) -> tuple[float, float]:
     """Return the lowest and highest height that a protocol needs calibrated, mm; zeroing moves heights either way."""
-    moved_mm = rig.tracker.zeroing_mm or 0.0
+    moved_mm = tracker_of(rig).zeroing_mm or 0.0
     return step.contact_mm - BELOW_CONTACT_MM - moved_mm, step.gate_top_mm + ABOVE_GATE_MM + moved_mm
 
 
 def check(rig: Rig, step: Step) -> None:
     """Refuse a calibration that does not reach past the gate and the panel of a protocol, with a `RigError`."""
-    heights = [point.mm for point in rig.tracker.calibration]
+    heights = [point.mm for point in tracker_of(rig).calibration]
     lowest, highest = reach_mm(rig, step)
     if min(heights) > lowest or max(heights) < highest:
         got = f"tracker.calibration reaches from {min(heights):g} to {max(heights):g} mm"

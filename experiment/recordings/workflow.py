@@ -17,6 +17,7 @@ from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
 from palpate.experiment.apparatus.ports import Accelerometer, Tracker, Window
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from palpate.experiment.apparatus.tracker.zeroing import ZeroedTracker
@@ -149,7 +150,7 @@ def record_on_rig(
     with closing(accelerometer):
         tracker = opening.open_tracker(rig, clock=clock, contact_mm=protocol.table(Footstep).step.contact_mm)
         with closing(tracker):
-            zeroing.check_reading(tracker, rig.tracker)
+            zeroing.check_reading(tracker, tracker_of(rig))
             if isinstance(tracker, ZeroedTracker):
                 tracker.settle(console.rest)
             return record(

@@ -22,6 +22,7 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor.doctor import SimulatedPorts
 from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.clock import ManualClock, MonotonicClock
 from palpate.experiment.desk.questions import Console
@@ -250,7 +251,7 @@ def _study(kept: Path, rig_file: Path, *_contents: bytes) -> tuple[Protocol, rig
 
 def foot(line: SerialLine, rig: rigs.Rig, *, real_time: bool, taps: bool) -> Foot:
     """Return what moves before a simulated rig's tracker: a foot, or a hand that taps."""
-    tracker = rig.tracker
+    tracker = tracker_of(rig)
     if not taps:
         return Foot(line, tracker, real_time=real_time)
     noise_mm, tick_s = tracker.noise_mm or 0.0, 1 / tracker.rate_hz
@@ -260,16 +261,18 @@ def foot(line: SerialLine, rig: rigs.Rig, *, real_time: bool, taps: bool) -> Foo
 def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
     """Start what stands at the far ends of a simulated rig, closed with `opened`: foot, panel, forces, sound card."""
 
-    line = opened.enter_context(SerialLine())
-    opened.callback(foot(line, rig, real_time=True, taps=rig.servo is not None).close)
-    address = None
+    port = address = None
+    if rig.tracker is not None:
+        line = opened.enter_context(SerialLine())
+        opened.callback(foot(line, rig, real_time=True, taps=rig.servo is not None).close)
+        port = line.url
     if rig.actuator.driver == "pcm-tcp":
         panel = Panel(rig.actuator)
         opened.callback(panel.close)
         address = panel.address
     force = opened.enter_context(ForceDeviceProcess()).address if rig.servo is not None else None
     pedal = opened.enter_context(SimulatedPedal()).url if rig.pedal is not None else None
-    ends = SimulatedPorts(port=line.url, address=address, force=force, pedal=pedal)
+    ends = SimulatedPorts(port=port, address=address, force=force, pedal=pedal)
     if rig.audio is None:
         return ends
     card, heard = opened.enter_context(WiredCard(rig)), rig.audio.channels.microphone is not None

@@ -130,7 +130,7 @@ def _check_paced(rig_file: Path, rig: rigs.Rig, protocol: Protocol) -> None:
             "its audio device runs in real time, and simulated time is faster",
             "add --real-time, or give a rig without [audio]",
         )
-    if protocol.gate is not None and rig.tracker.zeroing_mm is not None:
+    if rig.tracker is not None and rig.tracker.zeroing_mm is not None and protocol.gate is not None:
         raise DatasetError(
             rig_file,
             "its tracker is zeroed by a resting foot, and no foot rests in simulated time",

@@ -9,7 +9,7 @@ from pathlib import Path
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.clock import Clock, MonotonicClock, day, minutes, wall_ns
 from palpate.experiment.dataset import build, checks, register
@@ -48,7 +48,7 @@ class RealEnds(FarEnds):
         self._console = console
 
     def check(self, tracker: Tracker, rig: Rig) -> None:
-        zeroing.check_reading(tracker, rig.tracker)
+        zeroing.check_reading(tracker, tracker_of(rig))
 
     def console(self) -> Console:
         return self._console

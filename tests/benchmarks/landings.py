@@ -35,6 +35,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel.conditioning import open_drive
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny
 from palpate.experiment.apparatus.tracker.landing import LandingPredictor
 from palpate.experiment.clock import MonotonicClock
@@ -124,7 +125,7 @@ def session(
         materials = scene.open_stimuli(scene=planned, protocol=protocol, recordings=recordings, output_rate_hz=rate_hz)
         line = opened.enter_context(SerialLine())
         powered_ns = clock.now_ns()
-        foot = Foot(line, rig.tracker, real_time=True, clock=Gaining(drift_ppm), rest_mm=REST_MM, noise_mm=NOISE_MM)
+        foot = Foot(line, tracker_of(rig), real_time=True, clock=Gaining(drift_ppm), rest_mm=REST_MM, noise_mm=NOISE_MM)
         opened.callback(foot.close)
         tracker = opening.open_tracker(rig, clock=clock, port=line.url)
         opened.callback(tracker.close)
@@ -138,7 +139,7 @@ def session(
         opened.callback(actuator.close)
         parts = Watch(
             feed=Feed(tracker, simulated_time=False),
-            scrutiny=Scrutiny(rate_hz=rig.tracker.rate_hz, noise_mm=NOISE_MM),
+            scrutiny=Scrutiny(rate_hz=tracker_of(rig).rate_hz, noise_mm=NOISE_MM),
             detector=GateDetector(protocol.table(Footstep).step),
             predictor=LandingPredictor(protocol.table(Footstep).step, noise_mm=NOISE_MM),
             clock=clock,

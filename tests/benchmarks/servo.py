@@ -22,6 +22,7 @@ import numpy as np
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo import rendering
 from palpate.experiment.apparatus.servo.link import ServoProcess
 from palpate.experiment.apparatus.servo.process import Orders
@@ -43,7 +44,7 @@ BLOCK = Block((2500.0, 2500.0), (100.0, 100.0), (inf, inf), into=(-1.0, 0.0), no
 
 def measured(seconds: float) -> None:
     """Tap for so long, and print what came of it."""
-    tracker = rigs.load(shipped("rigs/tapping.toml")).tracker
+    tracker = tracker_of(rigs.load(shipped("rigs/tapping.toml")))
     rng = np.random.default_rng(1)
     with tempfile.TemporaryDirectory() as folder, host.raised() as priority:
         record = Path(folder) / "pushed.bin"

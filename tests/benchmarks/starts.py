@@ -21,6 +21,7 @@ from datetime import date, timedelta
 from pathlib import Path
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep import recorded_takes
@@ -90,7 +91,7 @@ def main(turns: int) -> None:
     with (
         tempfile.TemporaryDirectory() as temporary,
         SerialLine() as line,
-        closing(Foot(line, settings.tracker, real_time=True)),
+        closing(Foot(line, tracker_of(settings), real_time=True)),
         closing(SoundCard(rate_hz=audio.rate_hz, block=audio.block, inputs=inputs, outputs=outputs)),
     ):
         folder = Path(temporary)

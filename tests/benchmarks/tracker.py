@@ -31,9 +31,10 @@ import numpy as np
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.frames import Samples, encode
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.rehearsal.footstep.participant import SPEED_MEDIAN_MM_S
 from palpate.experiment.rehearsal.wires.foot import trajectory
 
@@ -91,7 +92,7 @@ class Run:
 
 def settings(rate_hz: int) -> TrackerRig:
     """Those of the shipped rig, at another rate."""
-    rig = rigs.load(Path(__file__).parents[2] / "protocols" / "rigs" / "rehearsal.toml").tracker
+    rig = tracker_of(rigs.load(Path(__file__).parents[2] / "protocols" / "rigs" / "rehearsal.toml"))
     return rig.model_copy(update={"rate_hz": rate_hz})
 
 

@@ -27,6 +27,7 @@ import numpy as np
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.desk import link
 from palpate.experiment.desk.messages import Choose, Pause, Reply, Stop, TakeNote, View
 from palpate.experiment.records import journal
@@ -126,7 +127,7 @@ def press(rig: Path) -> None:
     """Be a hand above the tracker of a rig, and say at which port; press once a line has come."""
     with suppress(PermissionError):
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
-    tracker = rigs.load(rig).tracker
+    tracker = tracker_of(rigs.load(rig))
     us = np.cumsum([0.0, 0.15, STAYS_S, 0.15, 0.15]) * 1e6
     mm = np.array([HAND_MM, INSIDE_MM, INSIDE_MM, HAND_MM, HAND_MM])
     with SerialLine() as line:

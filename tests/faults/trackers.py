@@ -16,13 +16,13 @@ from typing import cast
 import numpy as np
 
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import TrackerRig
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES, Decoder, LinkCounts, Samples, encode
 from palpate.experiment.apparatus.tracker.gate import GateDetector, Scrutiny, Sifted
 from palpate.experiment.apparatus.tracker.guarded import GuardedTracker
 from palpate.experiment.apparatus.tracker.landing import STOPPED, TURNED_BACK, LandingPredictor
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import Clock, ManualClock, MonotonicClock
 from palpate.experiment.errors import TrackerError
 from palpate.experiment.protocol.models import Step

@@ -12,14 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.frames import Decoder, Samples, encode
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.foot import Hesitation, Trajectory, trajectory
 
-BASE = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+BASE = tracker_of(rigs.load(shipped("rigs/rehearsal.toml")))
 BEFORE_S = 1.5
 """How long the foot rests before its step, s."""
 

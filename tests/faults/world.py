@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.foot import Foot, trajectory
 from palpate.experiment.rehearsal.wires.sound_card import SoundCard
@@ -92,7 +93,7 @@ def main() -> None:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(1))
     folder = Path(sys.argv[1])
     card = SoundCard(rate_hz=RATE_HZ, block=BLOCK, inputs=2, outputs=3, exact=False) if sys.argv[2:] else None
-    settings = rig.load(shipped("rigs/rehearsal.toml")).tracker
+    settings = tracker_of(rig.load(shipped("rigs/rehearsal.toml")))
     panel = Panel()
     line = PluggedLine(link=folder / "tracker")
     foot = Foot(line, settings, real_time=True, rest_mm=REST_MM)

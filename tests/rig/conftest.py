@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from palpate.experiment.apparatus import rig
-from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.rig import tracker_of
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 from tests.rig.laboratory import NOISE_MM
@@ -38,7 +39,7 @@ def working_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[
 @pytest.fixture(scope="module")
 def settings() -> TrackerRig:
     """The tracker of the rehearsal's rig, as noisy as the tests' foot."""
-    tracker = rig.load(shipped("rigs/rehearsal.toml")).tracker
+    tracker = tracker_of(rig.load(shipped("rigs/rehearsal.toml")))
     return tracker.model_copy(update={"noise_mm": NOISE_MM})
 
 

@@ -8,11 +8,12 @@ import numpy as np
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
 
-HAND = rigs.load(shipped("rigs/tapping.toml")).tracker
+HAND = tracker_of(rigs.load(shipped("rigs/tapping.toml")))
 
 PRESSES = 50
 

@@ -93,7 +93,7 @@ class Laboratory:
     def __init__(self, panel: Panel, line: PluggedLine) -> None:
         self.panel = panel
         self.line = line
-        self.settings = rig.load(shipped("rigs/rehearsal.toml")).tracker
+        self.settings = rig.tracker_of(rig.load(shipped("rigs/rehearsal.toml")))
         self.steps = 0
         self.resting = False
         """The foot does not step when the tracker is drained next: it rests on the panel."""

@@ -17,6 +17,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import serial_port
 from palpate.experiment.apparatus.tracker.frames import encode
 from palpate.experiment.protocol.files import shipped
@@ -35,7 +36,7 @@ class Sensor:
         self._mm = 0.0
         self._moving = threading.Lock()
         self._line = line
-        self._truth = rig.load(shipped("rigs/rehearsal.toml")).tracker
+        self._truth = rig.tracker_of(rig.load(shipped("rigs/rehearsal.toml")))
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._send)
         self._thread.start()
@@ -88,8 +89,8 @@ def test_a_calibration_finds_the_sensor_and_writes_a_new_rig_file(
     code, out, err = palpate("calibrate", "tracker", *where, "--points=-5,0,10,20,50,100", "--days", "30")
     assert (code, err) == (0, "")
     assert [re.findall(rf"{part} \((\d+) mm\)", out) for part in ("gate", "panel")] == [["20"], ["0"]]
-    made = rig.load(tmp_path / "new.toml").tracker
-    truth = rig.load(shipped("rigs/rehearsal.toml")).tracker
+    made = tracker_of(rig.load(tmp_path / "new.toml"))
+    truth = tracker_of(rig.load(shipped("rigs/rehearsal.toml")))
     assert [p.mm for p in made.calibration] == [p.mm for p in truth.calibration]
     # The last point lies at the converter's end, which cuts off half of the noise.
     assert [p.counts for p in made.calibration] == pytest.approx([p.counts for p in truth.calibration], abs=2)

@@ -19,8 +19,8 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor import checks, devices, doctor
 from palpate.experiment.apparatus.doctor.devices import Heard
-from palpate.experiment.apparatus.rig import TrackerRig
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import MonotonicClock
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.session import simulated_far_ends

@@ -16,7 +16,8 @@ from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.audio import calibration
 from palpate.experiment.apparatus.audio.stream import AudioStream
 from palpate.experiment.apparatus.doctor import devices
-from palpate.experiment.apparatus.rig import AudioRig, TrackerRig
+from palpate.experiment.apparatus.rig import AudioRig
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.foot import Foot
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine

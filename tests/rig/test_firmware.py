@@ -13,10 +13,11 @@ import pytest
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.rig import CalibrationPoint, TrackerRig
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
 from palpate.experiment.errors import TrackerStopped
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.rehearsal.wires.foot import trajectory
@@ -305,7 +306,7 @@ def test_the_rig_file_that_the_readme_shows_is_one(tmp_path: Path) -> None:
     file.write_text(OTHER_DEVICES + shown)
     rig = rigs.load(file)
     rigs.check(rig, STEP)
-    assert rig.tracker.rate_hz == 5000
+    assert tracker_of(rig).rate_hz == 5000
     defaults = dict(re.findall(r"#define (\w+) (\d+)\n", (board.FIRMWARE / "settings.h").read_text()))
-    at_gate = rig.tracker.counts(np.array([20.0, 10.0])).tolist()
+    at_gate = tracker_of(rig).counts(np.array([20.0, 10.0])).tolist()
     assert [int(defaults["GATE_TOP_COUNTS"]), int(defaults["GATE_BOTTOM_COUNTS"])] == at_gate

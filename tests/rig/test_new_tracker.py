@@ -13,7 +13,7 @@ import pytest
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.frames import Decoder, Samples
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from palpate.experiment.clock import MonotonicClock
@@ -54,7 +54,7 @@ def test_it_follows_a_foot(code: str, tmp_path: Path, refuses: Refuses) -> None:
     rig = rigs.load(rig_file(tmp_path, "textline:TextTracker"))
     trajectory = foot.trajectory(np.random.default_rng(1), SPEED_MM_S, hesitation="none")
     times_us = np.arange(0, int(trajectory.lift_us), 1000)
-    readings = rigs.load(shipped("rigs/rehearsal.toml")).tracker.counts(trajectory.at(times_us.astype(float)))
+    readings = tracker_of(rigs.load(shipped("rigs/rehearsal.toml"))).counts(trajectory.at(times_us.astype(float)))
     lines = [f"{us},{reading}\n".encode() for us, reading in zip(times_us.tolist(), readings.tolist(), strict=True)]
     with SerialLine() as line:
         tracker = opening.open_tracker(rig, clock=MonotonicClock(), port=line.url)

@@ -14,6 +14,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel.validity import CALIBRATE
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
@@ -27,7 +28,7 @@ from tests.conftest import Palpate
 from tests.rig import sound
 from tests.rig.laboratory import write_rig
 
-SETTINGS = rigs.load(shipped("rigs/rehearsal.toml")).tracker
+SETTINGS = tracker_of(rigs.load(shipped("rigs/rehearsal.toml")))
 
 Run = Callable[[Path], str]
 

@@ -10,6 +10,7 @@ import jack
 import pytest
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.footstep import recorded_takes
@@ -39,7 +40,7 @@ def held(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Seen]]:
     channels = audio.channels
     with (
         SerialLine() as line,
-        closing(Foot(line, settings.tracker, real_time=True)),
+        closing(Foot(line, tracker_of(settings), real_time=True)),
         closing(
             SoundCard(rate_hz=audio.rate_hz, block=audio.block, inputs=channels.inputs, outputs=channels.outputs)
         ) as card,

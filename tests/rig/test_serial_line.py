@@ -12,11 +12,12 @@ import numpy as np
 import pytest
 
 from palpate.experiment.apparatus import rig
-from palpate.experiment.apparatus.rig import TrackerRig
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples, encode
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
 from palpate.experiment.apparatus.tracker.serial_port import LINE_BYTES, SerialPort
 from palpate.experiment.apparatus.tracker.serial_tracker import REFILL_S, SerialTracker
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import TrackerError, TrackerStopped
 from palpate.experiment.protocol.models import Step
@@ -41,7 +42,7 @@ def line(request: pytest.FixtureRequest) -> Iterator[SerialLine]:
 
 @pytest.fixture(scope="session")
 def settings(repository_root: Path) -> TrackerRig:
-    return rig.load(repository_root / "protocols" / "rigs" / "rehearsal.toml").tracker
+    return tracker_of(rig.load(repository_root / "protocols" / "rigs" / "rehearsal.toml"))
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ import pytest
 
 from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.rehearsal.wires.foot import Foot
@@ -32,7 +33,7 @@ def test_the_far_ends_run_on_the_cores_that_the_session_leaves(monkeypatch: pyte
         opened.enter_context(sound.stream())
         tap = card.tap(1, seconds=1.0)
         opened.callback(tap.close)
-        foot = Foot(opened.enter_context(SerialLine()), rig.tracker, real_time=True)
+        foot = Foot(opened.enter_context(SerialLine()), tracker_of(rig), real_time=True)
         opened.callback(foot.close)
         panel = Panel(rig.actuator)
         opened.callback(panel.close)
@@ -49,9 +50,9 @@ def test_the_thread_that_reads_the_tracker_runs_just_above_the_session_and_on_it
     with ExitStack() as opened:
         opened.enter_context(host.raised())
         line = opened.enter_context(SerialLine())
-        foot = Foot(line, rig.tracker, real_time=True)
+        foot = Foot(line, tracker_of(rig), real_time=True)
         opened.callback(foot.close)
-        tracker = SerialTracker(line.url, rig.tracker)
+        tracker = SerialTracker(line.url, tracker_of(rig))
         opened.callback(tracker.close)
         tracker.read()
         [reader] = [thread.native_id for thread in threading.enumerate() if thread.name == "tracker"]

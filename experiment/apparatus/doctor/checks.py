@@ -23,9 +23,10 @@ from palpate.experiment.apparatus.panel import response_table as response
 from palpate.experiment.apparatus.panel import validity
 from palpate.experiment.apparatus.panel.conditioning import Conditioner
 from palpate.experiment.apparatus.panel.pcm import LOOK_S, PcmActuator
-from palpate.experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, TrackerRig, response_table
+from palpate.experiment.apparatus.rig import ActuatorRig, HeadphonesRig, LatencyRig, Rig, response_table, tracker_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import Clock, day, wall_ns
 from palpate.experiment.errors import ActuatorError, Finding, PalpateError, Remedy, Verdict
 from palpate.experiment.protocol.models import Step
@@ -86,7 +87,7 @@ def reach(rig: Rig, step: Step) -> Finding:
         rigs.check(rig, step)
     except PalpateError as error:
         return refused(name, error)
-    heights_mm = [point.mm for point in rig.tracker.calibration]
+    heights_mm = [point.mm for point in tracker_of(rig).calibration]
     lowest, highest = rigs.reach_mm(rig, step)
     measured = f"calibrated from {min(heights_mm):g} to {max(heights_mm):g} mm"
     return passed(name, measured, f"from at most {lowest:g} to at least {highest:g} mm")
@@ -108,7 +109,9 @@ def ages(rig: Rig, today: date) -> tuple[Finding, ...]:
         days = (today - made.calibrated_on).days if made.calibrated_on is not None else 0
         return passed(name, f"{days} days old{besides}", f"0 to {made.calibration_days} days")
 
-    found = [age("tracker calibration", lambda: zeroing.check_age(rig, today), tracker)]
+    found = []
+    if tracker is not None:
+        found.append(age("tracker calibration", lambda: zeroing.check_age(rig, today), tracker))
     if audio is not None:
         found.append(age("audio calibration", lambda: rigs.check_age(audio.latency, today), audio.latency))
         level = "; its level was not checked, because the machine cannot hear it"

@@ -11,10 +11,11 @@ from palpate.experiment.apparatus.audio import microphone as microphones
 from palpate.experiment.apparatus.audio.stream import AudioStream, StreamHealth
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import CALIBRATE_AUDIO, AudioRig, TrackerRig
+from palpate.experiment.apparatus.rig import CALIBRATE_AUDIO, AudioRig
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.clock_map import DRIFT_LIMIT_PPM, ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import AudioError, Finding, Remedy, TrackerError
 

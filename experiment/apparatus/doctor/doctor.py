@@ -66,7 +66,7 @@ def examine(
     else:
         yield from _rig(rig, rig_path, protocol, clock)
     folder = root or (enrolment.default_root(protocol) if protocol is not None else FOLDER)
-    rate_hz, readings = (rig.tracker.rate_hz, rig.tracker.readings) if rig else (HIGHEST_RATE_HZ, 1)
+    rate_hz, readings = _frames(rig)
     # Those of the longest task.
     trials = max(map(protocol.trials, protocol.tasks)) if protocol is not None else TRIALS
     yield checks.space(folder, trials=trials, rate_hz=rate_hz, readings=readings)
@@ -117,10 +117,17 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         yield from force.checks(rig, ends.force, protocol=protocol, clock=clock)
         yield from _pedal(rig, ends.pedal)
         yield from _elsewhere(rig, protocol)
-        if rig.tracker.zeroing_mm is not None:
+        if rig.tracker is not None and rig.tracker.zeroing_mm is not None:
             yield unchecked("tracker zero", "each session takes it from the participant's foot, at rest on the panel")
         if rig.accelerometer is not None:
             yield unchecked("accelerometer", "palpate record, palpate calibrate actuator and sessions listen to it")
+
+
+def _frames(rig: Rig | None) -> tuple[int, int]:
+    """Return the frames a second that a session keeps at most, and the readings of each."""
+    if rig is None:
+        return HIGHEST_RATE_HZ, 1
+    return (rig.tracker.rate_hz, rig.tracker.readings) if rig.tracker is not None else (0, 1)
 
 
 def _pedal(rig: Rig, port: str | None) -> Iterator[Finding]:
@@ -150,7 +157,10 @@ def _elsewhere(rig: Rig, protocol: Protocol | None) -> Iterator[Finding]:
 
 
 def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
-    name = "tracker port"
+    name, settings = "tracker port", rig.tracker
+    if settings is None:
+        yield unchecked(name, "the rig has no table [tracker]: for tasks that follow no foot and no hand")
+        return
     try:
         device = opening.open_tracker(rig, clock=clock, port=ends.port)
     except PalpateError as error:
@@ -158,9 +168,9 @@ def _tracker(rig: Rig, ends: SimulatedPorts, clock: Clock) -> Iterator[Finding]:
         return
     try:
         with closing(device):
-            yield passed(name, f"{ends.port or rig.tracker.port} is open")
+            yield passed(name, f"{ends.port or settings.port} is open")
             try:
-                yield from devices.checks(device, rig.tracker, clock=clock)
+                yield from devices.checks(device, settings, clock=clock)
             except TrackerError as error:
                 yield refused("tracker", error)
     except TrackerError as error:

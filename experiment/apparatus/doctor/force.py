@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.doctor.checks import judged, passed, refused, unchecked
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.servo import settings
 from palpate.experiment.apparatus.servo.device import ForceDevice
 from palpate.experiment.apparatus.servo.opening import servo_of
@@ -31,7 +31,6 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
     A rig without one is red for a virtual task. Without such a protocol the device is asked at the tracker's rate.
     """
     virtual = rendered(protocol) if protocol is not None else None
-    rate_hz = rig.tracker.rate_hz if virtual is None else virtual.rate_hz
     try:
         device = rig.servo if virtual is None else servo_of(rig)
     except RigError as error:
@@ -39,6 +38,7 @@ def checks(rig: Rig, address: str | None, *, protocol: Protocol | None, clock: C
         return
     if device is None:
         return
+    rate_hz = tracker_of(rig).rate_hz if virtual is None else virtual.rate_hz
     where = address or device.address
     try:
         with closing(ForceDevice(where, limit_n=0.0)) as line:

@@ -2,7 +2,7 @@
 
 from palpate.experiment.apparatus.opening import open_tracker, simulated_only
 from palpate.experiment.apparatus.ports import Servo
-from palpate.experiment.apparatus.rig import REHEARSAL, Rig
+from palpate.experiment.apparatus.rig import REHEARSAL, Rig, tracker_of
 from palpate.experiment.apparatus.servo.link import ServoHere, ServoProcess
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.apparatus.servo.settings import ServoRig
@@ -39,18 +39,18 @@ def open_servo(
     Forces go out `rate_hz` times a second, up to `limit_n`; a lamp is lit above `fastest_mm_s`. Other arguments are as
     in `opening.open_tracker`. Raises `RigError` without a force device, or for a simulated one, and `ServoError`.
     """
-    device = servo_of(rig)
-    where, hand = address or device.address, port or rig.tracker.port
+    device, tracker = servo_of(rig), tracker_of(rig)
+    where, hand = address or device.address, port or tracker.port
     if REHEARSAL in (where, hand):
         raise RigError.at(simulated_only(rig, "tracker.port" if hand == REHEARSAL else "servo.address"))
-    along = rig.tracker.along_calibration or ()
+    along = tracker.along_calibration or ()
     orders = Orders(
         port=hand,
-        baud=rig.tracker.baud,
-        tracker_hz=rig.tracker.rate_hz,
-        stall_ms=rig.tracker.stall_ms,
-        counts=tuple(float(point.counts) for point in rig.tracker.calibration),
-        mm=tuple(point.mm for point in rig.tracker.calibration),
+        baud=tracker.baud,
+        tracker_hz=tracker.rate_hz,
+        stall_ms=tracker.stall_ms,
+        counts=tuple(float(point.counts) for point in tracker.calibration),
+        mm=tuple(point.mm for point in tracker.calibration),
         along_counts=tuple(float(point.counts) for point in along),
         along_mm=tuple(point.mm for point in along),
         address=where,

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from tomlkit.items import AoT, Item, Key, SingleKey, Table
 
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import CalibrationPoint, Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
+from palpate.experiment.apparatus.tracker.settings import CalibrationPoint
 from palpate.experiment.apparatus.tracker.zeroing import heights
 from palpate.experiment.clock import Clock, day
 from palpate.experiment.errors import RigError, TrackerError
@@ -76,7 +77,7 @@ class Calibration:
 
 def raw(rig: Rig) -> Rig:
     """Return the rig with a tracker that gives readings in place of heights."""
-    return rig.model_copy(update={"tracker": rig.tracker.model_copy(update={"calibration": RAW})})
+    return rig.model_copy(update={"tracker": tracker_of(rig).model_copy(update={"calibration": RAW})})
 
 
 def calibrate(levels: Sequence[Level], calibrated_on: date) -> Calibration:
@@ -158,7 +159,7 @@ def calibrated(rig: Rig, made: Calibration, days: int) -> Rig:
         "noise_mm": round(made.noise_mm, 4),
         "calibration_days": days,
     }
-    return rig.model_copy(update={"tracker": rig.tracker.model_copy(update=tracker)})
+    return rig.model_copy(update={"tracker": tracker_of(rig).model_copy(update=tracker)})
 
 
 def report(made: Calibration) -> Iterator[str]:
@@ -204,7 +205,7 @@ def rewritten(text: str, rig: Rig) -> str:
 
 
 def _put(tracker: MutableMapping[str, Any], rig: Rig) -> None:
-    settings = rig.tracker
+    settings = tracker_of(rig)
     tracker["calibrated_on"] = settings.calibrated_on
     tracker["calibration_days"] = settings.calibration_days
     tracker["noise_mm"] = settings.noise_mm

@@ -17,20 +17,21 @@ import numpy as np
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import FRAMES, Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.settings import FRAMES
 from palpate.experiment.clock import Clock
 from palpate.experiment.errors import PalpateError, RigError, TrackerError
 
 
 def open_guarded(rig: Rig, where: str, *, clock: Clock, clock_map: ClockMap | None) -> Tracker:
     """Return the tracker at a port through the rig's driver `module:Class`. Raises `RigError` or `TrackerError`."""
-    named = rig.tracker.driver
+    named = tracker_of(rig).driver
     driver = _driver(rig)
     with _blamed(named, "open"):
         tracker = driver(where, rig.tracker, clock=clock, clock_map=clock_map)
-    return GuardedTracker(tracker, named, planar=rig.tracker.readings == 2)
+    return GuardedTracker(tracker, named, planar=tracker_of(rig).readings == 2)
 
 
 class GuardedTracker:
@@ -139,7 +140,7 @@ def _said(error: BaseException) -> str:
 
 
 def _driver(rig: Rig) -> Callable[..., Tracker]:
-    module, _, name = rig.tracker.driver.partition(":")
+    module, _, name = tracker_of(rig).driver.partition(":")
     file = rig.driver_file
     try:
         found = importlib.import_module(module) if file is None else _beside(file)
@@ -179,7 +180,7 @@ def _not_a_driver(rig: Rig, error: BaseException) -> RigError:
         remedy = "have it import from palpate.experiment.apparatus"
     return RigError(
         f"rig '{rig.rig.name}'",
-        f"got '{rig.tracker.driver}' ({_said(error)})",
+        f"got '{tracker_of(rig).driver}' ({_said(error)})",
         remedy,
         allowed=f"{FRAMES}, or a class that implements Tracker",
         field="tracker.driver",

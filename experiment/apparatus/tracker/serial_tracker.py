@@ -24,7 +24,7 @@ from palpate.experiment.errors import TrackerError, TrackerStopped
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from palpate.experiment.apparatus.rig import TrackerRig
+    from palpate.experiment.apparatus.tracker.settings import TrackerRig
 
 
 FALLING_NS = 1_000_000

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.ports import Tracker
-from palpate.experiment.apparatus.rig import Rig, TrackerRig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.errors import Remedy, RigError, TrackerError
 
 CALIBRATE = ("palpate", "calibrate", "tracker", "--rig", "RIG")
@@ -34,7 +35,8 @@ STILL_MM = 0.5
 
 def check_age(rig: Rig, today: date) -> None:
     """Refuse a real rig whose calibration is undated, too old, or dated after today, with a `RigError`."""
-    made, days, where = rig.tracker.calibrated_on, rig.tracker.calibration_days, f"rig '{rig.rig.name}': tracker"
+    tracker, where = tracker_of(rig), f"rig '{rig.rig.name}': tracker"
+    made, days = tracker.calibrated_on, tracker.calibration_days
     if rig.rig.simulated:
         return
     if made is None or days is None:

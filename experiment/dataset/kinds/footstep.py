@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import frames
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.dataset import bids
@@ -138,14 +139,15 @@ def write_foot(
         return
     header = contents.header
     rig = rigs.kept(rig_path(path), header.rig_sha256)
-    rate_hz = rig.tracker.rate_hz
+    tracker = tracker_of(rig)
+    rate_hz = tracker.rate_hz
     places: list[NDArray[np.float64]] = []
     read_mm: list[NDArray[np.float64]] = []
     for placed, part in zip(placed_steps(path, contents), parts_of_steps, strict=True):
-        _, decoded = frames.Decoder(near_us=int(placed.at_us), readings=rig.tracker.readings).feed(part)
+        _, decoded = frames.Decoder(near_us=int(placed.at_us), readings=tracker.readings).feed(part)
         seconds = placed.seconds(decoded.device_us)
         places.append(np.rint(seconds[:1] * rate_hz) + np.rint((seconds - seconds[:1]) * rate_hz))
-        heights_mm, along_mm = rig.tracker.height_mm(decoded.counts), rig.tracker.along_mm(decoded.along)
+        heights_mm, along_mm = tracker.height_mm(decoded.counts), tracker.along_mm(decoded.along)
         read_mm.append(np.column_stack([heights_mm - placed.zero_mm, *([] if along_mm is None else [along_mm])]))
     onward = np.diff(np.concatenate(places))
     # Time goes back where the session continued after the wall clock was set back: what was there already stays.
@@ -153,7 +155,7 @@ def write_foot(
     parts = (np.split(np.concatenate(whole), cuts) for whole in (places, read_mm))
     for number, (on_grid, mm) in enumerate(zip(*parts, strict=True), start=1):
         place = (on_grid - on_grid.min()).astype(np.int64)
-        grid = np.full((int(place.max()) + 1, rig.tracker.readings), np.nan)
+        grid = np.full((int(place.max()) + 1, tracker.readings), np.nan)
         grid[place] = mm
         recording = f"recording-foot{number if number > 1 else ''}_physio.tsv.gz"
         bids.write_physio(

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply, Rest, Say, TrialAnswer
 from palpate.experiment.errors import SessionError, SynthesisError, TrackerError
 from palpate.experiment.protocol.kinds.footstep import Footstep
@@ -325,4 +326,4 @@ def _person(parts: Parts, *, protocol: Protocol, **everybody: Any) -> SimulatedP
     )
 
 
-REHEARSAL = RehearsalKind(person=_person, generic=generic)
+REHEARSAL = RehearsalKind(person=_person, generic=generic, lacks_nothing=lambda rig, _: tracker_of(rig))

@@ -12,6 +12,7 @@ from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.panel import accelerometer as accelerometers
 from palpate.experiment.apparatus.ports import Accelerometer, Heard, Tracker
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import GateDetector
@@ -137,10 +138,11 @@ def record_simulated(
         raise RecordingError(
             rig_file, "is a real rig", "leave out --simulated", allowed="one that says simulated = true"
         )
-    if rig.tracker.zeroing_mm is not None:
+    settings = tracker_of(rig)
+    if settings.zeroing_mm is not None:
         raise RecordingError(
             rig_file,
-            f"tracker.zeroing_mm: got {rig.tracker.zeroing_mm:g}",
+            f"tracker.zeroing_mm: got {settings.zeroing_mm:g}",
             "leave it out of this rig file",
             allowed="none, because no foot rests on the panel in simulated time",
         )
@@ -157,7 +159,7 @@ def record_simulated(
     drawn = recorded_takes.session(planned, seed=seed)
     with ExitStack() as opened:
         line = opened.enter_context(SerialLine())
-        foot = Foot(line, rig.tracker)
+        foot = Foot(line, settings)
         opened.callback(foot.close)
         clock = ManualClock(0)
         known = ClockMap(anchor_us=0, anchor_ns=0)

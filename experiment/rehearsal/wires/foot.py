@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus import host
-from palpate.experiment.apparatus.rig import TrackerRig
 from palpate.experiment.apparatus.tracker import frame_runs
 from palpate.experiment.apparatus.tracker.frames import encode
+from palpate.experiment.apparatus.tracker.settings import TrackerRig
 from palpate.experiment.clock import Clock, MonotonicClock
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, UnpluggedError
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.experiment.apparatus.panel.validity import simulated_table
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
@@ -45,12 +45,12 @@ def aim_ms(protocol: Protocol, rig: Rig, speed_mm_s: float) -> float | None:
     """Return the predictor's standard error of contact at the onset's last move, at one speed, ms; None without."""
     if rig.actuator.driver != "audio" or rig.audio is None:
         return None
-    step = protocol.table(Footstep).step
-    predictor = LandingPredictor(step, noise_mm=NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm)
+    step, tracker = protocol.table(Footstep).step, tracker_of(rig)
+    predictor = LandingPredictor(step, noise_mm=NOISE_MM if tracker.noise_mm is None else tracker.noise_mm)
     lead_us = rig.audio.latency.output_ms * 1e3 + 2e6 * rig.audio.block / rig.audio.rate_hz
     last_us = int(min((step.gate_top_mm - step.contact_mm) / speed_mm_s * 1e6 - lead_us, 1e15))
     state, found = predictor.init(), None
-    for us in range(max(0, last_us - WATCHED_US), last_us, round(1e6 / rig.tracker.rate_hz)):
+    for us in range(max(0, last_us - WATCHED_US), last_us, round(1e6 / tracker.rate_hz)):
         height_mm = step.gate_top_mm - speed_mm_s * us / 1e6
         state = predictor.step(state, us, height_mm)
         landing = predictor.landing(state) if state is not None and height_mm <= step.gate_bottom_mm else None

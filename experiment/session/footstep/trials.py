@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Actuator, Tracker
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
@@ -118,12 +118,13 @@ def open_footsteps(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, 
     tracker = opening.open_tracker(rig, clock=clock, port=port, clock_map=clock_map, contact_mm=contact_mm)
     opened.callback(tracker.close)
     ends.check(tracker, rig)
-    noise_mm = NOISE_MM if rig.tracker.noise_mm is None else rig.tracker.noise_mm
+    settings = tracker_of(rig)
+    noise_mm = NOISE_MM if settings.noise_mm is None else settings.noise_mm
     return FootstepDevices(
         tracker,
-        tracker_port=port or rig.tracker.port,
+        tracker_port=port or settings.port,
         noise_mm=noise_mm,
-        scrutiny=Scrutiny(rate_hz=rig.tracker.rate_hz, noise_mm=noise_mm, resolution_mm=rig.tracker.resolution_mm),
+        scrutiny=Scrutiny(rate_hz=settings.rate_hz, noise_mm=noise_mm, resolution_mm=settings.resolution_mm),
         actuator=actuator,
         materials=stimuli.materials or None,
     )

@@ -14,7 +14,7 @@ from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus.panel.conditioning import open_conditioner, open_drive
 from palpate.experiment.apparatus.panel.validity import refuse_unmeasured
 from palpate.experiment.apparatus.ports import Actuator, Servo
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.servo import settings
 from palpate.experiment.apparatus.servo.opening import open_servo, servo_of
 from palpate.experiment.apparatus.tracker import zeroing
@@ -99,8 +99,9 @@ def open_surfaces(sitting: Sitting, stream: AudioStream | None, ends: FarEnds, o
     opened.callback(servo.close)
     if stream is not None:
         stream.allow(servo.is_live)
-    noise_mm = rig.tracker.noise_mm if rig.tracker.noise_mm is not None else QUIETEST_MM
-    return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=rig.tracker.rate_hz), noise_mm, opened)
+    tracker = tracker_of(rig)
+    noise_mm = tracker.noise_mm if tracker.noise_mm is not None else QUIETEST_MM
+    return SurfaceDevices(servo, actuator, rings, block(virtual, tracker_hz=tracker.rate_hz), noise_mm, opened)
 
 
 def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: object) -> str:
@@ -114,7 +115,7 @@ def judge(*, protocol: Protocol, rig: Rig, rig_file: Path, today: date, **_: obj
 def examine(*, protocol: Protocol, rig: Rig, rig_file: Path, **_: object) -> tuple[str, PalpateError | None]:
     """Return what the board reads of a rig, and why it bears no block of the protocol, if so; raises as `left_out`."""
     bears, told = settings.judged(protocol.table(Tapping), servo_of(rig))
-    planar = "is planar: the block" if rig.tracker.readings == 2 else "is not planar: nothing"
+    planar = "is planar: the block" if tracker_of(rig).readings == 2 else "is not planar: nothing"
     omitted = left_out(protocol=protocol, rig=rig, rig_folder=rig_file.parent)
     told = f"{told} The tracker {planar} pushes along the face." + (
         f" Of its vibrations, {omitted}." if omitted else ""

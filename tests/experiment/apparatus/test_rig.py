@@ -16,7 +16,8 @@ from hypothesis import strategies as st
 
 from palpate.experiment.apparatus import opening
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.rig import CalibrationPoint, Rig, TrackerRig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
+from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import ActuatorError, RigError, TrackerError
 from palpate.experiment.protocol.files import shipped
@@ -73,7 +74,7 @@ def rehearsal(repository_root: Path) -> Rig:
 def test_a_rig_is_read(write: Write) -> None:
     rig = rigs.load(write(GOOD))
     assert (rig.rig.name, rig.rig.simulated) == ("bench 2", False)
-    assert (rig.tracker.rate_hz, rig.tracker.calibration[1]) == (5000, CalibrationPoint(counts=400, mm=20.0))
+    assert (tracker_of(rig).rate_hz, tracker_of(rig).calibration[1]) == (5000, CalibrationPoint(counts=400, mm=20.0))
     assert rig.actuator.address == "127.0.0.1:4711"
 
 
@@ -220,7 +221,7 @@ def test_the_rehearsals_rig_serves_the_published_gate(rehearsal: Rig) -> None:
     assert rehearsal.rig.simulated
     rigs.check(rehearsal, STEP)
     counts = np.arange(64, 4096)
-    assert np.max(np.diff(rehearsal.tracker.height_mm(counts))) < 0.03
+    assert np.max(np.diff(tracker_of(rehearsal).height_mm(counts))) < 0.03
 
 
 @pytest.mark.parametrize(("line", "instead"), [("mm = 60.0", "mm = 24.9"), ("mm = -2.0", "mm = -0.9")])
@@ -242,7 +243,7 @@ def test_zeroing_asks_for_a_calibration_that_reaches_further(write: Write) -> No
 
 
 def test_a_reading_between_points_lies_on_a_straight_line_and_none_beyond_them_is_extrapolated(write: Write) -> None:
-    tracker = rigs.load(write(GOOD)).tracker
+    tracker = tracker_of(rigs.load(write(GOOD)))
     counts = np.array([0, 99, 100, 250, 400, 650, 900, 901, 65535])
     assert tracker.height_mm(counts).tolist() == pytest.approx([60, 60, 60, 40, 20, 9, -2, -2, -2])
 
@@ -265,6 +266,33 @@ def test_counts_are_the_inverse_of_heights_to_half_a_count(data: st.DataObject) 
     heights = tracker.height_mm(readings)
     assert np.array_equal(tracker.counts(heights), readings)
     assert np.all(np.diff(heights) < 0) or np.all(np.diff(heights) > 0)
+
+
+TRACKER = GOOD[GOOD.index("[tracker]") : GOOD.index("[actuator]")]
+PUSHES = """
+[servo]
+address = "127.0.0.1:4712"
+driver = "force-tcp"
+full_scale_n = 5.0
+damping_n_s_m = 2.0
+delay_ms = 0.0
+answer_ms = 1.0
+"""
+
+
+def test_a_rig_of_format_5_may_have_no_tracker(write: Write, refuses: Refuses) -> None:
+    rig = rigs.load(write(GOOD.replace(TRACKER, "").replace("format = 1", "format = 5")))
+    assert rig.driver_file is None
+    with refuses(RigError):
+        rigs.check(rig, STEP)
+
+
+@pytest.mark.parametrize("text", [GOOD, GOOD.replace("format = 1", "format = 5") + PUSHES], ids=["format 1", "servo"])
+def test_a_tracker_is_missed_where_a_hand_is_pushed_and_in_earlier_formats(write: Write, text: str) -> None:
+    with pytest.raises(RigError) as raised:
+        rigs.load(write(text.replace(TRACKER, "")))
+    (problem,) = raised.value.findings
+    assert problem.field == "tracker"
 
 
 def test_simulated_ports_exist_only_in_a_rehearsal(rehearsal: Rig, refuses: Refuses) -> None:

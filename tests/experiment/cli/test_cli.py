@@ -24,6 +24,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment import storage
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.serial_port import SerialDevice
 from palpate.experiment.dataset import build
 from palpate.experiment.protocol.files import shipped
@@ -636,7 +637,7 @@ class TestALaboratorysStudy:
     ) -> None:
         root = protocol.with_name("dataset")
         line = SerialLine()
-        foot = Foot(line, rigs.load(rig).tracker, real_time=True)
+        foot = Foot(line, tracker_of(rigs.load(rig)), real_time=True)
         missing = (rig.parent / "no-such-port").as_posix()
         rig.write_text(rig.read_text("utf-8").replace(missing, line.url), "utf-8")
         protocol.write_text(protocol.read_text("utf-8").replace("min_s = 180", "min_s = 0"), "utf-8")

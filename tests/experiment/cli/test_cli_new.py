@@ -10,6 +10,7 @@ import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.kinds.footstep import Footstep
 from tests.conftest import Palpate
@@ -160,7 +161,7 @@ def test_a_new_rig_is_one_that_says_what_is_to_be_measured(palpate: Palpate, typ
     rigs.check(rig, files.load(Path("a.toml")).table(Footstep).step)
     text = Path("our rig.toml").read_text("utf-8")
     assert text.count("NOT CALIBRATED") + text.count("NOT MEASURED") == 4
-    assert rig.tracker.calibrated_on is None
+    assert tracker_of(rig).calibrated_on is None
     assert tomllib.loads(text) == {
         **tomllib.loads(files.shipped("rigs/laboratory.toml").read_text("utf-8")),
         "rig": {"name": "our rig", "simulated": False},

@@ -10,6 +10,7 @@ from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.doctor import force
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.apparatus.servo.settings import ServoRig
 from palpate.experiment.clock import MonotonicClock
@@ -32,7 +33,7 @@ def changed(**keys: float) -> ServoRig:
 def looked_at(
     address: str, device: ServoRig | None = None, protocol: Protocol | None = PAPER, hz: int = 500
 ) -> dict[str, Finding]:
-    tracker = RIG.tracker.model_copy(update={"rate_hz": hz})
+    tracker = tracker_of(RIG).model_copy(update={"rate_hz": hz})
     rig = RIG.model_copy(update={"servo": device or changed(), "tracker": tracker})
     found = force.checks(rig, address, protocol=protocol, clock=MonotonicClock())
     return {check.check: check for check in found}

@@ -17,7 +17,7 @@ from palpate.experiment.apparatus.audio.stream import Fit, StreamHealth
 from palpate.experiment.apparatus.display import ScreenRig
 from palpate.experiment.apparatus.doctor import checks, devices
 from palpate.experiment.apparatus.doctor.devices import Heard
-from palpate.experiment.apparatus.rig import ShapingRig
+from palpate.experiment.apparatus.rig import ShapingRig, tracker_of
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts
 from palpate.experiment.errors import Finding
@@ -37,7 +37,7 @@ def heard(device_us: np.ndarray, delay_ms: list[float], drift_ppm: float = 0.0) 
     [([1.0] * 999 + [200.0], "passes"), ([1.0] * 98 + [11.0] * 2, "refuses"), ([1.0] * 999 + [201.0], "refuses")],
 )
 def test_reads_that_come_late_are_red(late_ms: list[float], verdict: str) -> None:
-    assert devices.arrival(heard(np.arange(2), late_ms), RIG.tracker).verdict == verdict
+    assert devices.arrival(heard(np.arange(2), late_ms), tracker_of(RIG)).verdict == verdict
 
 
 @pytest.mark.parametrize(("ppm", "told"), [(1e4, "+10000"), (-1e4, "-10000")])
@@ -45,12 +45,12 @@ def test_a_clock_beyond_what_a_map_believes_is_told_as_that_and_no_delay_is_judg
     ppm: float, told: str, approved: SnapshotAssertion
 ) -> None:
     strayed = heard(np.arange(2), [-438.0] * 100, ppm)
-    found, arrived = devices.drift(strayed), devices.arrival(strayed, RIG.tracker)
+    found, arrived = devices.drift(strayed), devices.arrival(strayed, tracker_of(RIG))
     assert found.verdict == "refuses"
     assert arrived.verdict == "unknown"
     assert [found.what, arrived.what] == approved
     near = heard(np.arange(2), [1.0] * 100, 9_999.0)
-    assert [devices.drift(near).verdict, devices.arrival(near, RIG.tracker).verdict] == ["passes", "passes"]
+    assert [devices.drift(near).verdict, devices.arrival(near, tracker_of(RIG)).verdict] == ["passes", "passes"]
 
 
 def table_of(folder: Path, comments: str, *, simulated: bool) -> Finding:
@@ -90,7 +90,7 @@ def test_a_real_rig_has_no_simulated_response_and_of_a_nameless_one_nobody_knows
 
 
 def test_lost_frames_do_not_change_the_rate() -> None:
-    found = devices.rate(heard(np.delete(1000 * np.arange(1000), [10, 11, 12, 500]), []), RIG.tracker)
+    found = devices.rate(heard(np.delete(1000 * np.arange(1000), [10, 11, 12, 500]), []), tracker_of(RIG))
     assert found.verdict == "passes"
     assert found.what.startswith("1000.0 Hz")
 
@@ -99,7 +99,7 @@ def test_lost_frames_do_not_change_the_rate() -> None:
     ("spread_mm", "stated_mm", "verdict"), [(0.0, 0.03, "refuses"), (0.03, 0.03, "passes"), (0.0, 0.0, "passes")]
 )
 def test_a_sensor_that_says_the_same_in_every_frame_is_stuck(spread_mm: float, stated_mm: float, verdict: str) -> None:
-    settings = RIG.tracker.model_copy(update={"noise_mm": stated_mm})
+    settings = tracker_of(RIG).model_copy(update={"noise_mm": stated_mm})
     height_mm = 70.0 + np.random.default_rng(1).normal(0.0, spread_mm, 1000)
     found = devices.noise(replace(heard(1000 * np.arange(1000), []), height_mm=height_mm), settings)
     assert found.verdict == verdict
@@ -110,16 +110,16 @@ def test_a_sensor_that_says_the_same_in_every_frame_is_stuck(spread_mm: float, s
     ("along_mm", "verdict"), [(0.0, "passes"), (29.9, "passes"), (-30.0, "refuses"), (30.0, "refuses")]
 )
 def test_a_planar_sensor_at_the_end_of_its_calibration_along_the_face_is_red(along_mm: float, verdict: str) -> None:
-    tapping = rig.load(shipped("rigs/tapping.toml")).tracker
+    tapping = tracker_of(rig.load(shipped("rigs/tapping.toml")))
     (found,) = devices.along(replace(heard(np.arange(3), []), along_mm=np.full(3, along_mm)), tapping)
     assert (found.check, found.verdict) == ("tracker along", verdict)
     assert re.findall(r"-?\d+\.\d+", found.what) == ["0.000", f"{along_mm:.1f}"]
     assert found.allowed == "-30 to 30 mm"
-    assert devices.along(heard(np.arange(3), []), RIG.tracker) == ()
+    assert devices.along(heard(np.arange(3), []), tracker_of(RIG)) == ()
 
 
 def test_one_sample_is_no_rate() -> None:
-    assert devices.rate(heard(np.arange(1), []), RIG.tracker).verdict == "refuses"
+    assert devices.rate(heard(np.arange(1), []), tracker_of(RIG)).verdict == "refuses"
 
 
 @pytest.mark.parametrize(("drift_ppm", "verdict"), [(-9999.0, "passes"), (10_000.0, "refuses"), (-10_000.0, "refuses")])

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker import calibration
 from palpate.experiment.apparatus.tracker.calibration import Level
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
@@ -95,8 +95,8 @@ def test_a_rig_file_keeps_all_but_its_calibration(rehearsal: Rig, rehearsal_file
     (tmp_path / "rig.toml").write_text(calibration.rewritten(before, after), "utf-8")
     again = rigs.load(tmp_path / "rig.toml")
     assert again.model_dump() == after.model_dump()
-    assert (again.tracker.calibrated_on, again.tracker.calibration_days) == (TODAY, 60)
-    assert [(p.counts, p.mm) for p in again.tracker.calibration] == [(3100, 30.0), (4000, 0.0), (4060, -2.0)]
+    assert (tracker_of(again).calibrated_on, tracker_of(again).calibration_days) == (TODAY, 60)
+    assert [(p.counts, p.mm) for p in tracker_of(again).calibration] == [(3100, 30.0), (4000, 0.0), (4060, -2.0)]
     for line in before.splitlines():
         if not line.startswith(("counts", "mm", "[[tracker.calibration]]")):
             assert line in (tmp_path / "rig.toml").read_text("utf-8").splitlines(), line

@@ -14,6 +14,7 @@ import pytest
 
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.ports import Tracker
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker import guarded
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import RigError, TrackerError
@@ -57,8 +58,8 @@ def opened(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.Fixt
     ) -> Tracker:
         (tmp_path / f"{module}.py").write_text(DRIVER.format(opens=opens, reads=reads, closes=closes) + more, "utf-8")
         before = rigs.load(shipped("rigs/rehearsal.toml"))
-        along = before.tracker.calibration if planar else None
-        settings = before.tracker.model_copy(update={"driver": f"{module}:Tracker", "along_calibration": along})
+        along = tracker_of(before).calibration if planar else None
+        settings = tracker_of(before).model_copy(update={"driver": f"{module}:Tracker", "along_calibration": along})
         rig = before.model_copy(update={"tracker": settings})
         return guarded.open_guarded(rig, "none", clock=ManualClock(0), clock_map=None)
 

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 import serial
 
-from palpate.experiment.apparatus.rig import CalibrationPoint, TrackerRig
 from palpate.experiment.apparatus.tracker import serial_tracker
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import Decoder, LinkCounts, encode
 from palpate.experiment.apparatus.tracker.serial_tracker import SerialTracker
+from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import PalpateError, TrackerError, TrackerStopped
 from tests.approved import Refuses

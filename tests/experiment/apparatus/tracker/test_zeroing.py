@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.apparatus import rig as rigs
-from palpate.experiment.apparatus.rig import Rig
+from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker import zeroing
 from palpate.experiment.apparatus.tracker.clock_map import ClockMap
 from palpate.experiment.apparatus.tracker.frames import LinkCounts, Samples
@@ -39,7 +39,7 @@ def rehearsal(rehearsal_file: Path) -> Rig:
 
 def real(rig: Rig, **tracker: object) -> Rig:
     identity = rig.rig.model_copy(update={"simulated": False})
-    return rig.model_copy(update={"rig": identity, "tracker": rig.tracker.model_copy(update=tracker)})
+    return rig.model_copy(update={"rig": identity, "tracker": tracker_of(rig).model_copy(update=tracker)})
 
 
 class Heights:
@@ -80,12 +80,12 @@ def test_the_age_of_a_calibration_is_checked(rehearsal: Rig, refuses: Refuses) -
 
 
 def test_a_sensor_beyond_its_calibration_is_refused(rehearsal: Rig) -> None:
-    zeroing.check_reading(Heights([70.0, 69.0, 100.0]), rehearsal.tracker)
+    zeroing.check_reading(Heights([70.0, 69.0, 100.0]), tracker_of(rehearsal))
     for held in (-5.0, 100.0):
         with pytest.raises(
             TrackerError, match=f"at or beyond {held:g} mm, .*allowed: -5 to 100 mm; see that the sensor"
         ):
-            zeroing.check_reading(Heights([held, held, 30.0]), rehearsal.tracker)
+            zeroing.check_reading(Heights([held, held, 30.0]), tracker_of(rehearsal))
 
 
 @given(st.floats(-2.5, 2.5), st.integers(0, 1000))

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from palpate.experiment.apparatus import rig
-from palpate.experiment.apparatus.rig import CalibrationPoint, TrackerRig
+from palpate.experiment.apparatus.rig import tracker_of
 from palpate.experiment.apparatus.tracker.frames import Decoder, Frames, LinkCounts, Samples
 from palpate.experiment.apparatus.tracker.gate import Contact, Gate, GateDetector
+from palpate.experiment.apparatus.tracker.settings import CalibrationPoint, TrackerRig
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.protocol.models import Step
 from palpate.experiment.rehearsal.wires.foot import Foot, Hesitation, Trajectory, trajectory
@@ -52,7 +53,7 @@ class Recorder(SerialLine):
 
 @pytest.fixture(scope="session")
 def tracker(repository_root: Path) -> TrackerRig:
-    return rig.load(repository_root / "protocols" / "rigs" / "rehearsal.toml").tracker
+    return tracker_of(rig.load(repository_root / "protocols" / "rigs" / "rehearsal.toml"))
 
 
 def sent(

@@ -1,0 +1,153 @@
+"""The rig's `[tracker]`: a sensor, the serial port that it speaks through, and its calibration.
+
+A reading becomes a height by straight lines between the calibrated points, and stands for the nearest one beyond them.
+"""
+
+from collections.abc import Iterator, Sequence
+from datetime import date
+from functools import cached_property
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from palpate.experiment.apparatus.tracker.frames import FRAME_BYTES
+from palpate.experiment.settings.load import ONE_LINE, Broken, Confined, Line, Rules
+
+FRAMES = "palpate-frames"
+"""The tracker's driver unless a rig names another."""
+
+
+def _tracker_rules(table: Any) -> Iterator[Broken]:
+    """`baud` is at least 120 times `rate_hz`, because a frame takes 120 bits, or 140 times with `along_calibration`.
+
+    From point to point of a calibration the counts rise, and the heights, or places, rise or fall all the way.
+    """
+    baud, rate_hz = table.get("baud"), table.get("rate_hz")
+    frame = FRAME_BYTES[1 if table.get("along_calibration") is None else 2]
+    if isinstance(baud, int) and isinstance(rate_hz, int) and baud < 10 * frame * rate_hz:
+        yield Broken(("baud",), f"at least {10 * frame * rate_hz}: {rate_hz} frames of {frame} bytes a second")
+    yield from _rising("calibration", table.get("calibration"), "heights")
+    yield from _rising("along_calibration", table.get("along_calibration"), "places")
+
+
+def _rising(key: str, points: Any, called: str) -> Iterator[Broken]:
+    if not isinstance(points, list | tuple):
+        return
+    counts = [point.get("counts") if isinstance(point, dict) else None for point in points]
+    mm = [point.get("mm") if isinstance(point, dict) else None for point in points]
+    for i, (before, after) in enumerate(pairwise(counts), start=1):
+        if isinstance(before, int) and isinstance(after, int) and after <= before:
+            yield Broken((key, i, "counts"), f"more than at the point before it ({before})")
+    heights = [height for height in mm if isinstance(height, int | float)]
+    if len(heights) < max(len(mm), 2):
+        return
+    rises = heights[1] > heights[0]
+    for i, (before, after) in enumerate(pairwise(heights), start=1):
+        if before == after or (after > before) != rises:
+            way = "more" if rises else "less"
+            yield Broken((key, i, "mm"), f"{way} than at the point before it ({before}), as {called} began")
+
+
+class CalibrationPoint(Confined):
+    """A reading, and the height, or the place along the face, at which it was taken.
+
+    Attributes:
+        counts: what the sensor reads.
+        mm: the height above the panel, or the place along the face.
+    """
+
+    counts: Annotated[int, Field(ge=0, le=65535)]
+    mm: float
+
+
+class TrackerRig(Confined):
+    """The foot's sensor, and the serial port that it speaks through.
+
+    Attributes:
+        driver: palpate's own for its frames, or a class of a module beside the rig file or of an installed package.
+        port: a device path, or a URL that pyserial opens such as `socket://127.0.0.1:4711`.
+        baud: the speed of the line, bits a second.
+        rate_hz: frames a second.
+        stall_ms: after so long without a frame the tracker counts as stopped.
+        calibration: readings at known heights; heights between two points follow a straight line.
+        calibrated_on: when the calibration was made; a real rig states it.
+        calibration_days: for how many days the calibration holds; a real rig states it.
+        noise_mm: rms of the sensor at rest, as `palpate calibrate tracker` measures it.
+        zeroing_mm: heights count from where the participant's foot rests on the panel, at most so far from contact;
+            without it they count as calibrated.
+        along_calibration: readings of a planar tracker, whose frames have two, at known places along the face of a
+            virtual block; it pushes back along its face too. A step is followed by its height alone.
+    """
+
+    RULES: ClassVar[Rules] = _tracker_rules
+
+    driver: Annotated[
+        str,
+        Field(
+            pattern=r"^(palpate-frames|[A-Za-z_][\w.]*:[A-Za-z_]\w*)$",
+            description="palpate-frames, or package.module:Class of a driver of your own",
+        ),
+        ONE_LINE,
+    ] = FRAMES
+    port: Line
+    baud: Annotated[int, Field(ge=9600, le=12_000_000)]
+    rate_hz: Annotated[int, Field(ge=1000, le=5000)]
+    stall_ms: Annotated[int, Field(ge=50, le=200)]
+    calibration: Annotated[tuple[CalibrationPoint, ...], Field(min_length=2)]
+    calibrated_on: date | None = None
+    calibration_days: Annotated[int, Field(ge=1, le=3650)] | None = None
+    noise_mm: Annotated[float, Field(ge=0)] | None = None
+    zeroing_mm: Annotated[float, Field(gt=0, le=10)] | None = None
+    along_calibration: Annotated[tuple[CalibrationPoint, ...] | None, Field(min_length=2)] = None
+
+    @property
+    def readings(self) -> int:
+        """Return how many readings a frame has: 2 if the tracker is planar."""
+        return 1 if self.along_calibration is None else 2
+
+    def height_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64]:
+        """Return the height above the panel of each reading, mm; that of the outermost points beyond them."""
+        heights_mm: NDArray[np.float64] = np.interp(counts, *self._points)
+        return heights_mm
+
+    def along_mm(self, counts: NDArray[np.integer[Any]]) -> NDArray[np.float64] | None:
+        """Return the place along the face of each reading, as `height_mm`; None if the tracker is not planar."""
+        return None if self.along_calibration is None else np.interp(counts, *self._along_points)
+
+    @property
+    def resolution_mm(self) -> float:
+        """Return what one count is at most, mm."""
+        counts, mm = self._points
+        return float(np.abs(np.diff(mm) / np.diff(counts)).max())
+
+    @cached_property
+    def _points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Readings and heights of the calibration."""
+        return _columns(self.calibration)
+
+    @cached_property
+    def _along_points(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return _columns(self.along_calibration or ())
+
+    def counts(self, height_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+        """Return the reading for each height above the panel, mm, shape (n,); the inverse of `height_mm`."""
+        return _read(height_mm, *self._points)
+
+    def along_counts(self, along_mm: NDArray[np.floating[Any]]) -> NDArray[np.int64]:
+        """Return the reading of a planar tracker for each place along the face, as `counts`."""
+        return _read(along_mm, *self._along_points)
+
+
+def _columns(points: Sequence[CalibrationPoint]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    return np.array([float(point.counts) for point in points]), np.array([point.mm for point in points])
+
+
+def _read(
+    mm: NDArray[np.floating[Any]], counts: NDArray[np.float64], points_mm: NDArray[np.float64]
+) -> NDArray[np.int64]:
+    order = np.argsort(points_mm)
+    whole: NDArray[np.int64] = np.rint(np.interp(mm, points_mm[order], counts[order])).astype(np.int64)
+    return whole
