@@ -21,7 +21,7 @@ from palpate.experiment import storage
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.dataset import tables
 from palpate.experiment.dataset.checks import Plan
-from palpate.experiment.protocol import approval
+from palpate.experiment.protocol import approval, kinds
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.recordings.manifest import Manifest
 from palpate.experiment.records import entries, events, journal
@@ -46,7 +46,7 @@ def descriptions() -> dict[str, Description]:
         _named("manifest", Manifest): schema(Manifest),
         f"seal-{approval.FORMAT}": schema(approval.Seal),
         f"roster-{roster.FORMAT}": _plain(TypeAdapter(roster.AnyEntry).json_schema()),
-        f"journal-{entries.FORMAT}": _plain(journal.ENTRY.json_schema()),
+        f"journal-{entries.FORMAT}": _plain(journal.reader(*kinds.NAMES).json_schema()),
         f"dataset-{storage.DATASET_FORMAT}": _dataset(),
         f"results-{page.FORMAT}": _results(),
     }

@@ -31,6 +31,8 @@ class Record(BaseModel):
 class Entry(Record):
     """Base of every journal entry; the journal adds number, time and the hash of the line before."""
 
+    kind: str
+
     @property
     def felt_s(self) -> tuple[float, ...]:
         """How long each stimulus lasts that this entry puts on record, s."""
@@ -53,7 +55,6 @@ class Trace(Record):
 class OfAttempt(Entry):
     """Base of every entry about one attempt at a trial."""
 
-    kind: str
     trial: int
     attempt: int
 

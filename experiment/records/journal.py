@@ -5,8 +5,9 @@ import os
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, Union
 
 from filelock import Timeout
 from pydantic import Field, TypeAdapter, ValidationError
@@ -16,41 +17,40 @@ from palpate.experiment.clock import Clock
 from palpate.experiment.errors import JournalError, Remedy, SessionLocked, other_format
 from palpate.experiment.records import chain, entries
 from palpate.experiment.records.chain import End
-from palpate.experiment.records.entries import Header
-from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Probed, Zeroed
-from palpate.experiment.records.kinds.tapping import Changed, PairLaidOut, Tapped
+from palpate.experiment.records.entries import Entry, Header
+from palpate.experiment.records.kinds import lines_of
 
-AnyEntry = Annotated[
-    Header
-    | entries.TrackerOpened
-    | Zeroed
-    | entries.MaskerSet
-    | Probed
-    | entries.Exposure
-    | entries.Phase
-    | entries.LevelChosen
-    | entries.TrackEnded
-    | entries.Armed
-    | FootStep
-    | BrokenOff
-    | PairLaidOut
-    | Changed
-    | Tapped
-    | entries.Answer
-    | entries.Spoken
-    | entries.Correction
-    | entries.Note
-    | entries.Commanded
-    | entries.Shown
-    | entries.Visited
-    | entries.Ignored
-    | entries.Redo
-    | entries.Resumed
-    | entries.Footer
-    | entries.Withdrawal,
-    Field(discriminator="kind"),
-]
-ENTRY: TypeAdapter[AnyEntry] = TypeAdapter(AnyEntry)
+SHARED: tuple[type[Entry], ...] = (
+    Header,
+    entries.TrackerOpened,
+    entries.MaskerSet,
+    entries.Exposure,
+    entries.Phase,
+    entries.LevelChosen,
+    entries.TrackEnded,
+    entries.Armed,
+    entries.Answer,
+    entries.Spoken,
+    entries.Correction,
+    entries.Note,
+    entries.Commanded,
+    entries.Shown,
+    entries.Visited,
+    entries.Ignored,
+    entries.Redo,
+    entries.Resumed,
+    entries.Footer,
+    entries.Withdrawal,
+)
+"""The entries of every journal; the others are those of its kind of trial."""
+
+
+@cache
+def reader(*task_kinds: str) -> TypeAdapter[Entry]:
+    """Return what reads the entries of a journal of these kinds of trial. Raises `ValueError` for an unknown kind."""
+    own = (entry for name in task_kinds for entry in lines_of(name))
+    entry: Any = Annotated[Union[*SHARED, *own], Field(discriminator="kind")]
+    return TypeAdapter(entry)
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Line:
     """One entry with the session time at which it was written, ns."""
 
     t_ns: int
-    entry: AnyEntry
+    entry: Entry
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Contents:
         return self.end.torn
 
     @property
-    def entries(self) -> tuple[AnyEntry, ...]:
+    def entries(self) -> tuple[Entry, ...]:
         """The entries alone."""
         return tuple(line.entry for line in self.lines)
 
@@ -118,10 +118,13 @@ def read_if_begun(path: Path, *, strict: bool = True) -> Contents:
     """Return `read`, without lines if the session has not begun. Raises `JournalError`, also for a head alone."""
     found = chain.read(path, JournalError, strict=False)
     lines, unreadable = list[Line](), list[Unreadable]()
+    task_kinds: tuple[str, ...] = ()
     for number, link in enumerate(found.links, start=1):
         first = number == 1
         try:
-            lines.append(Line(link.t_ns, _entry(path, number, link)))
+            entry = _entry(path, number, link, *task_kinds)
+            task_kinds = (entry.task_kind,) if isinstance(entry, Header) else task_kinds
+            lines.append(Line(link.t_ns, entry))
         except ValueError as error:
             why = _why(error)
             if first:
@@ -150,8 +153,8 @@ def refuse_unreadable(path: Path, contents: Contents) -> None:
         raise _refused(path, one.number, one.why, remedy)
 
 
-def _entry(path: Path, number: int, link: chain.Link) -> AnyEntry:
-    """Return the entry of a line. Raises `ValueError`, and `OtherFormat` for a header of another format."""
+def _entry(path: Path, number: int, link: chain.Link, *task_kinds: str) -> Entry:
+    """Return the entry of a line, `task_kinds` behind a header. Raises `ValueError`, and `OtherFormat`."""
     if link.problem:
         raise ValueError(link.problem)
     # A journal of another format is refused in plain words, before its models refuse it in theirs.
@@ -159,9 +162,11 @@ def _entry(path: Path, number: int, link: chain.Link) -> AnyEntry:
         got, by = link.entry.get("format"), str(link.entry.get("software", ""))
         if (other := other_format(path, "journal", got, entries.FORMAT, line=number, software=by)) is not None:
             raise other
-    entry = ENTRY.validate_json(link.json)
+    entry = reader(*task_kinds).validate_json(link.json)
     if isinstance(entry, Header) != (number == 1):
         raise ValueError("a journal has one header, in its first line")
+    if isinstance(entry, Header):
+        lines_of(entry.task_kind)
     return entry
 
 
@@ -186,13 +191,15 @@ class Journal:
         self._paths = path, chain.head_path(path)
         self._clock = clock
         self._begun = bool(contents.lines)
+        self._task_kinds: tuple[str, ...] = ()
         path.parent.mkdir(parents=True, exist_ok=True)
         self._writer = chain.Writer(path, contents.end)
         for entry in contents.entries[:1]:
             self._is_of(entry)
 
-    def _is_of(self, entry: AnyEntry) -> None:
+    def _is_of(self, entry: Entry) -> None:
         if isinstance(entry, Header):
+            self._task_kinds = (entry.task_kind,)
             self._writer.waits = entry.purpose != "REHEARSAL"
 
     @property
@@ -205,7 +212,7 @@ class Journal:
         """Whether an entry may follow: the journal has a header, and no write was interrupted halfway."""
         return self._writer.whole and self._begun
 
-    def append(self, entry: AnyEntry) -> int:
+    def append(self, entry: Entry) -> int:
         """Write one entry, and return its session time, ns.
 
         Raises `JournalError`, before writing if `read` would refuse it, if the disk fails or the journal was moved.
@@ -224,11 +231,11 @@ class Journal:
             check_place(file, path)
         return t_ns
 
-    def _readable(self, t_ns: int, entry: AnyEntry) -> chain.Link:
+    def _readable(self, t_ns: int, entry: Entry) -> chain.Link:
         """Return the line of an entry. Raises `JournalError` if `read` would refuse it."""
         try:
             link = self._writer.next_link(t_ns, entry.model_dump(mode="json", warnings=False))
-            _entry(self._path, 2 if self._begun else 1, link)
+            _entry(self._path, 2 if self._begun else 1, link, *self._task_kinds)
         except ValueError as error:
             raise JournalError(
                 self._path,

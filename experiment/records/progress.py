@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 
 from palpate.experiment.records import entries as entry_kinds
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Entry
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ class Progress:
         """How many trials have an answer or remain."""
         return len(self.said) + len(self.remaining)
 
-    def after(self, entry: AnyEntry) -> Progress:
+    def after(self, entry: Entry) -> Progress:
         """Return where the session stands after one more entry."""
         if isinstance(entry, entry_kinds.Withdrawal | entry_kinds.Note | entry_kinds.Commanded | entry_kinds.Shown):
             return self
@@ -109,7 +109,7 @@ class Progress:
         return replace(self, put_off=(*(one for one in self.put_off if one != trial), trial))
 
 
-def progress(entries: Sequence[AnyEntry]) -> Progress:
+def progress(entries: Sequence[Entry]) -> Progress:
     """Return where a session stands after all entries of its journal, the header first."""
     header = entries[0]
     if not isinstance(header, entry_kinds.Header):

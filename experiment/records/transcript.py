@@ -6,12 +6,9 @@ from palpate.experiment.clock import utc
 from palpate.experiment.errors import JournalError
 from palpate.experiment.records import entries
 from palpate.experiment.records.journal import Contents, Line, Unreadable
-from palpate.experiment.records.kinds import footstep, tapping
+from palpate.experiment.records.kinds import lines_of
 from palpate.experiment.records.progress import progress
 from palpate.experiment.settings.characters import keyed, plain
-
-LINES: entries.Lines = {**footstep.LINES, **tapping.LINES}
-"""What makes the line of each entry of a kind of trial."""
 
 WIDTH = 100
 """No line of a transcript is wider, in characters."""
@@ -38,7 +35,7 @@ def text(contents: Contents, trial: int | None = None) -> str:
         "",
     ]
     shown = _shown_lines(contents) if trial is None else _trial_lines(contents, trial)
-    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_entry_text(line)}" for line in shown]
+    lines += [f"{(line.t_ns - zero_ns) / 1e9:10.3f} s  {_entry_text(line, header.task_kind)}" for line in shown]
     if trial is not None and not shown:
         lines.append(f"Trial {trial} was not begun yet.")
     lines += [
@@ -75,7 +72,7 @@ def _is_exposure(line: Line | Unreadable) -> bool:
     return isinstance(line, Line) and isinstance(line.entry, entries.Exposure)
 
 
-def _entry_text(line: Line | Unreadable) -> str:
+def _entry_text(line: Line | Unreadable, task_kind: str) -> str:
     if isinstance(line, Unreadable):
         return f"line {line.number} CANNOT BE READ: {line.why}"
     entry = line.entry
@@ -130,7 +127,7 @@ def _entry_text(line: Line | Unreadable) -> str:
         case entries.Withdrawal():
             return f"the participant has withdrawn ({entry.reason}){_torn(entry.torn)}: no data of theirs is analysed"
         case _:
-            return LINES[type(entry)](entry)
+            return lines_of(task_kind)[type(entry)](entry)
 
 
 def _heard(entry: entries.Spoken) -> str:

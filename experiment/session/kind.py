@@ -26,8 +26,7 @@ from palpate.experiment.desk.questions import Arm, Console, Notice
 from palpate.experiment.errors import PalpateError
 from palpate.experiment.protocol.models import Protocol as StudyProtocol
 from palpate.experiment.protocol.models import Task
-from palpate.experiment.records.entries import Header, PlannedTrial, Trace
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Entry, Header, PlannedTrial, Trace
 from palpate.experiment.records.progress import Progress
 
 if TYPE_CHECKING:
@@ -64,7 +63,7 @@ class Log(Protocol):
     def done(self) -> Progress:
         """Where the session stands by what is on disk."""
 
-    def write(self, entry: AnyEntry) -> None:
+    def write(self, entry: Entry) -> None:
         """Put an entry into the journal."""
 
     @property
@@ -117,7 +116,7 @@ class Seen:
     entry is on file. `delivered` is None if nothing measured the stimulus; `repeat` is the protocol's rule, and why.
     """
 
-    entry: AnyEntry
+    entry: Entry
     answerable_ns: int | None = None
     reason: str = ""
     lost: bool = False

@@ -22,7 +22,7 @@ from palpate.experiment.desk.questions import INTERRUPTED, YES, Agree, Familiari
 from palpate.experiment.errors import JournalError, PalpateError, PauseAsked, ScreenGone, TrackerStopped
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import chain, entries, journal
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Entry
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.attempt import FELT, Attempts, Devices, Event, State, follow
 from palpate.experiment.session.exposure import Exposed, spent_ns
@@ -171,10 +171,10 @@ class SessionLog:
         """Whether an entry may follow what is on disk."""
         return self._journal.accepts
 
-    def write(self, entry: AnyEntry) -> None:
+    def write(self, entry: Entry) -> None:
         self.follow(lambda _: (entry,))
 
-    def follow(self, entries_after: Callable[[Progress], Iterable[AnyEntry]]) -> None:
+    def follow(self, entries_after: Callable[[Progress], Iterable[Entry]]) -> None:
         """Put into the journal what follows from where the session stands; nothing else is written in between."""
         # An interrupt waits until the entry is on disk, so that a footer may follow it.
         with interrupts.held(), self._waiting(), self._lock:

@@ -11,9 +11,8 @@ from typing import Any
 from palpate.experiment import storage
 from palpate.experiment.errors import JournalError
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Answer, Armed, Redo
+from palpate.experiment.records.entries import Answer, Armed, Entry, Redo
 from palpate.experiment.records.events import NO_ANSWER
-from palpate.experiment.records.journal import AnyEntry
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.progress import progress
 from tests.faults.live import KEYS
@@ -55,7 +54,7 @@ class Ledger:
     def answered(self) -> int:
         return len(self._confirmed)
 
-    def entries(self) -> tuple[AnyEntry, ...]:
+    def entries(self) -> tuple[Entry, ...]:
         return journal.read(self.journal).entries if self.journal.exists() else ()
 
     def wrong(self, heard: list[dict[str, Any]]) -> list[Wrong]:
@@ -87,7 +86,7 @@ class Ledger:
                 wrong.append(Wrong(what, 1))
         return wrong + self._unknown(entries, heard) + _attempts(entries)
 
-    def _unknown(self, entries: tuple[AnyEntry, ...], heard: list[dict[str, Any]]) -> list[Wrong]:
+    def _unknown(self, entries: tuple[Entry, ...], heard: list[dict[str, Any]]) -> list[Wrong]:
         """Return the stimuli that no entry knows: neither a step, nor an attempt that was armed and has no end yet."""
         steps = Counter(e.stimulus.handed_sha256 for e in entries if isinstance(e, FootStep) and e.stimulus)
         left = Counter(one["heard"] for one in heard) - (steps - self._known)
@@ -111,7 +110,7 @@ class Ledger:
         return [Wrong(f"{name} has {sorted(found)}; the ledger has {sorted(wanted)}", lost)] if lost else []
 
 
-def _attempts(entries: tuple[AnyEntry, ...]) -> list[Wrong]:
+def _attempts(entries: tuple[Entry, ...]) -> list[Wrong]:
     """Return which attempts were armed twice, and which have no end although another was armed after them."""
     armed = [(e.trial, e.attempt) for e in entries if isinstance(e, Armed)]
     wrong = [Wrong(f"attempt {one} was armed {count} times", 1) for one, count in Counter(armed).items() if count > 1]

@@ -15,8 +15,7 @@ from palpate.experiment import storage
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Answer, Footer, PlannedTrial, Redo
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Answer, Entry, Footer, PlannedTrial, Redo
 from palpate.experiment.study import schedule
 from palpate.experiment.study.schedule import allocate
 from tests.faults.campaign import Count, Size
@@ -68,7 +67,7 @@ def _wrong(one: dict[str, Any]) -> Iterator[Wrong]:
         yield Wrong(f"{len(answered)} answers are on disk; {len(confirmed)} were confirmed in {one['kills']} lives")
 
 
-def _broken(entries: tuple[AnyEntry, ...], order: tuple[PlannedTrial, ...], size: int) -> Iterator[str]:
+def _broken(entries: tuple[Entry, ...], order: tuple[PlannedTrial, ...], size: int) -> Iterator[str]:
     """Yield what is broken in the journal of a task that was planned in this order, in blocks of this size."""
     redone = {(e.trial, e.attempt) for e in entries if isinstance(e, Redo)}
     counted = [e for e in entries if isinstance(e, Answer)]

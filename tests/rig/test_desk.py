@@ -16,8 +16,17 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.link import Line
 from palpate.experiment.desk.messages import Choose, Correct, Hello, Pause, Prompt, Repeat, Stop, TakeNote, Typed, View
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Answer, Commanded, Correction, Footer, Ignored, Note, Redo, Visited
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import (
+    Answer,
+    Commanded,
+    Correction,
+    Entry,
+    Footer,
+    Ignored,
+    Note,
+    Redo,
+    Visited,
+)
 from palpate.experiment.records.progress import progress
 from tests.conftest import Palpate
 from tests.experiment.protocol.small import SMALL
@@ -35,7 +44,7 @@ def desk(tmp_path: Path) -> Iterator[Desk]:
         yield one
 
 
-def entries(desk: Desk, task: str) -> tuple[AnyEntry, ...]:
+def entries(desk: Desk, task: str) -> tuple[Entry, ...]:
     return journal.read_if_begun(storage.journal_path(desk.root, "01", task)).entries
 
 

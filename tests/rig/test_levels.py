@@ -28,8 +28,7 @@ from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Answer, LevelChosen, TrackEnded
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Answer, Entry, LevelChosen, TrackEnded
 from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.records.kinds.tapping import Tapped
 from palpate.experiment.rehearsal.study import rehearse
@@ -63,11 +62,11 @@ def dataset(file: Path, rig: str, *, participants: int) -> Path:
     )
 
 
-def sessions(root: Path) -> list[tuple[AnyEntry, ...]]:
+def sessions(root: Path) -> list[tuple[Entry, ...]]:
     return [journal.read(path).entries for path in storage.journals(root)]
 
 
-def levels_of(entries: tuple[AnyEntry, ...]) -> list[float]:
+def levels_of(entries: tuple[Entry, ...]) -> list[float]:
     return [entry.level for entry in entries if isinstance(entry, LevelChosen)]
 
 

@@ -22,6 +22,7 @@ from palpate.experiment.dataset.verify import verify
 from palpate.experiment.desk.questions import Arm, Question, Reply
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
+from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.rehearsal.footstep.participant import SimulatedParticipant
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from tests.conftest import Palpate
@@ -93,7 +94,7 @@ def test_steps_that_broke_off_stand_in_the_events_with_their_reason(one: Path) -
 
 def test_contact_was_predicted_in_every_virtual_trial(one: Path) -> None:
     entries = journal.read(storage.journal_path(one, "01", "virtual")).entries
-    onsets = [entry.onset for entry in entries if entry.kind == "step"]
+    onsets = [entry.onset for entry in entries if isinstance(entry, FootStep)]
     errors_ms = [onset.prediction_error_ms for onset in onsets if onset and onset.prediction_error_ms is not None]
     assert len(errors_ms) == len(onsets) == 40
     # Predicted from all samples before contact, noise included: well below 1 ms.
@@ -102,7 +103,7 @@ def test_contact_was_predicted_in_every_virtual_trial(one: Path) -> None:
 
 
 def test_simulated_time_claims_no_durations(one: Path) -> None:
-    steps = [e for e in journal.read(storage.journal_path(one, "01", "virtual")).entries if e.kind == "step"]
+    steps = [e for e in journal.read(storage.journal_path(one, "01", "virtual")).entries if isinstance(e, FootStep)]
     assert {step.dead_time_ms for step in steps} == {None}
     assert {step.onset.gate_to_scheduled_ms for step in steps if step.onset} == {None}
     (row, *_) = counted(one, "virtual")
@@ -162,7 +163,7 @@ def test_stimuli_were_shaped_by_the_table_that_is_kept_beside_the_journal(one: P
     assert rig.actuator.shaping is not None
     kept = path.with_name(rig.actuator.shaping.response)
     assert kept.read_bytes() == shipped("rigs/rehearsal-response.csv").read_bytes()
-    stimuli = [entry.stimulus for entry in journal.read(path).entries if entry.kind == "step" and entry.stimulus]
+    stimuli = [entry.stimulus for entry in journal.read(path).entries if isinstance(entry, FootStep) and entry.stimulus]
     assert len(stimuli) == 40
     for stimulus in stimuli:
         assert stimulus.shaping is not None

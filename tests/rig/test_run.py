@@ -23,9 +23,8 @@ from palpate.experiment.desk.terminal import TerminalConsole
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Answer, Footer
-from palpate.experiment.records.journal import AnyEntry
-from palpate.experiment.records.kinds.footstep import FootStep
+from palpate.experiment.records.entries import Answer, Entry, Footer, Note, TrackerOpened
+from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Zeroed
 from palpate.experiment.rehearsal.footstep import recorded_takes
 from palpate.experiment.rehearsal.wires.panel import Panel
 from tests.approved import on_any_machine
@@ -48,7 +47,7 @@ def counted(dataset: Path, task: str) -> list[dict[str, str]]:
         return [row for row in csv.DictReader(events, delimiter="\t") if row["counted"] == "1"]
 
 
-def counted_steps(entries: Sequence[AnyEntry]) -> list[FootStep]:
+def counted_steps(entries: Sequence[Entry]) -> list[FootStep]:
     """Return the steps that were answered."""
     answered = {(entry.trial, entry.attempt) for entry in entries if isinstance(entry, Answer)}
     return [entry for entry in entries if isinstance(entry, FootStep) and (entry.trial, entry.attempt) in answered]
@@ -135,9 +134,9 @@ def test_a_session_from_the_experimenters_chair(
     folder = tmp_path / "dataset" / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
     # No accelerometer of this rig hears the panel.
-    assert sum("accelerometer" in e.text for e in entries if e.kind == "note") == (task == "virtual")
+    assert sum("accelerometer" in e.text for e in entries if isinstance(e, Note)) == (task == "virtual")
     assert "accelerometer" in "".join(told) or task == "real"
-    answers = [e for e in entries if e.kind == "answer"]
+    answers = [e for e in entries if isinstance(e, Answer)]
     assert [a.answered for a in answers] == ["copy paper", "aluminum foil", None, "typing paper"]
     steps = counted_steps(entries)
     assert [s.speed_mm_s for s in steps] == pytest.approx([SPEED_MM_S] * 4, rel=0.03)
@@ -187,11 +186,11 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
     assert "complete: 4 answers" in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
-    attempts = [(e.trial, e.attempt) for e in entries if e.kind in ("step", "broken-off")]
+    attempts = [(e.trial, e.attempt) for e in entries if isinstance(e, FootStep | BrokenOff)]
     assert attempts == [(1, 1), (2, 1), (3, 1), (3, 2), (4, 1)]
-    assert [e.trial for e in entries if e.kind == "answer"] == [1, 2, 3, 4]
-    assert sum(e.kind == "tracker" for e in entries) == 2
-    (broken,) = [e for e in entries if e.kind == "broken-off"]
+    assert [e.trial for e in entries if isinstance(e, Answer)] == [1, 2, 3, 4]
+    assert sum(isinstance(e, TrackerOpened) for e in entries) == 2
+    (broken,) = [e for e in entries if isinstance(e, BrokenOff)]
     assert (broken.trial, broken.felt) == (3, False)
     assert broken.link.received > 0
     events = (Path("dataset") / "sub-01" / "beh" / f"sub-01_task-{task}_events.tsv").read_text()
@@ -225,9 +224,9 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
     assert "complete: 4 answers" in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
-    attempts = [(e.trial, e.attempt) for e in entries if e.kind in ("step", "broken-off")]
+    attempts = [(e.trial, e.attempt) for e in entries if isinstance(e, FootStep | BrokenOff)]
     assert attempts == [(1, 1), (2, 1), (3, 1), (4, 1)]
-    assert sum(e.kind == "tracker" for e in entries) == 2
+    assert sum(isinstance(e, TrackerOpened) for e in entries) == 2
 
 
 @pytest.mark.parametrize("task", ["real"])
@@ -262,7 +261,7 @@ def test_a_tracker_is_zeroed_by_the_resting_foot_and_anew_once_it_was_plugged_in
     assert "complete: 4 answers" in out
     path = Path("dataset") / "sourcedata" / "sub-01" / f"sub-01_task-{task}_journal.jsonl"
     entries = journal.read(path).entries
-    zeros = [e for e in entries if e.kind == "zeroed"]
+    zeros = [e for e in entries if isinstance(e, Zeroed)]
     # Medians of 500 readings of 0.1 mm noise, in counts of 0.026 mm.
     assert [zero.offset_mm for zero in zeros] == pytest.approx([1.5, -0.8], abs=0.06)
     assert [zero.spread_mm for zero in zeros] == pytest.approx([NOISE_MM] * 2, rel=0.25)
@@ -288,7 +287,7 @@ def test_ctrl_c_while_the_last_line_is_written_leaves_the_tables_of_a_complete_s
 ) -> None:
     typed, append = iter("ccaanntt"), journal.Journal.append
 
-    def appending(self: journal.Journal, entry: AnyEntry) -> int:
+    def appending(self: journal.Journal, entry: Entry) -> int:
         if isinstance(entry, Footer):
             signal.raise_signal(signal.SIGINT)
         return append(self, entry)

@@ -15,8 +15,7 @@ from typing import Any, Protocol
 from palpate.experiment.findings import Finding
 from palpate.experiment.protocol import models
 from palpate.experiment.protocol.designs import design_of
-from palpate.experiment.records.entries import Armed, Footer, LevelChosen, PlannedTrial, TrackEnded
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Armed, Entry, Footer, LevelChosen, PlannedTrial, TrackEnded
 from palpate.experiment.records.progress import Progress, progress
 
 RESTORE = "restore the journal from a backup"
@@ -57,7 +56,7 @@ class Tracks:
             if level is not None:
                 yield LevelChosen(trial=planned.trial, attempt=attempt, track=planned.track, level=level)
 
-    def findings(self, path: Path, recorded: Sequence[AnyEntry]) -> Iterator[Finding]:
+    def findings(self, path: Path, recorded: Sequence[Entry]) -> Iterator[Finding]:
         """Yield the first entry of a journal, the header first, that is not what the ones before it lead to."""
         done, chosen = progress(recorded[:1]), (0, 0)
         for line, entry in enumerate(recorded[1:], start=2):

@@ -8,8 +8,8 @@ import pytest
 
 from palpate.experiment.dataset import build
 from palpate.experiment.dataset.kinds.footstep import DATASET
-from palpate.experiment.records.entries import MaskerSet, Trace, TrackerOpened
-from palpate.experiment.records.journal import AnyEntry, Contents, Line
+from palpate.experiment.records.entries import Entry, MaskerSet, Trace, TrackerOpened
+from palpate.experiment.records.journal import Contents, Line
 from palpate.experiment.records.kinds.footstep import BrokenOff, Link, TrackerClock
 
 
@@ -35,7 +35,7 @@ def _masker(level_db_a: float | None) -> MaskerSet:
     return MaskerSet(level_db_a=level_db_a, dose=0.0, daily_level_db_a=None)
 
 
-def _levels(entries: list[AnyEntry]) -> list[object]:
+def _levels(entries: list[Entry]) -> list[object]:
     opened = TrackerOpened(port="", device_us=0, t_ns=0)
     lines = tuple(Line(number, entry) for number, entry in enumerate([opened, *entries]))
     rows = build.event_rows(DATASET, Path(), Contents(lines), "PARTICIPANT")
@@ -50,5 +50,5 @@ def _levels(entries: list[AnyEntry]) -> list[object]:
         ([_masker(60.0), _step(1), _masker(None), _step(2)], [60.0, None]),
     ],
 )
-def test_an_attempt_has_the_level_that_was_set_last(entries: list[AnyEntry], levels: list[object]) -> None:
+def test_an_attempt_has_the_level_that_was_set_last(entries: list[Entry], levels: list[object]) -> None:
     assert _levels(entries) == levels

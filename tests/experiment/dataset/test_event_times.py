@@ -25,7 +25,8 @@ from palpate.experiment.errors import TrackerStopped
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Footer, PlannedTrial
+from palpate.experiment.records.entries import Footer, PlannedTrial, TrackerOpened
+from palpate.experiment.records.kinds.footstep import FootStep
 from palpate.experiment.session import attempt, runner
 from palpate.experiment.session.footstep.trials import FootstepDevices
 from tests.experiment.session.bench import HEADER
@@ -168,8 +169,8 @@ def test_events_stand_where_they_happened_whatever_the_trackers_clock_does(tmp_p
     path = storage.journal_path(tmp_path, "01", "real")
     contents = journal.read(path)
     steps = placed_steps(path, contents)
-    zero_ns = next(entry.t_ns for entry in contents.entries if entry.kind == "tracker")
-    landed = [placed for placed in steps if placed.step.kind == "step"]
+    zero_ns = next(entry.t_ns for entry in contents.entries if isinstance(entry, TrackerOpened))
+    landed = [placed for placed in steps if isinstance(placed.step, FootStep)]
     contacts_ns = np.array([placed.at_s for placed in landed]) * 1e9 + zero_ns
     assert np.abs(contacts_ns - tracker.contacts_ns).max() < 0.1e6
     # The frames of a step, those of the broken one included, from arming on.
@@ -194,7 +195,7 @@ def test_a_wall_clock_that_was_set_back_before_a_session_went_on_overwrites_no_f
     first = ManualClock(START_NS)
     assert run(tmp_path, first, Wandering(first, 0.0), "cccq", 5).reason == "paused"
     path = storage.journal_path(tmp_path, "01", "real")
-    opened_ns = next(entry.t_ns for entry in journal.read(path).entries if entry.kind == "tracker")
+    opened_ns = next(entry.t_ns for entry in journal.read(path).entries if isinstance(entry, TrackerOpened))
     # To just where the first step was, or a day before.
     second = ManualClock(opened_ns - int(before_s * 1e9))
     assert run(tmp_path, second, Wandering(second, 0.0), "cc", 5).reason == "complete"

@@ -24,8 +24,7 @@ from palpate.experiment import storage
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.errors import JournalError, OtherFormat, SessionLocked
 from palpate.experiment.records import chain, journal, transcript
-from palpate.experiment.records.entries import Answer, Footer, Note, Phase, Purpose, Shown
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Answer, Entry, Footer, Note, Phase, Purpose, Shown
 from palpate.experiment.settings.characters import hidden
 from tests.approved import Refuses
 from tests.experiment.session.bench import HEADER
@@ -33,7 +32,7 @@ from tests.experiment.session.bench import HEADER
 pytestmark = pytest.mark.fsync
 
 ANSWER = Answer(trial=1, attempt=1, presented=("foil",), answered=None, key="n", response_time_s=0.25, confirmed_s=0.25)
-ENTRIES: tuple[AnyEntry, ...] = (
+ENTRIES: tuple[Entry, ...] = (
     HEADER,
     Phase(state="familiarising"),
     ANSWER,
@@ -41,7 +40,7 @@ ENTRIES: tuple[AnyEntry, ...] = (
 )
 
 
-def write(path: Path, entries: tuple[AnyEntry, ...] = ENTRIES) -> bytes:
+def write(path: Path, entries: tuple[Entry, ...] = ENTRIES) -> bytes:
     clock = ManualClock(10)
     opened = journal.Journal(path, clock, journal.Contents(()))
     for entry in entries:
@@ -116,7 +115,8 @@ def test_what_was_read_holds_nothing_but_its_entries(tmp_path: Path, without_fsy
         finally:
             tracemalloc.stop()
 
-    alone = held(lambda: [journal.Line(0, journal.ENTRY.validate_json(json.dumps(entry))) for entry in entries])
+    reader = journal.reader(HEADER.task_kind)
+    alone = held(lambda: [journal.Line(0, reader.validate_json(json.dumps(entry))) for entry in entries])
     assert held(lambda: journal.read(tmp_path / "j")) < 1.2 * alone
 
 
@@ -450,7 +450,7 @@ def test_a_journal_that_is_written_is_held(tmp_path: Path, refuses: Refuses) -> 
     journal.Journal(path, ManualClock(0), journal.read(path)).close()
 
 
-OUT_OF_REACH: tuple[AnyEntry, ...] = (
+OUT_OF_REACH: tuple[Entry, ...] = (
     Note(trial=2**63, text="a door"),
     Note(trial=10**5000, text="a door"),
     Note(trial=1, text="half a character: \ud800"),
@@ -462,7 +462,7 @@ OUT_OF_REACH: tuple[AnyEntry, ...] = (
 
 
 @pytest.mark.parametrize("entry", OUT_OF_REACH, ids=range(len(OUT_OF_REACH)))
-def test_an_entry_that_cannot_be_read_again_is_refused_before_the_first_byte(tmp_path: Path, entry: AnyEntry) -> None:
+def test_an_entry_that_cannot_be_read_again_is_refused_before_the_first_byte(tmp_path: Path, entry: Entry) -> None:
     path = tmp_path / "j"
     opened = journal.Journal(path, ManualClock(10), journal.Contents(()))
     opened.append(HEADER)
@@ -480,7 +480,7 @@ def test_any_entry_is_refused_or_reads_back_equal(trial: int | None, text: str, 
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "j"
         opened = journal.Journal(path, ManualClock(10), journal.Contents(()))
-        written: list[AnyEntry] = [HEADER]
+        written: list[Entry] = [HEADER]
         opened.append(HEADER)
         answer = ANSWER.model_copy(update={"response_time_s": time_s})
         for entry in (

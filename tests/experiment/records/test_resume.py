@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from palpate.experiment.records.entries import Answer, Armed, Footer, Header, PlannedTrial, Redo, Trace
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Answer, Armed, Entry, Footer, Header, PlannedTrial, Redo, Trace
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep, Link, TrackerClock
 from palpate.experiment.records.progress import progress
 from tests.experiment.session.bench import HEADER
@@ -84,7 +83,7 @@ def test_entries_without_header_are_a_programming_error() -> None:
 
 @given(outcomes=st.lists(st.sampled_from(["answer", "redo", "kill"]), max_size=12))
 def test_remaining_and_answered_always_make_up_the_order(outcomes: list[str]) -> None:
-    entries: list[AnyEntry] = [header()]
+    entries: list[Entry] = [header()]
     trial, attempt = 1, 0
     for outcome in outcomes:
         if trial > len(ORDER):
@@ -116,7 +115,7 @@ def test_an_answer_redone_later_no_longer_counts() -> None:
     outcomes=st.lists(st.sampled_from(["answer", "redo", "put off", "broken off", "felt"]), max_size=40),
 )
 def test_what_is_put_off_comes_at_the_end_of_its_block(block: int, outcomes: list[str]) -> None:
-    entries: list[AnyEntry] = [header().model_copy(update={"block_trials": block})]
+    entries: list[Entry] = [header().model_copy(update={"block_trials": block})]
     # Oracle: a queue for each block, of which the first is served until it is empty.
     queues = [list(range(begin, begin + block)) for begin in range(1, 7, block)]
     attempts = dict.fromkeys(range(1, 7), 0)
@@ -147,9 +146,9 @@ def test_what_is_put_off_comes_at_the_end_of_its_block(block: int, outcomes: lis
 
 
 def test_an_attempt_is_armed_until_its_end_is_on_disk() -> None:
-    begun: list[AnyEntry] = [header(), armed(1, 1)]
+    begun: list[Entry] = [header(), armed(1, 1)]
     assert (progress(begun).armed, progress(begun).attempts) == ((1, 1), {1: 1})
-    ends: list[AnyEntry] = [
+    ends: list[Entry] = [
         step(1, 1),
         broken_off(1, 1, felt=False),
         Redo(trial=1, attempt=1, reason="a reason", put_off=True),

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from importlib import import_module
 from pathlib import Path
-from typing import get_args
 
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.experiment.errors import JournalError
+from palpate.experiment.protocol import kinds
 from palpate.experiment.records import chain, journal, transcript
 from palpate.experiment.records.entries import (
     Entry,
@@ -73,9 +74,11 @@ def test_levels_and_ends_of_tracks_have_their_lines(tmp_path: Path) -> None:
     assert "foil ended: reversals" in text
 
 
-def test_each_entry_of_a_kind_has_its_line() -> None:
-    union, _ = get_args(journal.AnyEntry)
-    assert set(transcript.LINES) == {one for one in get_args(union) if one.__module__ != Entry.__module__}
+@pytest.mark.parametrize("name", kinds.NAMES)
+def test_each_entry_of_a_kind_has_its_line(name: str) -> None:
+    module = import_module(f"palpate.experiment.records.kinds.{name}")
+    own = {one for one in vars(module).values() if isinstance(one, type) and issubclass(one, Entry)}
+    assert set(module.LINES) == {one for one in own if one.__module__ == module.__name__}
 
 
 def test_one_trial_can_be_told_alone(tmp_path: Path, refuses: Refuses, approved: SnapshotAssertion) -> None:

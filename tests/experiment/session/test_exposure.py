@@ -22,8 +22,19 @@ from palpate.experiment.desk.questions import Event, Notice, Place
 from palpate.experiment.errors import AudioError, JournalError, ScreenGone, TrackerStopped
 from palpate.experiment.protocol.models import Masker, Protocol
 from palpate.experiment.records import journal, transcript
-from palpate.experiment.records.entries import Armed, Exposure, Footer, Header, MaskerSet, Phase, Redo, Resumed, Trace
-from palpate.experiment.records.journal import AnyEntry, Contents, Line
+from palpate.experiment.records.entries import (
+    Armed,
+    Entry,
+    Exposure,
+    Footer,
+    Header,
+    MaskerSet,
+    Phase,
+    Redo,
+    Resumed,
+    Trace,
+)
+from palpate.experiment.records.journal import Contents, Line
 from palpate.experiment.records.kinds.footstep import BrokenOff, FootStep
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session import exposure
@@ -122,7 +133,7 @@ class Lines:
     def done(self) -> Progress:
         return progress((header("virtual"),))
 
-    def write(self, entry: AnyEntry) -> None:
+    def write(self, entry: Entry) -> None:
         if self.failing:
             raise JournalError("the disk is full")
         self.lines.append(Line(self.clock.now_ns(), entry))
@@ -236,8 +247,8 @@ def test_the_dose_is_that_of_every_session_whatever_ends_it_and_whatever_the_clo
 def told(clock: ManualClock, dose: float, level_db_a: float | None = LEVEL_DB_A) -> list[Line]:
     """A session of an hour that brought a dose, told by its journal until now."""
     end_ns, uptime = clock.now_ns(), clock.uptime()
-    begun: list[AnyEntry] = [header("virtual"), MaskerSet(level_db_a=60.0, dose=0.0, daily_level_db_a=None)]
-    ended: list[AnyEntry] = [MaskerSet(level_db_a=level_db_a, dose=dose, daily_level_db_a=None)]
+    begun: list[Entry] = [header("virtual"), MaskerSet(level_db_a=60.0, dose=0.0, daily_level_db_a=None)]
+    ended: list[Entry] = [MaskerSet(level_db_a=level_db_a, dose=dose, daily_level_db_a=None)]
     if uptime is not None:
         ended.append(Exposure(dose=dose, stimuli=0, vibration_s=0.0, boot=uptime.boot, up_ns=uptime.ns))
     return [*(Line(end_ns - HOUR_NS, entry) for entry in begun), *(Line(end_ns, entry) for entry in ended)]

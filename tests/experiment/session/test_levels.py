@@ -20,8 +20,7 @@ from palpate.experiment.desk.questions import Remark
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Levels, Protocol
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Answer, Armed, Correction, LevelChosen, Note, Redo, TrackEnded
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import Answer, Armed, Correction, Entry, LevelChosen, Note, Redo, TrackEnded
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.session.footstep.levels import at_level, scaled
 from palpate.experiment.session.footstep.stimulus import Sounder
@@ -57,22 +56,22 @@ HEADER = ASKED.model_copy(
 )
 
 
-def session(folder: Path, keys: Iterable[str | Remark]) -> tuple[tuple[AnyEntry, ...], list[str]]:
+def session(folder: Path, keys: Iterable[str | Remark]) -> tuple[tuple[Entry, ...], list[str]]:
     desk = console(keys)
     run(PROTOCOL, desk, folder, HEADER)
     return contents(folder).entries, desk.shown
 
 
-def levels(entries: Iterable[AnyEntry]) -> list[LevelChosen]:
+def levels(entries: Iterable[Entry]) -> list[LevelChosen]:
     return [entry for entry in entries if isinstance(entry, LevelChosen)]
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[AnyEntry, ...]:
+def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[Entry, ...]:
     return session(tmp_path_factory.mktemp("whole"), KEYS)[0]
 
 
-def test_each_attempt_has_its_level_on_record_before_it_is_armed(whole: tuple[AnyEntry, ...]) -> None:
+def test_each_attempt_has_its_level_on_record_before_it_is_armed(whole: tuple[Entry, ...]) -> None:
     before = [(one, other) for one, other in pairwise(whole) if isinstance(other, Armed)]
     assert all(isinstance(one, LevelChosen) and one.trial == other.trial for one, other in before)
     assert len(before) == len(levels(whole)) == len([one for one in whole if isinstance(one, Answer)])
@@ -85,7 +84,7 @@ def test_each_attempt_has_its_level_on_record_before_it_is_armed(whole: tuple[An
 
 
 def test_a_session_that_was_paused_anywhere_goes_on_with_the_same_levels(
-    whole: tuple[AnyEntry, ...], tmp_path: Path
+    whole: tuple[Entry, ...], tmp_path: Path
 ) -> None:
     for count in (1, 4, 8):
         folder = tmp_path / str(count)
@@ -121,7 +120,7 @@ def test_nothing_is_written_between_a_level_and_what_it_follows_from(tmp_path: P
         log.write(HEADER)
         other = threading.Thread(target=log.write, args=(note,))
 
-        def follows(done: Progress) -> Iterator[AnyEntry]:
+        def follows(done: Progress) -> Iterator[Entry]:
             for entry in TRACKS.upcoming(done):
                 if not other.ident:
                     other.start()

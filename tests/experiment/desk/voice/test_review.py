@@ -16,7 +16,7 @@ from palpate.experiment.desk.voice.review import LOG, Agreement, Second, agreeme
 from palpate.experiment.errors import AudioError, DatasetError
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records import journal
-from palpate.experiment.records.entries import Spoken
+from palpate.experiment.records.entries import Answer, Spoken
 from tests.approved import Refuses
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import MadeStudy, make_study
@@ -68,7 +68,7 @@ def study(tmp_path: Path) -> MadeStudy:
     made = make_study(tmp_path / "study", enrolled=1, sessions=1)
     (path,) = storage.journals(made.root)
     contents = journal.read(path)
-    answers = [entry for entry in contents.entries if entry.kind == "answer"]
+    answers = [entry for entry in contents.entries if isinstance(entry, Answer)]
     footer = contents.entries[-1]
     from contextlib import closing
 

@@ -12,8 +12,17 @@ import pytest
 from palpate.experiment.findings import Finding
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records.entries import Answer, Armed, Correction, Footer, LevelChosen, Note, Redo, TrackEnded
-from palpate.experiment.records.journal import AnyEntry
+from palpate.experiment.records.entries import (
+    Answer,
+    Armed,
+    Correction,
+    Entry,
+    Footer,
+    LevelChosen,
+    Note,
+    Redo,
+    TrackEnded,
+)
 from palpate.experiment.records.kinds.tapping import FIRST, SECOND, PairLaidOut
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.study.levels import Tracks
@@ -51,15 +60,15 @@ def answer(entry: Armed, answered: str | None) -> Answer:
     )
 
 
-def simulated(seed: int, *, remarks: bool = True) -> list[AnyEntry]:
+def simulated(seed: int, *, remarks: bool = True) -> list[Entry]:
     """A whole session: `remarks` are trials that come again, answers that are none, and corrections at any moment."""
     order = schedule(protocol=PROTOCOL, participant="01", task_id="virtual", seed=seed)
     size = block_trials(PROTOCOL, "virtual")
     header = HEADER.model_copy(update={"order": order, "block_trials": size, "task_kind": "tapping"})
-    recorded: list[AnyEntry] = [header]
+    recorded: list[Entry] = [header]
     rng, done = np.random.default_rng(seed), Progress(header)
 
-    def write(entry: AnyEntry) -> None:
+    def write(entry: Entry) -> None:
         nonlocal done
         recorded.append(entry)
         done = done.after(entry)
@@ -99,11 +108,11 @@ def simulated(seed: int, *, remarks: bool = True) -> list[AnyEntry]:
 RANKS = [material.id for material in PROTOCOL.materials]
 
 
-def findings(recorded: Sequence[AnyEntry]) -> list[Finding]:
+def findings(recorded: Sequence[Entry]) -> list[Finding]:
     return list(TRACKS.findings(PATH, recorded))
 
 
-def of_levels(recorded: Sequence[AnyEntry]) -> list[int]:
+def of_levels(recorded: Sequence[Entry]) -> list[int]:
     return [place for place, entry in enumerate(recorded) if isinstance(entry, LevelChosen | TrackEnded)]
 
 
