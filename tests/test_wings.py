@@ -40,6 +40,14 @@ def copied(folder: Path, wings: Iterable[str]) -> Path:
     return folder
 
 
+def unlisted(folder: Path, room: str, name: str) -> None:
+    """Take a name out of a copy's list of kinds or designs."""
+    file = folder / "experiment" / "protocol" / room / "__init__.py"
+    before = file.read_text("utf-8")
+    file.write_text(before.replace(f', "{name}"]', "]"), "utf-8")
+    assert file.read_text("utf-8") != before
+
+
 def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run a command of the source in a folder."""
     environment = {**os.environ, "PYTHONPATH": str(folder)}
@@ -49,8 +57,12 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture(scope="module")
 def identifies(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The source without every wing that a study of identification does not need."""
-    return copied(tmp_path_factory.mktemp("identifies"), (*COMMON, "comparison", "levels"))
+    """The source without every wing that the identification of steps does not need."""
+    wings = (*COMMON, "comparison", "levels", "tapping", "stepping", "tap fit", "imports")
+    folder = copied(tmp_path_factory.mktemp("identifies"), wings)
+    unlisted(folder, "kinds", "tapping")
+    unlisted(folder, "designs", "comparison")
+    return folder
 
 
 def test_an_identification_needs_none_of_them(identifies: Path) -> None:
@@ -88,13 +100,13 @@ def test_a_command_of_a_wing_says_that_it_is_not_installed(identifies: Path, win
     assert len(refused.stderr.splitlines()) == 1
 
 
-def test_a_study_of_a_design_that_is_not_installed_is_refused(identifies: Path) -> None:
+def test_a_dataset_of_a_kind_that_is_not_installed_is_refused(identifies: Path) -> None:
     sessions = {"1": {"live": compared([("felt", "cork", "second")])}}
     pair = {"materials": ("felt", "cork"), "tasks": ("live",), "answers": ("first", "second")}
     write_dataset(identifies / "pairs", sessions, origin="REHEARSAL", **pair)  # type: ignore[arg-type]
     refused = run(identifies, "analyse", "pairs", "--out", "out")
     assert (refused.returncode, refused.stdout) == (2, "")
-    assert module_of("analysis/designs/comparison") in refused.stderr
+    assert "Kind is 'tapping'" in refused.stderr
 
 
 def test_an_import_of_a_wing_is_seen(identifies: Path, tmp_path: Path) -> None:

@@ -34,10 +34,8 @@ from palpate.experiment.records import journal
 from palpate.experiment.records.entries import Footer, Purpose
 from palpate.experiment.rehearsal.kind import Parts, rehearsal_kind
 from palpate.experiment.rehearsal.participant import Practised, SimulatedPerson, Tick
-from palpate.experiment.rehearsal.tapping import hand
 from palpate.experiment.rehearsal.voice import Speaker
 from palpate.experiment.rehearsal.wires.foot import Foot
-from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.panel import CardPanel, Panel
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine, SimulatedPedal
 from palpate.experiment.rehearsal.wires.sound_card import DEVICE, WiredCard
@@ -191,6 +189,8 @@ class SimulatedEnds:
         return 0.0 if self.job.control == "silence" else full_m_s2
 
     def force(self, opened: ExitStack) -> str:
+        from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
+
         return opened.enter_context(ForceDeviceProcess()).address
 
     def tracker(self, opened: ExitStack) -> tuple[str, ClockMap | None]:
@@ -254,6 +254,8 @@ def foot(line: SerialLine, rig: rigs.Rig, *, real_time: bool, taps: bool) -> Foo
     tracker = tracker_of(rig)
     if not taps:
         return Foot(line, tracker, real_time=real_time)
+    from palpate.experiment.rehearsal.tapping import hand
+
     noise_mm, tick_s = tracker.noise_mm or 0.0, 1 / tracker.rate_hz
     return Foot(line, tracker, real_time=real_time, rest_mm=hand.REST_MM, noise_mm=noise_mm, tick_s=tick_s)
 
@@ -270,7 +272,11 @@ def simulated_far_ends(rig: rigs.Rig, opened: ExitStack) -> SimulatedPorts:
         panel = Panel(rig.actuator)
         opened.callback(panel.close)
         address = panel.address
-    force = opened.enter_context(ForceDeviceProcess()).address if rig.servo is not None else None
+    force = None
+    if rig.servo is not None:
+        from palpate.experiment.rehearsal.wires.force_device import ForceDeviceProcess
+
+        force = opened.enter_context(ForceDeviceProcess()).address
     pedal = opened.enter_context(SimulatedPedal()).url if rig.pedal is not None else None
     ends = SimulatedPorts(port=port, address=address, force=force, pedal=pedal)
     if rig.audio is None:

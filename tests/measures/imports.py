@@ -3,9 +3,8 @@
 A trunk is the module that it begins at, and every module that one of its modules imports, at the top of the file, in a
 function or for the type checker alone, with the `__init__.py` of each room on the way. The session trunk begins at
 `session/run.py`, which `palpate run` calls for a participant in the room, and at what that looks up by name for a
-footstep. It leaves out the rooms of voice, tapping, servo, contact and stepping, and so what only they import; it
-counts three modules of tapping that modules of the trunk import, until they no longer do. The analysis trunk begins at
-`analyse.py`, and at the design of identification with its figures, and leaves nothing out.
+footstep. It leaves out the rooms of voice, tapping, servo, contact and stepping, and so what only they import.
+The analysis trunk begins at `analyse.py`, and at the design of identification with its figures, and leaves nothing out.
 
 A wing is what would leave the source with it. A module is in one wing at most, and in a trunk as well while a module of
 the trunk imports it.
@@ -66,7 +65,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
     ),
     "tapping": (
         "experiment/apparatus/doctor/force.py",
-        "experiment/apparatus/servo",
+        *(f"experiment/apparatus/servo/{name}.py" for name in ("device", "link", "opening", "process", "rendering")),
         "experiment/dataset/kinds/tapping.py",
         "experiment/protocol/kinds/tapping.py",
         "experiment/protocol/page/tapping.py",
@@ -112,7 +111,11 @@ WINGS: Mapping[str, tuple[str, ...]] = {
             )
         ),
     ),
-    "comparison": ("analysis/designs/comparison",),
+    "comparison": (
+        "analysis/designs/comparison",
+        "experiment/protocol/designs/comparison.py",
+        "experiment/protocol/page/comparison.py",
+    ),
     "audit": ("analysis/audit", "analysis/published/paper.py"),
     "power": ("analysis/power",),
     "numerics": ("analysis/numerics",),

@@ -54,7 +54,7 @@ from palpate.analysis.reading.study import Study
 from palpate.analysis.report import plan
 from palpate.analysis.report.answers import left_and_sure
 from palpate.experiment.errors import DatasetError
-from palpate.experiment.records.kinds import tapping
+from palpate.experiment.protocol.designs import comparison as asked
 
 if TYPE_CHECKING:
     from palpate.experiment.protocol.models import PlannedTest
@@ -415,7 +415,7 @@ def _export(study: Study, frame: pd.DataFrame, exclusions: pd.DataFrame) -> tupl
 def _trials(study: Study, frame: pd.DataFrame) -> pd.DataFrame:
     place = {material: index for index, material in enumerate(study.materials)}
     ahead = frame["first"].map(place) - frame["second"].map(place)
-    wanted = pd.Series(np.where(ahead > 0, tapping.FIRST, tapping.SECOND), index=frame.index)
+    wanted = pd.Series(np.where(ahead > 0, asked.FIRST, asked.SECOND), index=frame.index)
     answers = {answer for one in study.designs.values() for answer in one.answers}
     judged = frame["answered"].isin(answers) & (ahead != 0)
     frame["right"] = (frame["answered"] == wanted).astype("Int64").where(judged)
@@ -423,7 +423,7 @@ def _trials(study: Study, frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _counts(study: Study) -> pd.DataFrame:
-    names = {"first_named": tapping.FIRST, "second_named": tapping.SECOND, "ties": tapping.TIE}
+    names = {"first_named": asked.FIRST, "second_named": asked.SECOND, "ties": asked.TIE}
     keys = ["participant", "task", "first", "second"]
     included = study.attempts[study.attempts["included"]]
     counted = included.assign(**{name: (included["answered"] == said).astype(int) for name, said in names.items()})

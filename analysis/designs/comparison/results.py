@@ -20,9 +20,9 @@ from palpate.analysis.statistics.exact import NotDefined
 from palpate.analysis.statistics.inference import CONFIDENCE, ConfidenceInterval, clopper_pearson
 from palpate.analysis.statistics.scaling import FIRST, SECOND, TIE, Comparisons, Law, NeverCompared, Scale, fit
 from palpate.experiment.errors import DatasetError
+from palpate.experiment.protocol.designs import comparison as asked
 from palpate.experiment.protocol.designs.comparison import Comparison
 from palpate.experiment.records.events import NO_ANSWER
-from palpate.experiment.records.kinds import tapping
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -37,7 +37,7 @@ LAWS = {
 UNNAMED = "what was compared"
 """The quality where no protocol names one."""
 
-CHOSEN = {tapping.FIRST: FIRST, tapping.SECOND: SECOND, tapping.TIE: TIE}
+CHOSEN = {asked.FIRST: FIRST, asked.SECOND: SECOND, asked.TIE: TIE}
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ def _task(study: Study, task: Task, printed: Published | None) -> TaskComparison
     first = data.chosen == FIRST
     pairs = tuple(_pair(data, right, *pair) for pair in combinations_with_replacement(range(data.items), 2))
     laws: tuple[Law, ...] = ("bradley-terry", "thurstone")
-    if tapping.TIE in study.designs[task.id].answers:
+    if asked.TIE in study.designs[task.id].answers:
         laws = ("davidson",)
     return TaskComparisons(
         task=task,

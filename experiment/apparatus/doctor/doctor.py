@@ -12,7 +12,7 @@ from palpate.experiment.apparatus import host, opening
 from palpate.experiment.apparatus import rig as rigs
 from palpate.experiment.apparatus.audio import calibration
 from palpate.experiment.apparatus.audio.stream import AudioStream
-from palpate.experiment.apparatus.doctor import checks, devices, force
+from palpate.experiment.apparatus.doctor import checks, devices
 from palpate.experiment.apparatus.doctor.checks import passed, refused, unchecked
 from palpate.experiment.apparatus.rig import AudioRig, Rig
 from palpate.experiment.clock import Clock, day
@@ -114,7 +114,10 @@ def _devices(rig: Rig, protocol: Protocol | None, clock: Clock, simulate: Simula
         address = ends.address or rig.actuator.address
         if address is not None:
             yield from checks.server(address, rig.actuator)
-        yield from force.checks(rig, ends.force, protocol=protocol, clock=clock)
+        if rig.servo is not None or (protocol is not None and protocol.exposure.force_peak_n is not None):
+            from palpate.experiment.apparatus.doctor import force
+
+            yield from force.checks(rig, ends.force, protocol=protocol, clock=clock)
         yield from _pedal(rig, ends.pedal)
         yield from _elsewhere(rig, protocol)
         if rig.tracker is not None and rig.tracker.zeroing_mm is not None:

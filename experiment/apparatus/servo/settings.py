@@ -1,13 +1,17 @@
 """The force device of a rig file, and whether a block may be rendered on it."""
 
+from __future__ import annotations
+
 from math import inf
-from typing import Annotated, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
 from pydantic import Field
 
 from palpate.experiment.errors import RigError
-from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.settings.load import Address, Confined, Rules, port_rules
+
+if TYPE_CHECKING:
+    from palpate.experiment.protocol.kinds.tapping import Tapping
 
 
 class ServoRig(Confined):

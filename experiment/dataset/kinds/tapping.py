@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from palpate.experiment.dataset.build import Cells, DatasetKind
-from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, TIE, Comparison
 from palpate.experiment.records.entries import Outcome
 from palpate.experiment.records.journal import Contents
-from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, PairLaidOut
+from palpate.experiment.records.kinds.tapping import PairLaidOut
 
 ANSWERS = {FIRST: "the material presented first", SECOND: "the one presented second", TIE: "neither of the two"}
 """What each answer names, as the sidecar tells it."""

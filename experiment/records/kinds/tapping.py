@@ -1,13 +1,9 @@
-"""Models of what a comparison of two materials leaves in the journal, and the words of its answers."""
+"""Models of what a comparison of two materials leaves in the journal."""
 
 from typing import Literal
 
 from palpate.experiment.records.entries import Lines, OfAttempt, Outcome
 from palpate.experiment.records.stimulus import DeviceUs, Onset, Stimulus, onset_line, played_line
-
-FIRST, SECOND, TIE = "first", "second", "tie"
-WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
-"""What an answer names: the material presented first, the one presented second, or neither."""
 
 Place = Literal["first", "second"]
 

@@ -17,10 +17,9 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.apparatus.servo.opening import servo_of
 from palpate.experiment.desk.questions import Arm, Place, Question, Reply
 from palpate.experiment.errors import ActuatorError
-from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, TIE, WORDS, Comparison
 from palpate.experiment.protocol.kinds.tapping import Tapping, rendered
 from palpate.experiment.protocol.models import Protocol
-from palpate.experiment.records.kinds.tapping import FIRST, SECOND, TIE, WORDS
 from palpate.experiment.rehearsal.kind import Parts, RehearsalKind
 from palpate.experiment.rehearsal.participant import SimulatedPerson
 from palpate.experiment.rehearsal.tapping import hand, surfaces

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.desk.questions import Place
-from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.designs.comparison import FIRST, SECOND, Comparison
 from palpate.experiment.protocol.models import Protocol, Task
 from palpate.experiment.records.entries import PlannedTrial
-from palpate.experiment.records.kinds.tapping import FIRST, SECOND, PairLaidOut
+from palpate.experiment.records.kinds.tapping import PairLaidOut
 from palpate.experiment.session.kind import FarEnds, Kind, KindDevices, Lent, Meaning, Seen, SessionKind, Sitting
 
 if TYPE_CHECKING:

@@ -22,11 +22,11 @@ from palpate.experiment.apparatus.tracker.landing import QUIETEST_MM
 from palpate.experiment.clock import day
 from palpate.experiment.desk.messages import Lamp, Measured
 from palpate.experiment.errors import PalpateError, RigError, TrackerStopped
-from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.designs.comparison import WORDS, Comparison
 from palpate.experiment.protocol.kinds.tapping import Tapping
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import PlannedTrial
-from palpate.experiment.records.kinds.tapping import WORDS, Changed, PairLaidOut, Place
+from palpate.experiment.records.kinds.tapping import Changed, PairLaidOut, Place
 from palpate.experiment.session.kind import FarEnds, Kind, Lent, Meaning, Seen, Sitting
 from palpate.experiment.session.tapping.taps import Lying, Taps
 from palpate.experiment.synthesis import tap

@@ -21,9 +21,8 @@ from scipy.special import ndtr
 from palpate.experiment.clock import ManualClock
 from palpate.experiment.desk.questions import Arm, Place
 from palpate.experiment.protocol import files
-from palpate.experiment.protocol.designs.comparison import Comparison
+from palpate.experiment.protocol.designs.comparison import FIRST, Comparison
 from palpate.experiment.protocol.kinds.tapping import Tapping
-from palpate.experiment.records.kinds.tapping import FIRST
 from palpate.experiment.rehearsal.tapping.participant import DISCRIMINATION, LEANING, SPREAD, Fingers, SimulatedTapper
 from palpate.experiment.rehearsal.tapping.surfaces import FITTED
 from palpate.experiment.synthesis import tap

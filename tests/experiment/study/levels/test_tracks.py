@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.experiment.findings import Finding
+from palpate.experiment.protocol.designs.comparison import FIRST, SECOND
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.records.entries import (
@@ -23,7 +24,7 @@ from palpate.experiment.records.entries import (
     Redo,
     TrackEnded,
 )
-from palpate.experiment.records.kinds.tapping import FIRST, SECOND, PairLaidOut
+from palpate.experiment.records.kinds.tapping import PairLaidOut
 from palpate.experiment.records.progress import Progress, progress
 from palpate.experiment.study.levels import Tracks
 from palpate.experiment.study.schedule import block_trials, schedule
