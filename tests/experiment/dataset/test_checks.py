@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
 from palpate.experiment import storage
+from palpate.experiment.clock import ManualClock
 from palpate.experiment.dataset import build, checks, register, tables
 from palpate.experiment.dataset.verify import verify
 from palpate.experiment.errors import DatasetError, PalpateError, Remedy, RosterError
@@ -19,7 +21,7 @@ from palpate.experiment.study import enrolment, roster, withdrawal
 from tests.conftest import Palpate
 from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.experiment.records.test_journal import chained
-from tests.faults.wrong import ALONE, WRONG, Act, Wrong, base, copied, headed
+from tests.faults.wrong import ALONE, WRONG, Act, Wrong, base, copied
 
 
 @pytest.fixture(scope="module")
@@ -40,7 +42,11 @@ def test_a_header_of_another_kind_or_design_than_the_protocols_is_refused(
     made: MadeStudy, key: str, other: str, tmp_path: Path
 ) -> None:
     study = copied(made, tmp_path / "study")
-    headed(**{key: other})(study, tmp_path)
+    header = study.header("03", study.tasks[2].tasks[0]).model_copy(update={key: other})
+    path = storage.journal_path(study.root, "03", header.task)
+    # No entry of a trial follows: one of another kind than the header's cannot be read.
+    with closing(journal.Journal(path, ManualClock(0), journal.read_if_begun(path))) as opened:
+        opened.append(header)
     with pytest.raises(DatasetError) as refused:
         checks.load_sound(study.root)
     assert refused.value.finding.where == study.journal(2)
