@@ -83,6 +83,7 @@ WINGS: Mapping[str, tuple[str, ...]] = {
         "experiment/apparatus/panel/movement.py",
         "experiment/apparatus/panel/multisine.py",
         "experiment/desk/panel.py",
+        "experiment/session/footstep/felt.py",
     ),
     "stepping": ("experiment/synthesis/stepping",),
     "levels": (

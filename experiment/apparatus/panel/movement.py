@@ -107,6 +107,14 @@ class Movement:
             )
         return found
 
+    def moved_m_s2(self, samples: NDArray[np.float32]) -> NDArray[np.float64]:
+        """Return the movement by samples, shape (n,), from the first one on and until it rings no more, m/s^2, (m,)."""
+        on = self.grid(samples.size)
+        moved: NDArray[np.float64] = fft.irfft(
+            fft.rfft(samples.astype(np.float64), on.size) * on.response_m_s2, on.size
+        )
+        return moved
+
     def peak(self, samples: NDArray[np.float32] | NDArray[np.float64]) -> Peak:
         """Return the peak that finite samples, shape (n,), move the panel by.
 

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.experiment.apparatus.panel.movement import open_movement
 from palpate.experiment.apparatus.panel.validity import simulated_table
 from palpate.experiment.apparatus.rig import Rig, tracker_of
 from palpate.experiment.apparatus.tracker.landing import NOISE_MM, LandingPredictor
@@ -19,6 +20,7 @@ from palpate.experiment.protocol.kinds.footstep import Footstep
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.recordings import manifest
 from palpate.experiment.session import scene as scenes
+from palpate.experiment.session.footstep.felt import LEAST_SHARE, QUIETEST_DB, WINDOW_S, Felt, felt
 from palpate.experiment.session.footstep.fidelity import (
     SHOWN,
     UNKNOWN,
@@ -64,13 +66,15 @@ class Detailed(Fidelity):
 
     `nearest_m_s2` is the dissimilarity (6) to the most similar other material of the scene at each speed, empty without
     one. `other_reading` is that of equation (7), empty for accelerations. `interpolation` and `averaging` are the
-    largest over the speeds recorded; None for too few speeds or takes.
+    largest over the speeds recorded; None for too few speeds or takes. `felt` is what a measured panel makes of each
+    stimulus, empty for one that nobody measured.
     """
 
     nearest_m_s2: tuple[float, ...]
     other_reading: tuple[float, ...]
     interpolation: float | None
     averaging: float | None
+    felt: tuple[Felt, ...] = ()
 
     def range(self, of: Callable[[Budget], float]) -> tuple[float, float]:
         """Return the least and the most of a value of the budgets over the speeds."""
@@ -84,7 +88,9 @@ def detailed(
     """Return what `fidelity` does, in detail."""
     spectra = scenes.load_spectra(scene=scene, protocol=protocol, recordings=recordings)
     taken = manifest.load(recordings, synthesis=protocol.table(Footstep).synthesis, material_ids=scene.materials)
-    found, speeds = {}, speeds_mm_s(protocol)
+    found, speeds, measured = {}, speeds_mm_s(protocol), rig.actuator.measured
+    rate_hz = rig.actuator.rate_hz
+    movement = None if measured is None else open_movement(rig_folder, measured, rate_hz=rate_hz)
     for material, each in played(spectra, protocol=protocol, rig=rig, rig_folder=rig_folder).items():
         budgets = [one.budget() for one in each]
         found[material] = Detailed(
@@ -101,6 +107,11 @@ def detailed(
                 sampling.averaging(
                     spectra[material], panel_object_takes=taken.objects[material], panel_takes=taken.panel
                 )
+            ),
+            felt=()
+            if movement is None
+            else tuple(
+                felt(one.stimulus.waveform_m_s2, movement.moved_m_s2(one.samples), rate_hz=rate_hz) for one in each
             ),
         )
     return found
@@ -164,6 +175,10 @@ class ErrorBudget:
     def _takes_volts(self) -> bool:
         return any(of.other_reading for of in self.materials.values())
 
+    @property
+    def _is_measured(self) -> bool:
+        return any(of.felt for of in self.materials.values())
+
     def lines(self) -> list[str]:
         """Return it for a terminal."""
         slowest, *_, fastest = self.speeds_mm_s
@@ -179,6 +194,7 @@ class ErrorBudget:
             "beside it, and in no total",
             *_table(self._beside()),
             *wrapped(f"  {BESIDE}"),
+            *(wrapped(f"  {FELT}") if self._is_measured else []),
             *wrapped(f"  {self._timing()}"),
             "",
             "what would lower it",
@@ -206,6 +222,10 @@ class ErrorBudget:
         ]
         if self._takes_volts:
             rows.append(["W interpolated, (7)", *(_of(one.other_reading, _percent) for one in each)])
+        if self._is_measured:
+            for name, of in (("third octaves, dB", "third_octave_db"), ("envelope, dB", "envelope_db")):
+                worst = [tuple(getattr(felt, of) for felt in one.felt) for one in each]
+                rows.append([name, *(_of(values, "{:.1f}".format) for values in worst)])
         return rows
 
     def _timing(self) -> str:
@@ -260,6 +280,13 @@ BESIDE = (
     "interpolated in place of A inverted, equation (7)."
 )
 """What the lines beside a budget are."""
+
+FELT = (
+    "Third octaves and envelope are those of the panel by its measured response, with its phase, beside what was asked "
+    f"for: the worst third octave from 10 to 500 Hz with {LEAST_SHARE:.1%} of the energy or more, and the worst "
+    f"{WINDOW_S * 1e3:g} ms within {QUIETEST_DB:g} dB of the loudest."
+)
+"""What the lines of a measured panel are."""
 
 ASSUMED = (
     "Equation (7) and this budget assume that the panel answers each frequency alone, with a real gain; phase is "
