@@ -22,6 +22,7 @@ from palpate.experiment.apparatus.rig import Rig
 from palpate.experiment.dataset import tables
 from palpate.experiment.dataset.checks import Plan
 from palpate.experiment.protocol import approval, kinds
+from palpate.experiment.protocol.designs import plannable_tests
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.recordings.manifest import Manifest
 from palpate.experiment.records import entries, events, journal
@@ -41,7 +42,7 @@ Description = dict[str, Any]
 def descriptions() -> dict[str, Description]:
     """Return what describes each format today, by its name and number."""
     return {
-        _named("protocol", ProtocolFile): schema(ProtocolFile),
+        _named("protocol", ProtocolFile): {**schema(ProtocolFile), "tests": sorted(plannable_tests())},
         _named("rig", Rig): schema(Rig),
         _named("manifest", Manifest): schema(Manifest),
         f"seal-{approval.FORMAT}": schema(approval.Seal),

@@ -18,6 +18,7 @@ from palpate.experiment.protocol import designs, kinds
 from palpate.experiment.protocol.designs import design_of
 from palpate.experiment.protocol.files import ProtocolFile
 from palpate.experiment.protocol.kinds import kind_of
+from palpate.experiment.protocol.models import PlannedTest
 from palpate.experiment.settings import load
 from palpate.experiment.settings.load import Confined, none
 
@@ -89,8 +90,19 @@ def _tables(root: type[Confined], model: type[Confined], path: tuple[str | int, 
     if model is ProtocolFile:
         rules += [*(kind_of(name).rules for name in kinds.NAMES), *(design_of(name).rules for name in designs.NAMES)]
     parts += [" ".join((rule.__doc__ or "").split()) for rule in rules]
+    parts += ["\n".join(_planned_tests())] if model is PlannedTest else []
     yield "\n\n".join(parts)
     yield from inner
+
+
+def _planned_tests() -> Iterator[str]:
+    """Yield a table of the tests that designs offer, and of what each needs and may have."""
+    yield "| test | design | needs | may have | since format |"
+    yield "|:--|:--|:--|:--|--:|"
+    for design in designs.NAMES:
+        for name, test in design_of(design).tests.items():
+            needs, takes = (", ".join(f"`{key}`" for key in keys) or "-" for keys in (test.needs, test.takes))
+            yield f"| {name} | {design} | {needs} | {takes} | {test.since} |"
 
 
 def held(annotation: Any) -> tuple[type[Confined] | None, bool]:

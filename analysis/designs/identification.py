@@ -41,6 +41,7 @@ def _numbers(found: Results) -> dict[str, Any]:
         "one_way": [{**asdict(pair), "anova": _anova(pair.anova)} for pair in found.pairs],
         "two_way": [_anova(anova) for anova in found.two_way], "two_way_statement": found.two_way_statement,
         "beside": found.beside, "equivalence": found.equivalences,
+        "planned": [{**asdict(one), "plan": one.plan.model_dump(mode="json")} for one in found.planned],
         "marginal": {"found": found.marginal[0], "statement": found.marginal[1]},
         "trials": found.trials, "course": _course(found.course), "icc": found.reliabilities,
         "variance_components": found.components,

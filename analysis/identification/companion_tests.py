@@ -101,7 +101,7 @@ def beside(study: Study, tasks: Mapping[str, Confusion], rng: np.random.Generato
         else:
             said["paired comparison of tasks"] = LINKED
     if linked:
-        logit = said.told("logit in which participants differ by material and task", lambda: _logit(tasks))
+        logit = said.told("logit in which participants differ by material and task", partial(slopes_logit, tasks))
     else:
         logit, said["logit in which participants differ by material and task"] = None, LINKED
     return Beside(materials, both or (), tuple(paired), logit, said)
@@ -163,7 +163,7 @@ def right_answers(tasks: Mapping[str, Confusion]) -> tuple[tuple[str, ...], Inte
     return people, right, trials
 
 
-def _logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
+def slopes_logit(tasks: Mapping[str, Confusion]) -> SlopesLogit:
     """Return the logit of every participant's counts; who lacks a task or a material has no trials there."""
     people, right, trials = right_answers(tasks)
     if len(people) < LEAST:
@@ -344,11 +344,10 @@ def _family(pairs: Sequence[_Pair], found: mixed_logit.MixedLogit) -> list[Contr
 
 @dataclass(frozen=True)
 class Equivalent:
-    """An equivalence test of `subject` in one task or between two; `planned` if a protocol names its margin."""
+    """An equivalence test of `subject` in one task or between two, within `MARGIN`."""
 
     tasks: tuple[str, ...]
     subject: str
-    planned: bool
     result: Equivalence
     p_holm: float
 
@@ -363,7 +362,7 @@ class Equivalences:
 
 
 MARGIN = 0.1
-"""Ours: one answer in ten, the margin of what no protocol plans."""
+"""Ours: one answer in ten, the margin of what no protocol plans; `planned` has those of plans."""
 
 ALL, SHARED = "all materials", "materials of both tasks"
 
@@ -376,18 +375,14 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
     said: list[str] = []
 
     def tested(of: tuple[str, ...], values: Sequence[tuple[str, Floats]]) -> list[Equivalent]:
-        planned = margin(study, of)
         found = []
         for subject, each in values:
             try:
-                found.append((subject, equivalence(each, planned or MARGIN)))
+                found.append((subject, equivalence(each, MARGIN)))
             except NotDefined as reason:
                 said.append(f"equivalence of {subject} in {' and '.join(of)} is not defined: {reason}")
         adjusted = holm(np.array([one.p for _, one in found])).tolist()
-        return [
-            Equivalent(of, subject, planned is not None, one, p)
-            for (subject, one), p in zip(found, adjusted, strict=True)
-        ]
+        return [Equivalent(of, subject, one, p) for (subject, one), p in zip(found, adjusted, strict=True)]
 
     between: list[Equivalent] = []
     for of in combinations(tasks, 2):
@@ -403,20 +398,16 @@ def equivalences(study: Study, tasks: Mapping[str, Confusion]) -> Equivalences:
         between += tested(of, list(zip((names[place] for place in places), gaps.T, strict=True)))
     pairs: list[Equivalent] = []
     for task, matrix in tasks.items():
-        every = matrix.trials[:, matrix.presented].all(axis=1)
-        ratios = matrix.counts[every, :, :-1] / np.maximum(matrix.trials[every], 1)[:, :, None]
-        apart = [
-            (f"{names[a]} and {names[b]}",
-             (ratios[:, a, a] - ratios[:, b, a] + ratios[:, b, b] - ratios[:, a, b]) / 2)
-            for a, b in combinations(matrix.presented, 2)
-        ]  # fmt: skip
-        pairs += tested((task,), apart)
+        apart = told_apart(matrix).items()
+        pairs += tested((task,), [(f"{names[a]} and {names[b]}", values) for (a, b), values in apart])
     return Equivalences(tuple(between), tuple(pairs), tuple(said))
 
 
-def margin(study: Study, tasks: tuple[str, ...]) -> float | None:
-    """Return the margin within which a protocol plans to take these as equivalent: one task's pairs, or two tasks."""
-    for plan in study.plans():
-        if plan.test == "equivalence" and (plan.tasks == tasks or (len(tasks) > 1 and {*tasks} <= {*plan.tasks})):
-            return plan.margin
-    return None
+def told_apart(matrix: Confusion) -> dict[tuple[int, int], Floats]:
+    """Return how much more often each pair of materials is named when presented, of participants who had them all."""
+    every = matrix.trials[:, matrix.presented].all(axis=1)
+    ratios = matrix.counts[every, :, :-1] / np.maximum(matrix.trials[every], 1)[:, :, None]
+    return {
+        (a, b): (ratios[:, a, a] - ratios[:, b, a] + ratios[:, b, b] - ratios[:, a, b]) / 2
+        for a, b in combinations(matrix.presented, 2)
+    }

@@ -23,6 +23,7 @@ from palpate.analysis.identification.companion_tests import (
 )
 from palpate.analysis.identification.confusion import Confusion, confusion_of, in_every, shared
 from palpate.analysis.identification.identify import Identification, identify
+from palpate.analysis.identification.planned import Planned, planned_tests
 from palpate.analysis.identification.time_course import TimeCourse, course_of
 from palpate.analysis.identification.trial_models import TrialLevel, trial_level
 from palpate.analysis.reading.dissimilarities import NO_DISSIMILARITIES, Dissimilarities
@@ -44,8 +45,8 @@ EVERY = "materials and tasks"
 SEED = 1
 """The seed of every draw; the draws of one task do not depend on the other tasks."""
 
-FLIPS = 1
-"""What sets the draws of sign flips apart from the other draws of a task."""
+FLIPS, PLANNED = 1, 2
+"""What sets the draws of sign flips, and of planned tests, apart from the other draws of a task."""
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,7 @@ class Results:
     beside: Beside
     marginal: tuple[Marginal | None, str]
     equivalences: Equivalences
+    planned: tuple[Planned, ...]
     trials: TrialLevel
     course: TimeCourse
 
@@ -205,7 +207,9 @@ def compute(
         two_way=tuple(anovas.two_way(data, kind) for kind in anovas.TYPES) if data else (),
         two_way_statement=statement, components=_components(data, tasks) if data else None,
         reliabilities=tuple(_reliabilities(study, tasks)), beside=beside_these, marginal=contrasts,
-        equivalences=equivalences(study, matrices), trials=trials, course=course,
+        equivalences=equivalences(study, matrices),
+        planned=planned_tests(study, matrices, np.random.default_rng([SEED, len(tasks), PLANNED])),
+        trials=trials, course=course,
     )  # fmt: skip
 
 

@@ -1,8 +1,11 @@
 """A protocol's planned tests, as `identification.results` computes them, for many simulated studies at once."""
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
+from itertools import combinations
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -44,6 +47,14 @@ class Design:
         own = [task.materials or self.materials for task in self.tasks if task.id in tasks]
         return [place for place, name in enumerate(self.materials) if all(name in of for of in own)]
 
+    def chosen(self, test: PlannedTest, *tasks: str) -> list[int]:
+        """Return the places of a test's materials in these tasks: those that it names, or all."""
+        return [k for k in self.places(*tasks) if test.materials is None or self.materials[k] in test.materials]
+
+    def trials(self, task: str) -> int:
+        """Return how often a task repeats each material."""
+        return next(one.repetitions for one in self.tasks if one.id == task)
+
     def sizes(self, participants: int) -> tuple[int, ...]:
         """Return the participants of each task in a study of this size: in the plan's proportion, at least one."""
         return tuple(
@@ -65,6 +76,11 @@ class Question:
     subject: str
     alpha: float | None
     adjusted: bool = False
+
+    @property
+    def flips(self) -> bool:
+        """Whether its P is of sign flips."""
+        return self.subject.endswith(FLIPS) or self.test.startswith("sign flips")
 
 
 @dataclass(frozen=True)
@@ -133,6 +149,7 @@ def not_simulated(planned: Design) -> tuple[str, ...]:
     without: Mapping[str, Callable[[PlannedTest], bool]] = {
         "another scale": lambda test: test.test in ("Thurstone", "Davidson"),
         "equivalence": lambda test: test.test == "equivalence",
+        "no simulation": lambda test: test.test in ("logit with participants", "order of tasks"),
         "another form": lambda test: test.test == "ICC" and _form(test) is None,
     }
     return tuple(
@@ -158,12 +175,14 @@ def answer(planned: Design, drawn: Mapping[str, Integers]) -> dict[Question, Ans
             found |= dict(_repeated(number, test, planned, drawn))
         elif test.test == "ICC":
             found |= _icc(number, test, planned, every, drawn)
+        elif test.test in OVER_PEOPLE:
+            found |= dict(OVER_PEOPLE[test.test](number, test, planned, drawn))
     return found
 
 
 def fewest(question: Question, planned: Design, most: int) -> int:
     """Return the fewest participants, up to `most`, with whom P can be below alpha: two, or 2 / 2^n for sign flips."""
-    flips, alpha = question.subject.endswith(FLIPS), question.alpha or 1.0
+    flips, alpha = question.flips, question.alpha or 1.0
     needed = next((n for n in range(2, most) if not flips or 2.0 ** (1 - n) < alpha), most)
     places = [place for place, task in enumerate(planned.tasks) if task.id in question.tasks]
     every = ((size, planned.sizes(size)) for size in range(1, most))
@@ -177,7 +196,7 @@ def starred(planned: Design, found: Mapping[Question, Answer]) -> dict[Question,
     for asked, one in found.items():
         if one.p is not None and one.above is not None and asked.alpha is not None:
             tasks = planned.tests[asked.plan].correction == EVERY or asked.tasks
-            of[asked] = asked.plan, tasks, asked.adjusted, asked.subject.endswith(FLIPS)
+            of[asked] = asked.plan, tasks, asked.adjusted, asked.flips
             own = (one.p < asked.alpha) & one.above
             shown[of[asked]] = shown.get(of[asked], np.zeros_like(own)) | own
     return {asked: int(np.count_nonzero(shown[family])) for asked, family in of.items()}
@@ -251,6 +270,96 @@ def _repeated(
             studies, people = ratios.shape[:2]
             p = np.full(studies, np.nan) if people < 2 else repeated_tests(ratios @ helmert(len(places)).T)[2]
             yield Question(number, REPEATED, (task.id,), "material", test.alpha), Answer(p=p)
+
+
+def _against_chance(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
+) -> Iterator[tuple[Question, Answer]]:
+    chance = test.exact_chance(len(planned.materials))
+    found: list[tuple[str, str, Floats, NDArray[np.bool_]]] = []
+    for task in test.tasks:
+        places = planned.chosen(test, task)
+        right, trials = drawn[task][places, places], planned.trials(task)
+        above = right.sum(axis=-1) > float(chance) * trials * right.shape[-1]
+        names = [planned.materials[place] for place in places]
+        found += [(task, *one) for one in zip(names, sign_flip_tests(right, trials, chance), above, strict=True)]
+    yield from _in_families(number, test, [((task,), name, p, up) for task, name, p, up in found])
+
+
+def _between_tasks(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
+) -> Iterator[tuple[Question, Answer]]:
+    """Yield the pairs of tasks, over as many participants as did both."""
+    places = planned.chosen(test, *test.tasks)
+    found = []
+    for one, other in combinations(test.tasks, 2):
+        people = min(drawn[one].shape[-1], drawn[other].shape[-1])
+        common = math.lcm(planned.trials(one), planned.trials(other))
+        sums = [
+            drawn[task][places, places, :, :people].sum(axis=0) * (common // planned.trials(task))
+            for task in (one, other)
+        ]
+        found.append(((one, other), f"{one} less {other}", _flipped(sums[0] - sums[1], len(places) * common), None))
+    yield from _in_families(number, test, found)
+
+
+def _between_materials(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
+) -> Iterator[tuple[Question, Answer]]:
+    found = []
+    for task in test.tasks:
+        for one, other in combinations(planned.chosen(test, task), 2):
+            gaps = drawn[task][one, one] - drawn[task][other, other]
+            name = f"{planned.materials[one]} less {planned.materials[other]}"
+            found.append(((task,), name, _flipped(gaps, planned.trials(task)), None))
+    yield from _in_families(number, test, found)
+
+
+def _flipped(gaps: Integers, most: int) -> Floats:
+    """Return P of sign flips of gaps from -most to most: k of them are k + most of 2 most against a half."""
+    return sign_flip_tests(gaps + most, 2 * most, Fraction(1, 2))
+
+
+def _in_families(
+    number: int, test: PlannedTest, found: Sequence[tuple[tuple[str, ...], str, Floats, NDArray[np.bool_] | None]]
+) -> Iterator[tuple[Question, Answer]]:
+    """Yield every P of a test, and, where the plan names a family, the same adjusted by Holm's method."""
+    for tasks, name, p, above in found:
+        yield Question(number, test.test, tasks, name, test.alpha), Answer(p=p, above=above)
+    families = [tasks if test.correction == "materials" else () for tasks, *_ in found]
+    for family in dict.fromkeys(families) if test.correction else ():
+        own = [one for one, other in zip(found, families, strict=True) if other == family]
+        for (tasks, name, _, above), p in zip(own, holm(np.stack([p for _, _, p, _ in own])), strict=True):
+            yield Question(number, test.test, tasks, name, test.alpha, adjusted=True), Answer(p=p, above=above)
+
+
+def _repeated_measures(
+    number: int, test: PlannedTest, planned: Design, drawn: Mapping[str, Integers]
+) -> Iterator[tuple[Question, Answer]]:
+    """Yield the effects of materials and of tasks, over as many participants as did them all."""
+    places = planned.chosen(test, *test.tasks)
+    people = min(drawn[task].shape[-1] for task in test.tasks)
+    each = [drawn[task][places, places, :, :people] / planned.trials(task) for task in test.tasks]
+    values = np.moveaxis(np.concatenate(each), 0, -1)
+    tasks, materials = len(each), len(places)
+    mean, apart = ([np.full((count, 1), 1 / math.sqrt(count)) for count in (tasks, materials)],
+                   [helmert(count).T if count > 1 else np.ones((1, 0)) for count in (tasks, materials)])  # fmt: skip
+    several = {"task": (apart[0], mean[1]), "material": (mean[0], apart[1]), "task x material": (apart[0], apart[1])}
+    for name, (of_tasks, of_materials) in several.items() if tasks > 1 else [("material", several["material"])]:
+        projected = values @ np.kron(of_tasks, of_materials)
+        p = np.full(values.shape[0], np.nan) if people < 2 else repeated_tests(projected)[2]
+        yield Question(number, test.test, test.tasks, name, test.alpha), Answer(p=p)
+
+
+OVER_PEOPLE: Mapping[
+    str, Callable[[int, PlannedTest, Design, Mapping[str, Integers]], Iterator[tuple[Question, Answer]]]
+] = {
+    "sign flips against chance": _against_chance,
+    "sign flips between tasks": _between_tasks,
+    "sign flips between materials": _between_materials,
+    "repeated measures": _repeated_measures,
+}
+"""What answers planned tests over participants, by their names."""
 
 
 def _icc(

@@ -252,8 +252,8 @@ def chance(study: Study, task: str) -> Fraction:
 
 
 def correction(study: Study, task: str) -> str | None:
-    """Return the family of Holm's method, in the first plan of t against chance for the task, or None."""
-    found = (plan.correction for plan in study.plans() if plan.test == "t against chance" and task in plan.tasks)
+    """Return the family of Holm's method, in the first plan of a test against chance for the task, or None."""
+    found = (plan.correction for plan in study.plans() if plan.chance is not None and task in plan.tasks)
     return next(found, None)
 
 
@@ -273,7 +273,7 @@ def sentences(study: Study) -> tuple[str, ...]:
 
 def _chance(part: Part, task: str, materials: int) -> Fraction:
     for plan in part.protocol.analysis if part.protocol else ():
-        if plan.test == "t against chance" and task in plan.tasks and plan.chance is not None:
+        if plan.chance is not None and task in plan.tasks:
             return plan.exact_chance(materials)
     return Fraction(1, materials)
 

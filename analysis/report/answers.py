@@ -3,13 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from palpate.analysis.documents.tables import Asked, Section, bounds, interval, joined, number, p_is
-from palpate.analysis.report.plan import ICC, ONE_WAY, TWO_WAY, Standing, T, alpha, exclusions_section, first_question
+from palpate.analysis.documents.tables import (
+    Asked,
+    Column,
+    Record,
+    Section,
+    bounds,
+    ends,
+    interval,
+    joined,
+    number,
+    p_is,
+    probability,
+    tabulate,
+)
+from palpate.analysis.report.plan import (
+    ICC,
+    ONE_WAY,
+    PLANNED,
+    TWO_WAY,
+    Standing,
+    T,
+    exclusions_section,
+    first_question,
+)
+from palpate.analysis.statistics.sign_flips import DRAWS
 
 if TYPE_CHECKING:
     from palpate.analysis.identification.identify import Cell
+    from palpate.analysis.identification.planned import Line, Planned
     from palpate.analysis.identification.results import MaterialTest, Results, TaskResult
     from palpate.analysis.reading.study import Study
 
@@ -50,43 +75,144 @@ def how_sure(study: Study) -> str:
     return f"{' '.join(said)} `palpate verify` checks the data against their anchors."
 
 
-def _questions(study: Study, results: Results, stands: Standing) -> list[tuple[str, tuple[str, ...], str]]:
-    """Return each planned test with its tasks and question, or else the tests in print, or two others."""
-    planned: list[tuple[str, tuple[str, ...], str]] = [
-        (plan.test, plan.tasks, first_question(plan)) for plan in study.plans()
-    ]
-    if planned:
-        return planned
+def _answers(study: Study, results: Results, stands: Standing) -> Iterator[Asked]:
+    """Yield each planned test with its question and one answer, or else the tests in print, or two others."""
+    planned = {one.plan: one for one in results.planned}
+    plans = tuple(dict.fromkeys(study.plans()))
+    for plan in plans:
+        question, mark = first_question(plan), stands.of(plan.test, *plan.tasks)
+        if plan in planned:
+            yield _answer(planned[plan], question, mark)
+        else:
+            yield _published(plan.test, plan.tasks, question, mark, plan.alpha, results, stands)
     tasks = tuple(task.task.id for task in results.tasks)
     known = {test for test, _ in stands.printed} & set(QUESTIONS) or {T, TWO_WAY}
-    return [(test, tasks, question) for test, question in QUESTIONS.items() if test in known]
+    for test, question in QUESTIONS.items() if not plans else ():
+        if test in known:
+            yield _published(test, tasks, question, stands.of(test, *tasks), 0.05, results, stands)
 
 
-def _answers(study: Study, results: Results, stands: Standing) -> Iterator[Asked]:
-    for test, tasks, question in _questions(study, results, stands):
-        mark = stands.of(test, *tasks)
-        answered = tuple(_answered(test, tasks, question, mark, alpha(study, test, *tasks), results, stands))
-        yield from answered or (Asked(question, UNDEFINED, mark),)
+@dataclass(frozen=True)
+class Words:
+    """What a planned test over participants says: what it shows, or does not, how, of which tasks, and how it errs."""
+
+    shown: str
+    other: str
+    how: str
+    tasks: str = " and "
+    errs: str = ""
 
 
-def _answered(
+DIFFERS = "shown to differ", "not shown to differ"
+WORDS = {
+    "sign flips against chance": Words("above chance", "not shown above chance", "Exact sign flips"),
+    "sign flips between tasks": Words(*DIFFERS, "Exact sign flips of those who did both", " less "),
+    "sign flips between materials": Words(*DIFFERS, "Exact sign flips"),
+    "repeated measures": Words("shown", "not shown", "Repeated measures with Huynh and Feldt's correction"),
+    "logit with participants": Words(
+        "shown", "not shown", "Wald's F of a logit in which participants differ by material and by task",
+        errs="Its error was simulated with 60 studies of each size alone: 0 to 8 %, at a nominal 5 %.",
+    ),
+    "equivalence": Words("shown to be the same", "not shown to be the same", "Two one-sided t-tests", " less "),
+    "order of tasks": Words(
+        "being first is shown to matter", "being first is not shown to matter", "Exact test of who began with which",
+    ),
+}  # fmt: skip
+"""By the name of the test."""
+
+FEW = 4
+"""So many lines that show nothing are shown with their numbers; of more the first screen has the names."""
+
+
+def _answer(one: Planned, question: str, mark: str) -> Asked:
+    """Return the answer of a planned test over participants."""
+    words = WORDS[one.plan.test]
+    said = [
+        f"{words.tasks.join(tasks)}: {_groups(one, words, tasks)}."
+        for tasks in dict.fromkeys(line.tasks for line in one.lines)
+    ]
+    family = "" if one.plan.correction is None else f"; P by Holm over the {one.plan.correction}"
+    levels = {line.interval.confidence for line in one.lines if line.interval}
+    limits = "".join(f", with intervals of {100 * level:g} %" for level in levels)
+    said += [f"{words.how}{limits}{family}."] * bool(one.lines)
+    said += [f"No test of {name}: {why}." for name, why in one.statements.items()]
+    return Asked(question, " ".join(said), mark, tuple(_weak(one, words)))
+
+
+def _groups(one: Planned, words: Words, tasks: tuple[str, ...]) -> str:
+    """Return what is shown of these tasks, then what is not."""
+    chance = "" if one.plan.chance is None else f" ({one.plan.chance:.3g})"
+    within = "" if one.plan.margin is None else f" within {one.plan.margin:g}"
+    parts: list[str] = []
+    for shown, word in ((True, words.shown), (False, words.other)):
+        if those := [line for line in one.lines if line.tasks == tasks and line.shown == shown]:
+            bare = not shown and len(those) > FEW
+            listed = joined([line.subject if bare else _line(line) for line in those])
+            of = f" for {listed}" if those[0].subject else f": {listed}"
+            parts.append(f"{word}{'' if parts else chance}{within}{of}")
+    return "; ".join(parts)
+
+
+def _line(line: Line) -> str:
+    """Return a line in short: its value with the interval or its F, and the P that is planned."""
+    p = p_is(line.p if line.p_holm is None else line.p_holm)
+    if line.df is not None and line.f is not None:
+        return f"{line.subject} (F({line.df[0]}, {line.df[1]}) = {line.f:.2f}, {p})"
+    limits = "" if line.interval is None else f"{bounds(line.interval, 2)}, "
+    return f"{line.subject} {number(line.value, 2)} ({limits}{p})".lstrip()
+
+
+def _weak(one: Planned, words: Words) -> Iterator[str]:
+    yield from [words.errs] if words.errs and one.lines else ()
+    if drawn := [line.error for line in one.lines if line.error]:
+        yield f"P is from {DRAWS:,} drawn signs or orders, with a standard error of {max(drawn):.1g} at most."
+    if lacking := [line for line in one.lines if not line.shown and (line.least or 0.0) >= one.plan.alpha]:
+        names = joined([" of ".join(filter(None, (line.subject, " and ".join(line.tasks)))) for line in lacking])
+        yield f"With so few participants who differ, P cannot be below alpha, and nothing be shown, for {names}."
+
+
+PLANNED_LINES = (
+    Column("test", left=True), Column("tasks", left=True), Column("of", left=True), Column("n"), Column("value"),
+    Column(("low", "high"), "interval"), Column("f", "F", 2), Column("df"), Column("p", "P", show=probability),
+    Column("p_holm", "P (Holm)", show=probability), Column("alpha", show="{:g}".format), Column("shown", left=True),
+)  # fmt: skip
+
+
+def planned_sections(results: Results) -> tuple[Section, ...]:
+    """Return a table with every line of the planned tests over participants, where there are any."""
+    records: list[Record] = [
+        {"test": one.plan.test, "tasks": ", ".join(line.tasks), "of": line.subject or None, "n": line.n,
+         "value": line.value, **ends(line.interval), "confidence": line.interval and line.interval.confidence,
+         "f": line.f, "df": None if line.df is None else f"{line.df[0]}, {line.df[1]}", "p": line.p,
+         "p_holm": line.p_holm, "least": line.least, "error": line.error, "alpha": one.plan.alpha,
+         "shown": "shown" if line.shown else "not shown"}
+        for one in results.planned
+        for line in one.lines
+    ]  # fmt: skip
+    why = tuple(
+        f"{one.plan.test}, {name}: {reason}." for one in results.planned for name, reason in one.statements.items()
+    )
+    table = tabulate("", PLANNED_LINES, records, standing=PLANNED)
+    return (Section("planned", "Planned tests", why, (table,) if records else ()),) if results.planned else ()
+
+
+def _published(
     test: str, tasks: tuple[str, ...], question: str, mark: str, level: float, results: Results, stands: Standing
-) -> Iterator[Asked]:
-    """Yield the answers to a question; none where the test is not defined."""
+) -> Asked:
+    """Return the answer to a question that a published test asks."""
     match test:
         case "t against chance":
             if found := [one for one in map(results.task, tasks) if one is not None]:
-                yield Asked(question, " ".join(_above(one, results, level) for one in found), mark, (BY_FLIPS,))
+                return Asked(question, " ".join(_above(one, results, level) for one in found), mark, (BY_FLIPS,))
         case "one-way ANOVA":
-            for answer in _told_apart(results, tasks, stands, level):
-                yield Asked(question, answer, mark, (ONE_WAY_ERRS,))
+            if answers := tuple(_told_apart(results, tasks, stands, level)):
+                return Asked(question, " ".join(answers), mark, (ONE_WAY_ERRS,))
         case "two-way ANOVA" if len(results.tasks) > 1:
-            yield _tasks_differ(results, question, mark, level)
+            return _tasks_differ(results, question, mark, level)
         case "ICC" if results.components and (value := results.components.by_k[0][2]) is not None:
             k = results.components.by_k[0][0]
-            yield Asked(question, f"ICC = {number(value)}, variance components, mean of k = {k}.", mark)
-        case "equivalence":
-            yield from (Asked(question, answer, mark) for answer in _equivalent(results, tasks))
+            return Asked(question, f"ICC = {number(value)}, variance components, mean of k = {k}.", mark)
+    return Asked(question, UNDEFINED, mark)
 
 
 def _above(task: TaskResult, results: Results, level: float) -> str:
@@ -146,14 +272,3 @@ def _tasks_differ(results: Results, question: str, mark: str, level: float) -> A
     df = f"{effect.df}, {results.two_way[1].residual.df}"
     said = f"Mean ratios ({joined(means)}) {differ} (two-way ANOVA, F({df}) = {effect.f:.2f}, {p_is(effect.p)})."
     return Asked(question, said, mark, (TWO_WAY_ERRS,))
-
-
-def _equivalent(results: Results, tasks: tuple[str, ...]) -> Iterator[str]:
-    for one in (*results.equivalences.tasks, *results.equivalences.pairs):
-        if set(one.tasks) <= set(tasks) and one.planned:
-            test = one.result
-            same = "the same" if one.p_holm < 0.05 else "not shown to be the same"
-            yield (
-                f"{joined(one.tasks)}, {one.subject}: {same} within {test.margin:g} (mean {number(test.mean)}, 90 % CI "
-                f"{interval(test)}; Holm, {p_is(one.p_holm)})."
-            )

@@ -182,8 +182,8 @@ def equivalence_section(results: Results) -> Section:
         *(f"{why[0].upper()}{why[1:]}." for why in found.statements),
     )
     own = (
-        "The margin is that of the protocol where it says planned. Elsewhere it is ours, "
-        f"{MARGIN:g}, one answer in ten, and the test is exploratory."
+        f"The margin is ours, {MARGIN:g}, one answer in ten, and the test is exploratory. Planned margins stand with "
+        "the planned tests."
     )
     tasks = (
         "Each participant's share of right answers in the first task less that in the second, of those who did both. "
@@ -198,16 +198,12 @@ def equivalence_section(results: Results) -> Section:
 
 
 def _equivalent(title: str, tasks: str, what: str, of: Iterable[Equivalent], note: str) -> Table:
-    records = [
-        {"tasks": one.tasks, "of": one.subject, "planned": one.planned, **asdict(one.result), "p_holm": one.p_holm}
-        for one in of
-    ]
+    records = [{"tasks": one.tasks, "of": one.subject, **asdict(one.result), "p_holm": one.p_holm} for one in of]
     columns = (
         Column("tasks", tasks, show=lambda names: _versus(*names), left=True), Column("of", what, left=True),
         Column("n"), Column("mean", "difference" if tasks == "tasks" else "told apart"), Column("sd", "SD"),
         Column(("low", "high"), "90 % CI"),
-        Column(("margin", "planned"), "margin", left=True,
-               show=lambda margin, planned: f"{margin:g}, {'planned' if planned else 'exploratory'}"),
+        Column("margin", show="{:g}".format),
         P, HOLM, Column("log_bf01", "BF01", show=bayes_factor),
     )  # fmt: skip
     return tabulate(title, columns, records, [note])

@@ -21,7 +21,7 @@ from palpate.analysis.documents.tables import (
 from palpate.analysis.identification.identify import Cell, Identification
 from palpate.analysis.identification.results import MaterialTest, Results, TaskResult, bracketed
 from palpate.analysis.reading.study import Study
-from palpate.analysis.report.plan import FOUND, TWO_WAY, Standing, T, alpha, asked
+from palpate.analysis.report.plan import CHANCE, DIFFER, FOUND, Standing, alpha, asked
 from palpate.analysis.statistics.shares import Limits
 
 CORRECT = (
@@ -38,8 +38,8 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
     """Return the questions that the protocol plans, the answers of this dataset, and the correct ratios behind them."""
     both = list(zip(results.tasks, results.identifications, strict=True))
     paragraphs = [*asked(study)]
-    paragraphs += [" ".join(_task(task, one, alpha(study, T, task.task.id))) for task, one in both]
-    level = alpha(study, TWO_WAY, *(task.task.id for task in results.tasks))
+    paragraphs += [" ".join(_task(task, one, alpha(study, CHANCE, task.task.id))) for task, one in both]
+    level = alpha(study, DIFFER, *(task.task.id for task in results.tasks))
     paragraphs += [" ".join(_between(results, level))] * bool(list(_between(results, level)))
     tested = [(task, test, cell) for task, one in both for test, cell in zip(task.tests, _right(one), strict=True)]
     adjusted = {task.correction is not None for task in results.tasks}
@@ -51,7 +51,7 @@ def found_section(study: Study, results: Results, remark: tuple[str, ...], stand
         f"Correct answer ratios with intervals over participants.{single} P is of t against chance, {said}; ours is "
         f"that of sign flips. Stars follow P of t.{bracketed(results.tasks)}",
     )
-    mark = ", ".join(dict.fromkeys(stands.of(T, task.task.id) for task in results.tasks))
+    mark = ", ".join(dict.fromkeys(stands.of_any(CHANCE, task.task.id) for task in results.tasks))
     records = [_record(task, test, cell) for task, test, cell in tested]
     table = tabulate("Correct answers", CORRECT, records, notes, standing=mark, in_print=OF_STARS)
     return Section("found", FOUND, (*paragraphs, *remark), (table,), tuple(_further(results)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from itertools import product
 from pathlib import Path
@@ -14,6 +14,7 @@ from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Exclusion, Study, sentences
 
 if TYPE_CHECKING:
+    from palpate.analysis.identification.planned import Planned
     from palpate.analysis.identification.results import PairTest, Results, TaskResult
     from palpate.analysis.statistics.anova import Anova
     from palpate.experiment.protocol.models import ExclusionRule, PlannedTest
@@ -24,6 +25,8 @@ ABOUT = blocks(Path(__file__).with_name("about.md"))
 PLANNED, PUBLISHED, OURS, EXPLORATORY, DESCRIPTIVE = "planned", "published", "ours", "exploratory", "descriptive"
 
 T, ONE_WAY, TWO_WAY, ICC = "t against chance", "one-way ANOVA", "two-way ANOVA", "ICC"
+CHANCE = T, "sign flips against chance"
+DIFFER = TWO_WAY, "sign flips between tasks"
 
 MARKS = ABOUT["marks"].substitute()
 
@@ -110,9 +113,9 @@ def first_question(plan: PlannedTest) -> str:
     return " ".join(plan.question.split()).split("? ")[0].rstrip("?") + "?"
 
 
-def alpha(study: Study, test: str, *tasks: str) -> float:
-    """Return the level of significance that is planned for a test of these tasks, 0.05 where none is."""
-    found = (plan.alpha for plan in study.plans() if plan.test == test and set(plan.tasks) & set(tasks))
+def alpha(study: Study, tests: Container[str], *tasks: str) -> float:
+    """Return the level of significance that is planned first for one of these tests of these tasks, or else 0.05."""
+    found = (plan.alpha for plan in study.plans() if plan.test in tests and set(plan.tasks) & set(tasks))
     return next(found, 0.05)
 
 
@@ -154,17 +157,20 @@ TESTS = (
 )  # fmt: skip
 
 
-def overview(study: Study, rows: tuple[Record, ...], done: Callable[[PlannedTest], str]) -> Section:
+def overview(
+    study: Study, rows: tuple[Record, ...], done: Callable[[PlannedTest], str], estimates: Container[str]
+) -> Section:
     """Return participants, trials and tests, those planned beside those done.
 
-    `rows` has a record for each task as analysed; `done` says what was run of a planned test.
+    `rows` has a record for each task as analysed; `done` says what was run of a planned test, of which `estimates` have
+    no level of significance.
     """
     records = [{**row, **_counts(study, row["task"])} for row in rows]
     planned = any(record["participants_planned"] is not None for record in records)
     notes = ("Analysed, of those planned.",) * planned
     tables = [tabulate("Participants and trials", TASKS, records, notes, standing=DESCRIPTIVE)]
     brief = list(tables)
-    if tests := list(_tests(study, done)):
+    if tests := list(_tests(study, done, estimates)):
         for shown, short in ((tables, False), (brief, True)):
             table = tabulate("Planned tests", TESTS, tests, brief=short, standing=PLANNED)
             shown.append(replace(table, records=()))
@@ -200,7 +206,7 @@ def _source(study: Study) -> list[str]:
     ]
 
 
-def _tests(study: Study, done: Callable[[PlannedTest], str]) -> Iterator[Record]:
+def _tests(study: Study, done: Callable[[PlannedTest], str], estimates: Container[str]) -> Iterator[Record]:
     found: dict[str, tuple[PlannedTest, list[str]]] = {}
     for part in study.parts:
         for plan in part.protocol.analysis if part.protocol else ():
@@ -209,14 +215,16 @@ def _tests(study: Study, done: Callable[[PlannedTest], str]) -> Iterator[Record]
         where = f" ({', '.join(parts)} alone)" if len(parts) < len(study.parts) else ""
         yield {
             "test": plan.test, "tasks": ", ".join(plan.tasks) + where,
-            "alpha": f"{plan.alpha:g}" if plan.test in (T, ONE_WAY, TWO_WAY) else None,
-            "stars": None if plan.test != T else "P" if plan.correction is None else f"Holm, {plan.correction}",
+            "alpha": None if plan.test in estimates else f"{plan.alpha:g}",
+            "stars": None if plan.chance is None else "P" if plan.correction is None else f"Holm, {plan.correction}",
             "done": done(plan), "question": " ".join(f"{plan.question} {plan.form or ''}".split()),
         }  # fmt: skip
 
 
 def done_of(results: Results, plan: PlannedTest) -> str:
     """Return in words what was run of a planned test of identifications."""
+    if (planned := next((one for one in results.planned if one.plan == plan), None)) is not None:
+        return _shown_of(planned)
     match plan.test:
         case "t against chance":
             return "; ".join(_against_chance(task, results.task(task), plan.alpha) for task in plan.tasks)
@@ -233,6 +241,13 @@ def done_of(results: Results, plan: PlannedTest) -> str:
                 return "run: every form stands in its table"
             return "not run: no ICC is defined"
     return "not run: the trials are no comparisons"
+
+
+def _shown_of(planned: Planned) -> str:
+    why = "; ".join(f"{name} not run: {reason}" for name, reason in planned.statements.items())
+    shown = sum(line.shown for line in planned.lines)
+    run = [f"run: {shown} of {len(planned.lines)} shown"] * bool(planned.lines)
+    return "; ".join([*run, *([why] if why else [])])
 
 
 def _against_chance(task: str, found: TaskResult | None, level: float) -> str:

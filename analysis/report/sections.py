@@ -37,7 +37,7 @@ from palpate.analysis.published.numbers import Published
 from palpate.analysis.reading.study import Study
 from palpate.analysis.report import companion_tables
 from palpate.analysis.report import plan as plans
-from palpate.analysis.report.answers import answers_section
+from palpate.analysis.report.answers import answers_section, planned_sections
 from palpate.analysis.report.found import found_section
 from palpate.analysis.report.identification_sections import (
     ARBITRARY,
@@ -140,12 +140,13 @@ def sections(
     alone, common = _presented(results)
     stands = plans.standing(study, printed)
     tasks = [task.task.id for task in results.tasks]
-    against = [stands.of(plans.T, task) for task in tasks]
+    against = [stands.of_any(plans.CHANCE, task) for task in tasks]
     compared = (beside_print,) if beside_print else ()
     new = study.origin != "RECONSTRUCTION"
     checks = (*played_sections(study), *(replace(section, folded=new) for section in compared))
     parts = {
         stands.results: (
+            *planned_sections(results),
             plans.marked(confusion_section(results), *against),
             plans.marked(tests_section(results), *against),
             anova_section(results, (*remark, *common), stands),
@@ -196,7 +197,7 @@ def overview_section(study: Study, results: Results) -> Section:
          "trials": int(task.confusion.counts.sum()), "without_answer": task.confusion.unanswered, "chance": task.chance}
         for task in results.tasks
     )  # fmt: skip
-    return plans.overview(study, rows, partial(plans.done_of, results))
+    return plans.overview(study, rows, partial(plans.done_of, results), (plans.ICC,))
 
 
 def confusion_section(results: Results) -> Section:

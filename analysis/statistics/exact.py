@@ -68,6 +68,16 @@ def over(above: Any, below: Any) -> Values:
     return np.asarray(above / below)
 
 
+def mean_gaps(right: Integers, trials: Integers) -> list[Fraction]:
+    """Return how much more often each participant is right in the first task than in the second, over its materials.
+
+    Both have shape (2, materials, participants), and every trial counts.
+    """
+    shares = _fractions(right.astype(object), trials.astype(object))
+    first, second = shares.sum(axis=1) / shares.shape[1]
+    return list(first - second)
+
+
 def floats(values: Any) -> Floats:
     """Return the values as float64, each rounded once."""
     return np.asarray(values, dtype=np.float64)

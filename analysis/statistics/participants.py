@@ -3,19 +3,22 @@
 Repeated measures: orthonormal contrasts, with the epsilon of Huynh and Feldt (1976, J. Educ. Stat. 1, 69-82), from that
 of Greenhouse and Geisser (1959, Psychometrika 24, 95-112).
 Equivalence: two one-sided tests (Schuirmann 1987, J. Pharmacokinet. Biopharm. 15, 657-680). Jackknife: Tukey (1958,
-Ann. Math. Stat. 29, 614).
+Ann. Math. Stat. 29, 614). Order: the periods of a crossover (Hills and Armitage 1979, Br. J. Clin. Pharmacol. 8, 7-20),
+by who had which order drawn (Pitman 1937, Suppl. J. R. Stat. Soc. 4, 119-130).
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from scipy.linalg import helmert
 from scipy.special import fdtrc, stdtr, stdtrit
 
-from palpate.analysis.statistics.exact import Floats, NotDefined
+from palpate.analysis.statistics.exact import Floats, NotDefined, Number, integers
 from palpate.analysis.statistics.inference import CONFIDENCE, log_bayes_factor
+from palpate.analysis.statistics.sign_flips import DRAWS
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,8 @@ def repeated_tests(projected: Floats) -> tuple[Floats, Floats, Floats, Floats, F
 class Equivalence:
     """Two one-sided t-tests that the mean of `n` values lies within `margin` of 0, either way, on n - 1 df.
 
-    `p` is the larger of both, below 0.05 exactly where the 90 % interval, `low` to `high`, lies within the margin.
+    `p` is the larger of both, below alpha exactly where the interval of 1 - 2 alpha, `low` to `high`, lies within the
+    margin.
     `log_bf01` is the natural logarithm of the JZS Bayes factor for a mean of 0 over one that differs.
     """
 
@@ -101,8 +105,8 @@ class Equivalence:
     log_bf01: float
 
 
-def equivalence(values: Floats, margin: float) -> Equivalence:
-    """Return the equivalence test of participants' values, shape (participants,), with a margin above 0.
+def equivalence(values: Floats, margin: float, alpha: float = 0.05) -> Equivalence:
+    """Return the equivalence test at `alpha` of participants' values, shape (participants,), with a margin above 0.
 
     Raises `NotDefined`: with fewer than two participants, or where all have the same value.
     """
@@ -113,7 +117,7 @@ def equivalence(values: Floats, margin: float) -> Equivalence:
     if sd <= 1e-12 * max(1.0, abs(mean)):
         raise NotDefined("no variance among participants")
     error = sd / math.sqrt(people)
-    reach = float(stdtrit(people - 1, 0.95)) * error
+    reach = float(stdtrit(people - 1, 1 - alpha)) * error
     log_bf01 = -log_bayes_factor(mean / error, people)
     p = float(equivalence_tests(values, margin))
     return Equivalence(people, mean, sd, margin, p, mean - reach, mean + reach, log_bf01)
@@ -125,6 +129,54 @@ def equivalence_tests(values: Floats, margin: float) -> Floats:
     sd = values.std(axis=-1, ddof=1)
     error = np.where(sd > 1e-12, sd, np.nan) / math.sqrt(people)
     return np.asarray(stdtr(people - 1, (abs(values.mean(axis=-1)) - margin) / error))
+
+
+@dataclass(frozen=True)
+class Order:
+    """What being done first adds: half of how far the differences of those with either order lie apart.
+
+    `low` and `high` are Student's limits on n - 2 df. `p`, two-sided, is over all ways to give so many participants
+    either order, of which none gives a P below `least`; `error` is its Monte Carlo standard error where these are
+    drawn, else None.
+    """
+
+    n: int
+    value: float
+    low: float
+    high: float
+    p: float
+    least: float
+    error: float | None
+
+
+def order_effect(one: Sequence[Number], other: Sequence[Number], rng: np.random.Generator) -> Order:
+    """Return what order does to differences of two tasks: of participants who began with `one`, and with the `other`.
+
+    Raises `NotDefined` with fewer than two in either, or where all have the same difference.
+    """
+    sizes = len(one), len(other)
+    if min(sizes) < 2:
+        raise NotDefined(f"it needs two participants who began with either task, got {sizes[0]} and {sizes[1]}")
+    whole, common = integers([*one, *other])
+    values: Floats = np.array(whole, dtype=np.float64)
+    gaps = values[: sizes[0]], values[sizes[0] :]
+    if np.ptp(values) == 0:
+        raise NotDefined("all participants have the same difference of the tasks")
+    ways = math.comb(people := sum(sizes), sizes[0])
+    if ways <= DRAWS:
+        sums = values[np.array(list(combinations(range(people), sizes[0])))].sum(axis=1)
+    else:
+        sums = rng.permuted(np.tile(values, (DRAWS, 1)), axis=1)[:, : sizes[0]].sum(axis=1)
+    apart = abs(people * sums - sizes[0] * values.sum())
+    reached = abs(people * gaps[0].sum() - sizes[0] * values.sum())
+    hits = int(np.count_nonzero(apart >= reached - 1e-9 * abs(values).max()))
+    p = hits / ways if ways <= DRAWS else (hits + 1) / (DRAWS + 1)
+    df = people - 2
+    pooled = sum(float(((gap - gap.mean()) ** 2).sum()) for gap in gaps) / df
+    reach = float(stdtrit(df, (1 + CONFIDENCE) / 2)) * math.sqrt(pooled * (1 / sizes[0] + 1 / sizes[1])) / 2 / common
+    value = float(gaps[0].mean() - gaps[1].mean()) / 2 / common
+    error = math.sqrt(p * (1 - p) / DRAWS) if ways > DRAWS else None
+    return Order(people, value, value - reach, value + reach, p, (1 + (sizes[0] == sizes[1])) / ways, error)
 
 
 @dataclass(frozen=True)

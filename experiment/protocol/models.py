@@ -355,34 +355,23 @@ class PlannedTest(Confined):
         form: the form of the intraclass correlation.
         margin: the difference in shares of right answers, or of a pair told apart, below which they count as the same.
         alpha: the level of significance.
-        correction: the family of tests over which Holm's method adjusts the P that stars follow: the materials of a
-            task, or those of all `tasks`; without it stars follow the P that is not adjusted.
-        materials: the two whose answers a one-way ANOVA compares; without them it is of the pair most confused, and
-            exploratory. A file of format 2 has none.
+        correction: the family of tests over which Holm's method adjusts P: the materials, or their pairs, of a task, or
+            those of all `tasks`, or the pairs of these; without it P is not adjusted, unless of equivalent pairs.
+        materials: those that the test is of; without them it is of all that its tasks present, but a one-way ANOVA,
+            of two, of the pair most confused, and exploratory. A file of format 2 has none.
     """
 
     RULES: ClassVar[Rules] = rules.planned_test
 
-    test: Literal[
-        "t against chance",
-        "one-way ANOVA",
-        "two-way ANOVA",
-        "ICC",
-        "equivalence",
-        "Bradley-Terry",
-        "Thurstone",
-        "Davidson",
-    ]
+    test: Name
     tasks: Annotated[tuple[Label, ...], Field(min_length=1)]
     question: Text
     chance: Annotated[float, Field(gt=0, lt=1)] | None = None
     form: Text | None = None
     margin: Annotated[float, Field(gt=0, lt=1)] | None = None
     alpha: Annotated[float, Field(gt=0, lt=1)] = 0.05
-    correction: Literal["materials", "materials and tasks"] | None = None
-    materials: Annotated[tuple[Name, ...], Field(min_length=2, max_length=2)] | None = Field(
-        None, json_schema_extra={"since": 3}
-    )
+    correction: Literal["materials", "materials and tasks", "tasks"] | None = None
+    materials: Annotated[tuple[Name, ...], Field(min_length=1)] | None = Field(None, json_schema_extra={"since": 3})
 
     def exact_chance(self, materials: int) -> Fraction:
         """Return `chance`, or else that of a guess among so many materials; of a guess also where not all of its digits
@@ -417,7 +406,7 @@ class Protocol(Confined):
 
     RULES: ClassVar[Rules] = rules.protocol
 
-    format: Literal[2, 3, 4, 5]
+    format: Literal[2, 3, 4, 5, 6]
     study: Study
     ethics: Ethics
     eligibility: Eligibility

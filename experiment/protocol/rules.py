@@ -11,7 +11,7 @@ from itertools import pairwise
 from math import comb
 
 from palpate.experiment.protocol import designs, kinds
-from palpate.experiment.protocol.designs import design_of
+from palpate.experiment.protocol.designs import PlannableTest, design_of
 from palpate.experiment.protocol.kinds import is_number, kind_of, list_at, number_at, table_at, tables_at
 from palpate.experiment.settings.characters import looks, skeleton
 from palpate.experiment.settings.load import MISSING, Broken, Table, written
@@ -25,7 +25,6 @@ LOUDER_KEY, SOFTER_KEY, PROBE_KEY, HEARD_KEY = "+", "-", "p", "h"
 
 MAX_COUNTED = 400
 """Trials of a task whose orders are counted exactly: up to here that takes seconds."""
-
 
 EARLIEST = date(1950, 1, 1)
 """No approval is older: ours; ethics boards are younger."""
@@ -100,32 +99,24 @@ def exclusion_rule(table: Table) -> Iterator[Broken]:
 
 
 def planned_test(table: Table) -> Iterator[Broken]:
-    """`t against chance` needs `chance`, `ICC` needs `form`, `equivalence` needs `margin`, and no other test has them.
-
-    `correction` is of `t against chance` alone, and `materials`, two unlike ones, of a `one-way ANOVA` alone.
-
-    `tasks` names each task once, and at least two for a `two-way ANOVA`.
-    """
-    test, tasks = table.get("test"), list_at(table, "tasks")
-    for key, owner, what in (
-        ("chance", "t against chance", "a number between 0 and 1"),
-        ("form", "ICC", "the name of one form of the coefficient"),
-        ("margin", "equivalence", "a number between 0 and 1"),
+    """A test has the fields that it needs or takes, below; `tasks` and `materials` are as many as it compares."""
+    every, name = designs.plannable_tests(), str(table.get("test"))
+    test = every.get(name, PlannableTest())
+    for key, what, sizes in (
+        ("tasks", "each task once", test.tasks),
+        ("materials", "another material", test.materials),
     ):
-        given = table.get(key) is not None
-        if test == owner and not given:
-            yield Broken((key,), f"{what}: '{owner}' needs it")
-        if isinstance(test, str) and test != owner and given:
-            yield Broken((key,), f"no value: only '{owner}' has this key")
-    if test != "t against chance" and table.get("correction") is not None:
-        yield Broken(("correction",), "no value: only 't against chance' has this key")
-    if test != "one-way ANOVA" and table.get("materials") is not None:
-        yield Broken(("materials",), "no value: only 'one-way ANOVA' has this key")
-    if len(materials := list_at(table, "materials")) == 2 and materials[0] == materials[1]:
-        yield Broken(("materials", 1), "another material")
-    yield from (Broken(("tasks", i), "each task once") for i, task in enumerate(tasks) if task in tasks[:i])
-    if test == "two-way ANOVA" and len(tasks) == 1:
-        yield Broken(("tasks",), "at least 2 tasks: 'two-way ANOVA' compares them")
+        named = list_at(table, key)
+        yield from (Broken((key, i), what) for i, one in enumerate(named) if one in named[:i])
+        if named and len(named) not in sizes:
+            least = "" if len(sizes) == 1 else "at least "
+            yield Broken((key,), f"{least}{sizes.start} {key}: '{name}' compares them")
+    for key in () if name not in every else ("chance", "form", "margin", "correction", "materials"):
+        owners = [f"'{one}'" for one, other in every.items() if key in (*other.needs, *other.takes)]
+        if key in test.needs and table.get(key) is None:
+            yield Broken((key,), f"a value: '{name}' needs it")
+        if f"'{name}'" not in owners and table.get(key) is not None:
+            yield Broken((key,), f"no value: only {', '.join(owners)} {'has' if len(owners) == 1 else 'have'} this key")
 
 
 def protocol(table: Table) -> Iterator[Broken]:
@@ -136,16 +127,14 @@ def protocol(table: Table) -> Iterator[Broken]:
     and no phrase like the id of another material.
 
     `consent.voice_recordings` needs `answers.microphone`. The keys `+` and `-` set the masker's level and stand for
-    nothing else. No task has more participants than the
-    study, and the largest has as many. The tests of `analysis` name tasks of the protocol. A familiarisation is shorter
-    than `exposure.session_min`. An order `max-run` is of no more than 400 trials. `answers-below` is at most the trials
-    of the shortest task, and `speed-above` is greater than `speed-below`. At most 6 tasks are counterbalanced.
+    nothing else. No task has more participants than the study, and the largest has as many. The tests of `analysis`
+    name tasks of the protocol. A familiarisation is shorter than `exposure.session_min`. An order `max-run` is of
+    no more than 400 trials. `answers-below` is at most the trials of the shortest task, and `speed-above` is greater
+    than `speed-below`. At most 6 tasks are counterbalanced.
 
     `materials` of a task are some of the protocol's, each once, in their order. A task with one of them has no order
-    `max-run`. Each task of a planned `one-way ANOVA` presents two materials or more, its `materials` among them, those
-    of a `two-way ANOVA` or `ICC` have two in common, and those of an `equivalence` one, or two where it is of one task.
-
-    A task with `levels` is `virtual` and its order `blocked-random`, and no rule is `answers-below`.
+    `max-run`. Tasks of a planned test present the materials that it compares. A task with `levels` is `virtual` and its
+    order `blocked-random`, and no rule is `answers-below`.
     """
     yield from _kinds(table)
     for name in ("materials", "tasks", "exclusion"):
@@ -203,12 +192,15 @@ def _one(table: Table, key: str, name: str, names: Sequence[str]) -> Iterator[Br
 
 
 def _tests(table: Table, design: str) -> Iterator[Broken]:
-    """Yield planned tests of other designs."""
-    foreign = {test for name in designs.NAMES if name != design for test in design_of(name).tests}
+    """Yield planned tests of other designs, and what a file of this format does not have."""
+    every, own = designs.plannable_tests(), design_of(design).tests
     for i, test in tables_at(table, "analysis"):
-        if test.get("test") in foreign:
-            allowed = f"one of: {', '.join(design_of(design).tests)}, with tasks of the design '{design}'"
-            yield Broken(("analysis", i, "test"), allowed)
+        planned = every.get(name := str(test.get("test")), PlannableTest())
+        for key, since in {"test": planned.since, **planned.takes}.items():
+            if test.get(key) is not None and (number_at(table, "format") or since) < since:
+                yield Broken(("analysis", i, key), f"no '{name}' with it before format {since}")
+        if name not in own:
+            yield Broken(("analysis", i, "test"), f"one of: {', '.join(own)}, with tasks of the design '{design}'")
 
 
 def _keys(table: Table) -> Iterator[Broken]:
@@ -284,16 +276,16 @@ def _presented(table: Table) -> Iterator[Broken]:
 
 def _test_materials(path: Place, test: Table, every: Sequence[str], sets: Sequence[set[str]]) -> Iterator[Broken]:
     """Yield what a planned test asks of materials that its tasks, each with a set of them, do not present."""
-    kind, common = test.get("test"), set.intersection(*sets)
-    least = 1 if kind == "equivalence" and len(sets) > 1 else 2
-    if kind == "one-way ANOVA" and any(len(one) < least for one in sets):
-        yield Broken((*path, "tasks"), "tasks that present at least 2 materials")
-    for j, name in enumerate(list_at(test, "materials")):
+    common, named = set.intersection(*sets), list_at(test, "materials")
+    planned = designs.plannable_tests().get(str(test.get("test")), PlannableTest())
+    if any(len(one) < planned.each for one in sets):
+        yield Broken((*path, "tasks"), f"tasks that present at least {planned.each} materials")
+    for j, name in enumerate(named):
         if isinstance(name, str) and name not in common:
             allowed = f"a material that its tasks present, one of: {', '.join(one for one in every if one in common)}"
             yield Broken((*path, "materials", j), allowed)
-    if kind in ("two-way ANOVA", "ICC", "equivalence") and len(common) < least:
-        yield Broken((*path, "tasks"), f"tasks that present at least {least} of the same materials")
+    if len(named or common) < (least := planned.common[len(sets) > 1]):
+        yield Broken((*path, "materials" if named else "tasks"), f"at least {least} of the same materials")
 
 
 def _task_limits(table: Table) -> Iterator[Broken]:

@@ -147,7 +147,7 @@ def _overview(study: Study, results: Compared) -> Section:
          "without_answer": task.unanswered}
         for task in results.tasks
     )  # fmt: skip
-    found = plan.overview(study, rows, partial(_done, results))
+    found = plan.overview(study, rows, partial(_done, results), tuple(map(str.title, LAWS)))
     by = "" if results.quality == UNNAMED else f" by their {results.quality}"
     about = (
         f"Pairs of materials were compared{by}. From the least to the most the protocol has "

@@ -4,8 +4,8 @@ A design is what a trial is made of and what is asked about that: a module that 
 `DESIGN`; it never imports another. It stands above the models, and is imported when it is looked up.
 """
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from importlib import import_module
 from typing import Any, Literal, get_args
 
@@ -16,6 +16,24 @@ Design = Literal["identification", "comparison"]
 
 NAMES: tuple[Design, ...] = get_args(Design)
 
+ANY, TWO, SEVERAL = range(1, 1000), range(2, 3), range(2, 1000)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlannableTest:
+    """What a protocol states of a planned test: fields that it `needs`, and `takes`, each with the format it is from.
+
+    It is of so many `tasks` and `materials`; each task presents so many, `common` to it if one, and to all if several.
+    """
+
+    needs: tuple[str, ...] = ()
+    takes: Mapping[str, int] = field(default_factory=dict)
+    tasks: range = ANY
+    materials: range = ANY
+    each: int = 1
+    common: tuple[int, int] = (0, 0)
+    since: int = 2
+
 
 @dataclass(frozen=True, kw_only=True)
 class ProtocolDesign:
@@ -24,7 +42,7 @@ class ProtocolDesign:
     Attributes:
         table: the model of the table with its name; None for a design that needs none.
         intervals: how many materials one trial presents.
-        tests: the planned tests.
+        tests: the tests that it offers to be planned, by name.
         rules: what a file breaks, beyond what every file must keep.
         right: whether an answer is right, to what was presented in this order.
         shown: the answers that the participant's screen names.
@@ -33,7 +51,7 @@ class ProtocolDesign:
 
     table: type[Confined] | None = None
     intervals: int
-    tests: tuple[str, ...]
+    tests: Mapping[str, PlannableTest]
     rules: Callable[[Table], Iterator[Broken]]
     right: Callable[[Any, Sequence[str], str], bool]
     shown: Callable[[Any], tuple[str, ...]]
@@ -44,3 +62,8 @@ def design_of(name: str) -> ProtocolDesign:
     """Return a design by its name."""
     design: ProtocolDesign = import_module(f"{__name__}.{name}").DESIGN
     return design
+
+
+def plannable_tests() -> dict[str, PlannableTest]:
+    """Return the tests of every design, by name."""
+    return {name: test for design in NAMES for name, test in design_of(design).tests.items()}

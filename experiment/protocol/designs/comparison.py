@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 
-from palpate.experiment.protocol.designs import ProtocolDesign
+from palpate.experiment.protocol.designs import PlannableTest, ProtocolDesign
 from palpate.experiment.protocol.kinds import number_at, table_at, tables_at
 from palpate.experiment.protocol.models import Protocol
 from palpate.experiment.settings.load import Broken, Confined, Key, Name, Table
@@ -11,7 +11,7 @@ FIRST, SECOND, TIE = "first", "second", "tie"
 WORDS = {FIRST: "the first", SECOND: "the second", TIE: "neither"}
 """What an answer names: the material presented first, the one presented second, or neither."""
 
-TESTS = ("Bradley-Terry", "Thurstone", "Davidson")
+TESTS = dict.fromkeys(("Bradley-Terry", "Thurstone", "Davidson"), PlannableTest())
 """The planned tests."""
 
 

@@ -2,23 +2,49 @@
 
 from collections.abc import Iterator
 
-from palpate.experiment.protocol.designs import ProtocolDesign
-from palpate.experiment.protocol.kinds import tables_at
+from palpate.experiment.protocol.designs import SEVERAL, TWO, PlannableTest, ProtocolDesign
+from palpate.experiment.protocol.kinds import table_at, tables_at
 from palpate.experiment.settings.load import Broken, Table
+
+CHOSEN, HOLM = {"materials": 6}, {"correction": 6}
+
+TESTS = {
+    "t against chance": PlannableTest(needs=("chance",), takes={"correction": 2}),
+    "one-way ANOVA": PlannableTest(takes={"materials": 3}, materials=TWO, each=2),
+    "two-way ANOVA": PlannableTest(tasks=SEVERAL, common=(2, 2)),
+    "ICC": PlannableTest(needs=("form",), common=(2, 2)),
+    "equivalence": PlannableTest(needs=("margin",), takes=CHOSEN, common=(2, 1)),
+    "sign flips against chance": PlannableTest(needs=("chance",), takes=CHOSEN | HOLM, since=6),
+    "sign flips between tasks": PlannableTest(takes=CHOSEN | HOLM, tasks=SEVERAL, common=(1, 1), since=6),
+    "sign flips between materials": PlannableTest(takes=CHOSEN | HOLM, each=2, common=(2, 0), since=6),
+    "repeated measures": PlannableTest(takes=CHOSEN, common=(2, 2), since=6),
+    "logit with participants": PlannableTest(common=(1, 1), since=6),
+    "order of tasks": PlannableTest(takes=CHOSEN, tasks=TWO, common=(1, 1), since=6),
+}
+"""The published tests, then equivalence and those in which participants are the unit, which hold."""
 
 
 def _rules(table: Table) -> Iterator[Broken]:
-    """In the design `identification` every material has `key` and `spoken`."""
+    """In the design `identification` every material has `key` and `spoken`, `order of tasks` is `counterbalanced`.
+
+    The `correction` of `sign flips between tasks`, and of no other test, is `tasks`.
+    """
     for i, one in tables_at(table, "materials"):
         if one.get("key") is None:
             yield Broken(("materials", i, "key"), "one ASCII character: participants name the material")
         if not one.get("spoken", ()):
             yield Broken(("materials", i, "spoken"), "an array of at least 1, each one line: participants name it")
+    for i, test in tables_at(table, "analysis"):
+        paired, family = test.get("test") == "sign flips between tasks", test.get("correction")
+        if family is not None and paired != (family == "tasks"):
+            yield Broken(("analysis", i, "correction"), "tasks" if paired else "one of: materials, materials and tasks")
+        if test.get("test") == "order of tasks" and table_at(table, "task_order").get("kind") == "fixed":
+            yield Broken(("task_order", "kind"), "counterbalanced: without it nobody does the tasks in another order")
 
 
 DESIGN = ProtocolDesign(
     intervals=1,
-    tests=("t against chance", "one-way ANOVA", "two-way ANOVA", "ICC", "equivalence"),
+    tests=TESTS,
     rules=_rules,
     right=lambda _, presented, answered: answered == presented[0],
     shown=lambda protocol: tuple(material.spoken[0] for material in protocol.materials),

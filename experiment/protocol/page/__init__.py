@@ -439,19 +439,20 @@ _CONDITION = {
 
 def _analysis(protocol: Protocol) -> Iterator[Block]:
     for planned in protocol.analysis:
-        yield Item(_planned(planned))
+        words = design_words(protocol.tasks[0]).tests
+        yield Item(_planned(planned, words.get(planned.test, planned.test)))
         for text in (planned.form, planned.question):
             yield from [Quoted(text)] if text else ()
 
 
-def _planned(planned: PlannedTest) -> str:
+def _planned(planned: PlannedTest, name: str) -> str:
     chance = "" if planned.chance is None else f" of {number(planned.chance)}"
     asked = "Question:" if planned.form is None else "Form and question:"
     tasks = f"task{'s' if len(planned.tasks) > 1 else ''} {' and '.join(planned.tasks)}"
     family = "" if planned.correction is None else f"; P adjusted by Holm's method over the {planned.correction}"
     within = "" if planned.margin is None else f" within {number(planned.margin)}"
     of = f" of {' and '.join(map(named, planned.materials))}" if planned.materials else ""
-    return f"{planned.test}{of}{chance}{within}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
+    return f"{name}{chance}{within}{of}; {tasks}; alpha {number(planned.alpha)}{family}. {asked}"
 
 
 def _left_empty(protocol: Protocol) -> Iterator[Block]:

@@ -1,7 +1,7 @@
 """What each kind of trial and each design says on a board's page: a module of its name here, with its `WORDS`."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 
 from palpate.experiment.protocol.blocks import Block
@@ -36,12 +36,14 @@ class DesignWords:
         pairs: how what is presented is put together.
         asked: what is asked about what is presented.
         ranked: in which order materials are listed.
+        tests: how planned tests are called where their name does not say it.
     """
 
     answers: Callable[[Protocol], Sequence[tuple[str | None, str]]]
     pairs: str = ""
     asked: Callable[[Protocol], str] = lambda _: ""
     ranked: Callable[[Protocol], str] = lambda _: ""
+    tests: Mapping[str, str] = field(default_factory=dict)
 
 
 def kind_words(task: Task) -> KindWords:

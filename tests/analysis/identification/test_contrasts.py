@@ -17,14 +17,11 @@ from palpate.analysis.identification.companion_tests import LINKED, MARGIN, equi
 from palpate.analysis.identification.confusion import Confusion
 from palpate.analysis.identification.results import compute
 from palpate.analysis.reading.dataset import read
-from palpate.analysis.reading.study import Part, Study
+from palpate.analysis.reading.study import Study
 from palpate.analysis.report.companion_tables import contrasts_section, equivalence_section
 from palpate.analysis.report.figures import contrast_sheet
 from palpate.analysis.statistics.exact import Integers, NotDefined
 from palpate.analysis.statistics.participants import equivalence
-from palpate.experiment.protocol import files
-from palpate.experiment.protocol.files import shipped
-from palpate.experiment.protocol.models import PlannedTest
 from tests.analysis.datasets import balanced, trials, write_dataset
 from tests.analysis.reference import printed
 
@@ -113,20 +110,6 @@ def test_equivalence_is_of_participants_who_did_both_and_of_pairs(study: Study) 
     assert [one.subject for one in found.pairs] == ["a and b", "a and c", "b and c"] * 2
     # No wrong answer named a material here, so that a pair is told apart as its right answers are frequent.
     assert found.pairs[0].result.mean == pytest.approx((right / total)[:, 0, :2].mean())
-    assert not any(one.planned for one in (*found.tasks, *found.pairs))
-
-
-def test_a_margin_is_planned_where_the_protocol_names_it(study: Study) -> None:
-    own = files.load(shipped("okamoto2012.toml"))
-    plans = tuple(
-        PlannedTest(test="equivalence", tasks=tasks, question="?", margin=margin)
-        for tasks, margin in ((("one",), 0.2), (("one", "two"), 0.3))
-    )
-    part = Part("p", (), ("one", "two"), own.model_copy(update={"analysis": plans}))
-    found = equivalences(replace(study, parts=(part,)), _tasks(_counts()))
-    assert {(one.tasks, one.planned, one.result.margin) for one in (*found.tasks, *found.pairs)} == {
-        (("one", "two"), True, 0.3), (("one",), True, 0.2), (("two",), False, MARGIN),
-    }  # fmt: skip
 
 
 def test_what_does_not_vary_and_a_reconstruction_have_no_equivalence(study: Study, approved: SnapshotAssertion) -> None:

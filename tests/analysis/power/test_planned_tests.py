@@ -8,16 +8,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pandas import DataFrame
 from statsmodels.stats.multitest import multipletests
 from syrupy.assertion import SnapshotAssertion
 
 from palpate.analysis import published
+from palpate.analysis.identification.confusion import Confusion
+from palpate.analysis.identification.planned import planned_tests as analysed
 from palpate.analysis.identification.results import Results, compute
 from palpate.analysis.power import planned_tests, simulate
 from palpate.analysis.power.choice_models import draw
 from palpate.analysis.power.planned_tests import FLIPS, REPEATED, Question
 from palpate.analysis.reading import dataset
-from palpate.analysis.reading.study import Study
+from palpate.analysis.reading.study import Part, Study
 from palpate.experiment.protocol import files
 from palpate.experiment.protocol.files import shipped
 from palpate.experiment.protocol.models import PlannedTest, Protocol
@@ -218,3 +221,39 @@ def test_a_family_of_all_tasks_is_adjusted_as_one(protocol: Protocol) -> None:
     )
     for study_p, study_adjusted in zip(plain.T, adjusted.T, strict=True):
         assert multipletests(study_p, method="holm")[1] == pytest.approx(study_adjusted)
+
+
+OVER_PEOPLE: tuple[dict[str, object], ...] = (
+    {"test": "sign flips against chance", "chance": 0.25, "correction": "materials and tasks"},
+    {"test": "sign flips between tasks", "materials": ("aluminum foil", "typing paper")},
+    {"test": "sign flips between materials", "correction": "materials"},
+    {"test": "repeated measures"},
+    {"test": "repeated measures", "tasks": ("real",)},
+)
+
+
+def test_planned_tests_over_participants_are_those_of_analyse(protocol: Protocol) -> None:
+    tests = tuple(
+        PlannedTest.model_validate({"tasks": ("virtual", "real"), "question": "?", **of}) for of in OVER_PEOPLE
+    )
+    plan = protocol.model_copy(update={"analysis": tests})
+    design, model, random = (
+        planned_tests.design(plan, {}),
+        simulate.find("published", protocol),
+        np.random.default_rng(3),
+    )
+    drawn = {
+        task.id: draw(answers, trials=10, participants=7, studies=1, random=random)
+        for task, answers in zip(design.tasks, model.tasks, strict=True)
+    }
+    answers = planned_tests.answer(design, drawn)
+    who = tuple(map(str, range(7)))
+    made = {task: Confusion(design.materials, who, np.moveaxis(of[:, :, 0], 2, 0)) for task, of in drawn.items()}
+    part = Part("p", who, tuple(made), plan)
+    study = Study("s", "s", "REHEARSAL", "", design.materials, (), who, {}, {}, DataFrame(), (), (), (part,), {})
+    found = [line for one in analysed(study, made, np.random.default_rng(1)) for line in one.lines]
+    plain = [answer.p for question, answer in answers.items() if not question.adjusted and answer.p is not None]
+    assert np.concatenate(plain) == pytest.approx([line.p for line in found], abs=1e-9)
+    holm = [answer.p for question, answer in answers.items() if question.adjusted and answer.p is not None]
+    assert np.concatenate(holm) == pytest.approx([line.p_holm for line in found if line.p_holm is not None], abs=1e-9)
+    assert planned_tests.not_simulated(design) == ()

@@ -106,11 +106,11 @@ def test_what_is_planned_is_marked_and_a_new_study_is_no_published_one(root: Pat
 
 
 def test_every_planned_question_is_on_the_first_screen(root: Path) -> None:
-    """Twice the same test, and a one-way ANOVA of which the plan names no materials."""
+    """Twice the same test at two levels, and a one-way ANOVA of which the plan names no materials."""
     path = root / "sourcedata" / "protocol.toml"
     text = path.read_text("utf-8").replace('materials = ["aluminum foil", "typing paper"]\n', "")
     again = '\n[[analysis]]\ntest = "t against chance"\ntasks = ["virtual"]\nchance = 0.25\nquestion = "Once more?"\n'
-    path.write_text(text + again * 2, "utf-8")
+    path.write_text(text + again + again.replace("0.25", "0.25\nalpha = 0.01"), "utf-8")
     study = read(root)
     asked = sections(study, compute(study, {}), None, None)[0].asked
     assert len({one.question for one in asked}) == len({plan.question for plan in study.plans()})

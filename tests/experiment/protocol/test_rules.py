@@ -81,12 +81,12 @@ BROKEN = [
     (
         changed(document(), ("analysis", 0, "materials"), ("felt", "cork")),
         "analysis[0].materials",
-        "no value: only 'one-way ANOVA' has this key",
+        "no value: only 'one-way ANOVA', 'equivalence', 'sign flips against chance',",
     ),
     (
         presenting("cork", analysis={"test": "two-way ANOVA", "tasks": ("one", "two"), "question": "?"}),
         "analysis[0].tasks",
-        "tasks that present at least 2 of the same materials",
+        "at least 2 of the same materials",
     ),
     (
         presenting("cork", analysis={"test": "ICC", "tasks": ("one",), "form": "ICC(2,1)", "question": "?"}),
@@ -207,9 +207,58 @@ def test_a_part_made_alone_keeps_its_own_rules(build: Any, match: str) -> None:
         build()
 
 
-def test_an_array_with_one_length_says_so() -> None:
+def test_a_test_of_two_materials_says_so() -> None:
     (problem,) = load.find(ProtocolFile, presenting("felt", "cork", analysis={**PAIRED, "materials": ("felt",)}), {})
-    assert (problem.field, problem.allowed.partition(",")[0]) == ("analysis[0].materials", "an array of 2")
+    assert (problem.field, problem.allowed.partition(":")[0]) == ("analysis[0].materials", "2 materials")
+
+
+OFFERED: list[dict[str, Any]] = [
+    {"test": "sign flips against chance", "tasks": ("one",), "chance": 0.5, "correction": "materials"},
+    {"test": "sign flips between tasks", "tasks": ("one", "two"), "correction": "tasks"},
+    {"test": "sign flips between materials", "tasks": ("one",), "materials": ("felt", "cork")},
+    {"test": "repeated measures", "tasks": ("one", "two")},
+    {"test": "logit with participants", "tasks": ("one",), "alpha": 0.01},
+    {"test": "equivalence", "tasks": ("one", "two"), "margin": 0.1, "materials": ("felt",)},
+    {"test": "order of tasks", "tasks": ("one", "two")},
+]
+
+
+def _planning(test: dict[str, Any], number: int = 6) -> dict[str, Any]:
+    study = changed(document(), ("task_order", "kind"), "counterbalanced")
+    return {**study, "format": number, "analysis": ({"question": "?", **test},)}
+
+
+@pytest.mark.parametrize("test", OFFERED, ids=[test["test"] for test in OFFERED])
+def test_tests_of_participants_are_planned_from_format_6_on(test: dict[str, Any]) -> None:
+    assert load.find(ProtocolFile, _planning(test), {}) == ()
+    fields = [problem.field for problem in load.find(ProtocolFile, _planning(test, 5), {})]
+    new = "materials" if test["test"] == "equivalence" else "test"
+    assert f"analysis[0].{new}" in fields
+
+
+@pytest.mark.parametrize(
+    ("place", "wrong", "field"),
+    [
+        (0, {"margin": 0.1}, "analysis[0].margin"),
+        (0, {"correction": "tasks"}, "analysis[0].correction"),
+        (0, {"chance": None}, "analysis[0].chance"),
+        (1, {"correction": "materials"}, "analysis[0].correction"),
+        (1, {"tasks": ("one",)}, "analysis[0].tasks"),
+        (2, {"materials": ("felt",)}, "analysis[0].materials"),
+        (3, {"correction": "materials"}, "analysis[0].correction"),
+        (4, {"materials": ("felt",)}, "analysis[0].materials"),
+        (5, {"tasks": ("one",)}, "analysis[0].materials"),
+        (5, {"correction": "materials"}, "analysis[0].correction"),
+        (6, {"tasks": ("one",)}, "analysis[0].tasks"),
+    ],
+)
+def test_a_field_that_is_not_of_a_test_is_refused(place: int, wrong: dict[str, Any], field: str) -> None:
+    assert [one.field for one in load.find(ProtocolFile, _planning({**OFFERED[place], **wrong}), {})] == [field]
+
+
+def test_the_order_of_tasks_is_planned_where_it_changes() -> None:
+    study = changed(_planning(OFFERED[6]), ("task_order", "kind"), "fixed")
+    assert [one.field for one in load.find(ProtocolFile, study, {})] == ["task_order.kind"]
 
 
 def test_a_file_in_json_holds_the_same_protocol() -> None:

@@ -139,7 +139,7 @@ MISTAKES = [
     ('action = "exclude-participant"', 'action = "exclude-trial"', "exclusion[1].action", "'exclude-trial'", "about a"),
     ('id = "gone"', 'id = "gaps"', "exclusion[1].id", "'gaps'", "a name of its own"),
     ("chance = 0.5", "chance = 1", "analysis[0].chance", "1", "a number greater than 0 and less than 1"),
-    ('form = "ICC(2,1)"', "chance = 0.5", "analysis[1].chance", "0.5", "only 't against chance' has this key"),
+    ('form = "ICC(2,1)"', "chance = 0.5", "analysis[1].chance", "0.5", "'sign flips against chance' have this key"),
     (
         'tasks = ["one"]',
         'tasks = ["tow"]',

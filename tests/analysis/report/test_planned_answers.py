@@ -1,0 +1,59 @@
+"""The first screen of planned tests over participants: a question, its one answer, and what weakens it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from syrupy.assertion import SnapshotAssertion
+
+from palpate.analysis.designs.identification import DESIGN
+from palpate.analysis.documents.tables import text
+from palpate.analysis.identification.planned import TESTS
+from palpate.analysis.identification.results import compute
+from palpate.analysis.reading.dataset import read
+from palpate.analysis.reading.study import Part
+from palpate.analysis.report.answers import WORDS, answers_section, planned_sections
+from palpate.analysis.report.plan import PLANNED, done_of, standing
+from palpate.experiment.protocol import files
+from palpate.experiment.protocol.files import shipped
+from palpate.experiment.protocol.models import PlannedTest
+from tests.analysis.datasets import trials, write_dataset
+
+BOTH = ("virtual", "real")
+PLANS: tuple[dict[str, object], ...] = (
+    {"test": "sign flips against chance", "chance": 1 / 3, "correction": "materials"},
+    {"test": "sign flips between tasks", "question": "Do the tasks differ? By sign flips."},
+    {"test": "sign flips between materials", "correction": "materials"},
+    {"test": "repeated measures"},
+    {"test": "logit with participants", "alpha": 0.01},
+    {"test": "equivalence", "margin": 0.2, "alpha": 0.01},
+    {"test": "equivalence", "margin": 0.2, "tasks": ("virtual",)},
+    {"test": "order of tasks", "materials": ("glass", "snow")},
+)
+
+
+def test_each_planned_question_has_one_answer(tmp_path: Path, approved: SnapshotAssertion) -> None:
+    rng = np.random.default_rng(8)
+    people = {
+        str(k): {task: trials([(m, m if rng.random() < share else "sand") for m in ("glass", "sand", "snow") * 4])
+                 for task, share in zip(BOTH, (0.6, 0.8), strict=True)}
+        for k in range(8)
+    }  # fmt: skip
+    study = read(write_dataset(tmp_path, people))
+    plans = tuple(PlannedTest.model_validate({"tasks": BOTH, "question": "And this?", **plan}) for plan in PLANS)
+    own = files.load(shipped("okamoto2012.toml")).model_copy(update={"analysis": plans})
+    first = {str(k): BOTH[k % 2] for k in range(8)}
+    study = replace(study, parts=(Part("p", study.participants, BOTH, own),), first_tasks=first)
+    results = compute(study, {})
+    section = answers_section(study, results, standing(study, None), ())
+    assert [one.standing for one in section.asked] == [PLANNED] * len(PLANS)
+    assert text(section, 80) == approved
+    assert text(planned_sections(results)[0], 150) == approved
+    assert [done_of(results, plan) for plan in plans] == approved
+    assert [one["plan"]["test"] for one in DESIGN.numbers(results)["planned"]] == [plan["test"] for plan in PLANS]
+
+
+def test_every_test_has_its_words() -> None:
+    assert set(WORDS) == set(TESTS)
