@@ -30,6 +30,9 @@ HAND_S = 1 / 30
 MOST_UNREAD = 1 << 20
 """A console that leaves so much unread is cut off, bytes."""
 
+BEAT_S = 0.5
+"""What has not changed for so long is told again, s: whoever hears nothing knows that the session stands still."""
+
 AWAY_S = 5.0
 """One that reads nothing for so long although something is there, as a process does that was stopped, is away, s."""
 
@@ -111,7 +114,7 @@ class _Peer:
         self.read = bytearray()
         self.unsent = bytearray()
         self.read_s = time.monotonic()
-        self.told = b""
+        self.told, self.told_s = b"", 0.0
 
     @property
     def away(self) -> bool:
@@ -255,8 +258,9 @@ class Link:
         said = self._end.message(peer.hello.role)
         if isinstance(said, messages.Prompt):
             self._tick_s = TICK_S if said.hand_mm is None else HAND_S
-        if not peer.unsent and (told := messages.line(said)) != peer.told:
-            peer.told = told
+        told, now_s = messages.line(said), time.monotonic()
+        if not peer.unsent and (told != peer.told or now_s - peer.told_s > BEAT_S):
+            peer.told, peer.told_s = told, now_s
             peer.unsent += told
         try:
             while peer.unsent:

@@ -178,7 +178,11 @@ class Attendance:
         free = self.exposed.free_bytes
         if free is None:
             return Lamp(name="disk", good=None, words="free space not known")
-        return Lamp(name="disk", good=free > LITTLE_BYTES, words=f"{free / 1e9:.1f} GB free")
+        return Lamp(
+            name="disk",
+            good=free > LITTLE_BYTES,
+            words=f"{free / 1e9:.1f} GB free" if free >= 1e9 else f"{free / 1e6:.0f} MB free",
+        )
 
 
 class Paused:

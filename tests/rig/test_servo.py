@@ -28,6 +28,7 @@ from palpate.experiment.apparatus import host
 from palpate.experiment.apparatus.servo.link import ServoProcess
 from palpate.experiment.apparatus.servo.process import Orders
 from palpate.experiment.clock import MonotonicClock
+from palpate.experiment.errors import ServoError
 from palpate.experiment.rehearsal.wires.foot import Foot, Trajectory
 from palpate.experiment.rehearsal.wires.force_device import HUNG_UP, PUSHED, SILENT, ForceDeviceProcess
 from palpate.experiment.rehearsal.wires.serial_line import SerialLine
@@ -120,6 +121,37 @@ def test_a_servo_that_is_closed_ends_by_itself_and_tells_how_its_cycles_went() -
     # Nobody had to kill it.
     assert servo._process.returncode == 0
     assert servo.counts["cycles"] > 0
+
+
+def test_a_servo_that_stands_still_is_told_of_within_3_s_and_another_takes_its_place() -> None:
+    with ForceDeviceProcess() as device, SerialLine() as line:
+        foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
+        servo = ServoProcess(replace(ordered(line, device), stall_ms=200), MonotonicClock())
+        os.kill(servo._process.pid, signal.SIGSTOP)
+        stopped_s = time.monotonic()
+        with pytest.raises(ServoError) as told:
+            while time.monotonic() - stopped_s < 3.0:
+                servo.read()
+        servo.reconnect()
+        assert servo.read() is not None
+        servo.close()
+        foot.close()
+    assert told.value.finding.where == "servo"
+
+
+def test_a_force_device_that_stands_still_is_not_taken_for_one_that_is_back() -> None:
+    with ForceDeviceProcess() as device, SerialLine() as line:
+        foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
+        servo = ServoProcess(replace(ordered(line, device), answer_ms=100.0), MonotonicClock())
+        os.kill(device._process.pid, signal.SIGSTOP)
+        try:
+            with pytest.raises(ServoError):
+                servo.reconnect()
+        finally:
+            os.kill(device._process.pid, signal.SIGCONT)
+        servo.reconnect()
+        servo.close()
+        foot.close()
 
 
 @pytest.mark.parametrize(

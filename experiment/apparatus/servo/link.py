@@ -32,6 +32,12 @@ SLICE_S, PAUSE_NS = 0.05, 2_000_000
 STARTS_S, ENDS_S = 10.0, 2.0
 """How long the process may take until it tells of the first frame, s, and to end: the machine may be busy."""
 
+STANDS_NS = 1_000_000_000
+"""So long after it would have told of a silent tracker, ns, a process that says nothing stands still. Ours."""
+
+ANSWERS = 1.5
+"""So many times what it may take a device has to answer before it is there. Ours."""
+
 BEHIND = 1000
 """In simulated time the device may be so many messages behind."""
 
@@ -52,6 +58,7 @@ class ServoProcess:
         self._state: ClockState | None = None
         self._speed = Rendered()
         self._waiting: Felt | None = None
+        self._heard_ns: int | None = None
         self.counts: dict[str, int] = {}
         with theirs, tempfile.TemporaryFile(dir=host.IN_MEMORY) as pulse, host.elsewhere(), host.held_back():
             # Room that is there: a write to memory that is full would end the process.
@@ -61,8 +68,7 @@ class ServoProcess:
             told = storage.python_command("-m", process.__name__, *map(str, fds), json.dumps(asdict(self._orders)))
             self._process = subprocess.Popen(told, pass_fds=fds, stdin=subprocess.DEVNULL)  # noqa: S603
         for _ in range(round(STARTS_S / SLICE_S)):
-            self._waiting = self.read()
-            if self._waiting is not None:
+            if (first := self.read()) is not None:
                 break
         else:
             self.close()
@@ -71,6 +77,11 @@ class ServoProcess:
                 f"no frame of the tracker at {self._orders.port} for {STARTS_S:g} s",
                 f"see that it is powered, connected and sampling, {self._decoder.kind}",
             )
+        # A device that stands still takes connections, and answers nothing.
+        answered_ns = monotonic_ns() + int(1e6 * ANSWERS * self._orders.answer_ms)
+        while monotonic_ns() < answered_ns:
+            first = self.read() or first
+        self._waiting = first
         self._ask()
 
     def is_live(self) -> bool:
@@ -94,7 +105,10 @@ class ServoProcess:
         self._line.tell(process.BEAT, b"", monotonic_ns())
 
     def read(self) -> Felt | None:
-        """Return what the hand did, or None after `SLICE_S`. Raises `ServoError` once the process is gone, with why."""
+        """Return what the hand did, or None after `SLICE_S`.
+
+        Raises `ServoError` once the process is gone, with why, or stands still.
+        """
         waiting, self._waiting = self._waiting, None
         if waiting is not None:
             return waiting
@@ -103,6 +117,14 @@ class ServoProcess:
             heard = self._line.hear(SLICE_S)
         except EOFError:
             raise ServoError("servo", "its process has ended; nothing is pushed", "resume the session") from None
+        now_ns = monotonic_ns()
+        if heard:
+            self._heard_ns = now_ns
+        elif self._heard_ns is not None and now_ns - self._heard_ns > STANDS_NS + self._orders.stall_ms * 1e6:
+            silent_s = (now_ns - self._heard_ns) / 1e9
+            self._heard_ns = None
+            stood = f"its process stands still: it has said nothing for {silent_s:.1f} s"
+            raise ServoError("servo", stood, "see what held the machine up")
         touches: list[Touch] = []
         places: list[tuple[int, Pair]] = []
         for kind, content, sent_ns in heard:

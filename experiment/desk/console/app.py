@@ -48,6 +48,9 @@ GONE = messages.Asked(
     ),
 )
 
+STANDS_S = 2.0
+"""A session that says nothing for so long stands still, s: it speaks every `link.BEAT_S`. Ours."""
+
 WRITES = (messages.Choice(key=messages.ENTER, words="write down the answer, or that there is none"),)
 """What may be pressed at a question that is answered with a line of text."""
 
@@ -113,7 +116,8 @@ class Console(App[Left]):
         self.failed: Exception | None = None
         self._line = line
         self.view_now = messages.View()
-        self._lost = False
+        self._lost = self._stands = False
+        self._heard_s = time.monotonic()
         self._presses = Presses()
         self._form: forms.Form | None = None
         self._sent: dict[int, messages.Deed] = {}
@@ -128,6 +132,7 @@ class Console(App[Left]):
     def on_mount(self) -> None:
         threading.Thread(target=self._listen, name="link", daemon=True).start()
         self.set_interval(1.0, self._draw)
+        self.set_interval(0.25, self._watch)
 
     def on_resize(self) -> None:
         self._draw()
@@ -144,11 +149,26 @@ class Console(App[Left]):
         error = None
         try:
             for said in self._line.messages():
+                self._heard_s = time.monotonic()
                 if not isinstance(said, messages.Prompt):
                     self.post_message(Heard(said))
         except LinkError as misunderstood:
             error = misunderstood
         self.post_message(Lost(error))
+
+    def _watch(self) -> None:
+        """Say so while the session's process stands still, and once it goes on."""
+        silent_s = time.monotonic() - self._heard_s
+        if silent_s > STANDS_S and not self._lost and self.view_now.ended is None:
+            self._stands = True
+            self._say(
+                f"The session has not answered for {silent_s:.0f} s. Without it nothing pushes or sounds for longer "
+                "than 0.6 s. What you press waits for it.",
+                "refused",
+            )
+        elif self._stands:
+            self._stands = False
+            self._say("" if self._lost else "The session answers again.")
 
     # What the session says.
 

@@ -214,15 +214,23 @@ class VirtualSurfaces(Kind):
         self.lent.show(f"The {place} surface is there now.")
 
     def lacking(self) -> str:
-        left = [place for place in PLACES if self.taps.renders and place not in self.taps.touched]
-        return f"The participant has not tapped the {' and the '.join(left)} surface yet." if left else ""
+        left = self._untouched() if self.taps.renders else ""
+        return f"The participant has not tapped {left} yet." if left else ""
+
+    def _untouched(self) -> str:
+        left = [place for place in PLACES if place not in self.taps.touched]
+        return f"the {' and the '.join(left)} surface" if left else ""
 
     def rest(self) -> str:
         pair, self._pair = self._pair, None
         if pair is None:
             return ""
+        # Once everything fell silent, nobody at the desk has to wait for a tap that cannot come.
+        silent = "" if self.taps.renders else self._untouched()
         self.taps.lay(None)
-        return "" if self.taps.failed is None else self.taps.failed.sentence()
+        if self.taps.failed is not None:
+            return self.taps.failed.sentence()
+        return f"everything fell silent before {silent} was tapped" if silent else ""
 
     def quiet(self, why: str) -> None:  # noqa: ARG002
         # Without the lock of the taps, which a write may hold.

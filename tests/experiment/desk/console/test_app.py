@@ -14,7 +14,8 @@ from syrupy.assertion import SnapshotAssertion
 from textual.widget import Widget
 from textual.widgets import Input
 
-from palpate.experiment.desk.console import panes, presses
+from palpate.experiment.desk import link
+from palpate.experiment.desk.console import app, panes, presses
 from palpate.experiment.desk.console.app import Left, attend
 from palpate.experiment.desk.console.panes import Pane
 from palpate.experiment.desk.messages import (
@@ -117,6 +118,33 @@ def test_a_key_that_is_held_answers_neither_this_question_twice_nor_the_next(
 
     at_a_desk(tmp_path, ARMED, then)
     assert notices == approved
+
+
+def test_a_session_that_stands_still_is_told_of_and_so_is_its_going_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, approved: SnapshotAssertion
+) -> None:
+    notices: list[str] = []
+
+    async def then(there: Desk) -> None:
+        monkeypatch.setattr(link, "BEAT_S", float("inf"))
+        monkeypatch.setattr(app, "STANDS_S", 0.3)
+        await there.until(lambda: bool(there.notice))
+        notices.append(re.sub(r"for \d+ s", "for N s", there.notice))
+        monkeypatch.setattr(link, "BEAT_S", 0.05)
+        await there.until(lambda: "again" in there.notice)
+        notices.append(there.notice)
+
+    at_a_desk(tmp_path, asking("answer"), then)
+    assert notices == approved
+
+
+def test_a_session_of_which_nothing_changes_is_heard_all_the_same(tmp_path: Path) -> None:
+    async def then(there: Desk) -> None:
+        heard_s = there.app._heard_s
+        await there.until(lambda: there.app._heard_s > heard_s + 2 * link.BEAT_S)
+        assert there.notice == ""
+
+    at_a_desk(tmp_path, asking("answer"), then)
 
 
 def test_a_key_between_two_presses_shows_that_none_was_held(tmp_path: Path) -> None:
