@@ -35,8 +35,8 @@ STARTS_S, ENDS_S = 10.0, 2.0
 STANDS_NS = 1_000_000_000
 """So long after it would have told of a silent tracker, ns, a process that says nothing stands still. Ours."""
 
-ANSWERS = 1.5
-"""So many times what it may take a device has to answer before it is there. Ours."""
+ANSWERS_MS = 150.0
+"""A device that is late to answer within so long is not there, ms: one and a half times what a rig may allow. Ours."""
 
 BEHIND = 1000
 """In simulated time the device may be so many messages behind."""
@@ -78,7 +78,7 @@ class ServoProcess:
                 f"see that it is powered, connected and sampling, {self._decoder.kind}",
             )
         # A device that stands still takes connections, and answers nothing.
-        answered_ns = monotonic_ns() + int(1e6 * ANSWERS * self._orders.answer_ms)
+        answered_ns = monotonic_ns() + int(1e6 * ANSWERS_MS)
         while monotonic_ns() < answered_ns:
             first = self.read() or first
         self._waiting = first
