@@ -69,7 +69,10 @@ def ordered(line: SerialLine | str, device: ForceDeviceProcess) -> Orders:
 
 
 def pressed_until(fails: Fails, record: Path, path: Trajectory) -> tuple[int, list[Push]]:
-    """Have a hand press, and something fail; return when that was, ns, and what the device pushed."""
+    """Have a hand press, and something fail; return when that was, ns, and what the device pushed.
+
+    Nothing is pushed where the machine held the session up before.
+    """
     with host.raised(), ForceDeviceProcess(record) as device, SerialLine() as line:
         foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
         told = [sys.executable, "-m", pressing.__name__, json.dumps(asdict(ordered(line, device)))]
@@ -77,13 +80,15 @@ def pressed_until(fails: Fails, record: Path, path: Trajectory) -> tuple[int, li
             assert session.stdout is not None
             servo = int(session.stdout.readline())
             foot.step(path, 0)
-            assert session.stdout.readline() == "pressing\n", "servo gave up"
+            said = session.stdout.readline()
             at_ns = time.monotonic_ns()
-            fails(session.pid, servo, line, foot)
+            if said != pressing.HELD_UP:
+                assert said == "pressing\n"
+                fails(session.pid, servo, line, foot)
             device.close()
             session.kill()
         foot.close()
-    return at_ns, pushed(record)
+    return at_ns, [] if said == pressing.HELD_UP else pushed(record)
 
 
 def last_push(pushes: list[Push]) -> int:
@@ -168,7 +173,7 @@ def test_force_is_zero_within_2_ms_of(fails: Fails, by: set[int], tmp_path: Path
     late_ms = []
     for n in range(MOST_TRIES):
         at_ns, pushes = pressed_until(fails, tmp_path / f"{n}.bin", press())
-        assert max(push.out_n for push in pushes) <= 3.0
+        assert max((push.out_n for push in pushes), default=0.0) <= 3.0
         if not any(push.out_n > 0 for push in pushes):
             continue
         last = last_push(pushes)
@@ -193,6 +198,8 @@ def test_force_is_zero_within_600_ms_of_a_session_that_stands_still(tmp_path: Pa
     late_ms = []
     for n in range(MOST_TRIES):
         at_ns, pushes = pressed_until(stop_session, tmp_path / f"{n}.bin", press(0.05, 2.0))
+        if not pushes:
+            continue
         late_ms.append((pushes[last_push(pushes) + 1].at_ns - at_ns) / 1e6)
         assert late_ms[-1] <= 600, late_ms
         if late_ms[-1] > 400:
