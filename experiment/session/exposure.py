@@ -223,7 +223,7 @@ class Exposed:
         )
 
     def _tell_over(self, why: str) -> None:
-        self._tell(f"\n{nothing_more(why)} Answer what is asked; then the session ends or pauses.")
+        self._tell(f"\n{nothing_more(why)} The session ends or pauses after the next answer.")
 
     def _tell(self, text: str) -> None:
         """Show a line; a terminal that stands still holds up a thread of its own."""
