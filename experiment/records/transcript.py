@@ -47,8 +47,8 @@ def text(contents: Contents, trial: int | None = None) -> str:
         lines.append(f"The last line is torn: {len(contents.torn)} bytes that were never confirmed were left out.")
     if done.footer is None:
         gone = any(isinstance(entry, entries.Withdrawal) for entry in contents.entries)
-        again = "" if gone else " It can be resumed."
-        lines.append(f"The session has no footer: it ended without saying why.{again}")
+        state = "it was cut off" if gone else "it is running, or it was cut off and can be resumed"
+        lines.append(f"The session has no footer: {state}.")
     fill = textwrap.TextWrapper(WIDTH, subsequent_indent=INDENT, break_on_hyphens=False).fill
     return "\n".join(fill(plain(line, keep="")) for line in lines)
 

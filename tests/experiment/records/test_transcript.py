@@ -170,8 +170,9 @@ def test_it_says_what_the_participant_saw(tmp_path: Path, approved: SnapshotAsse
 
 
 def test_a_session_without_a_footer_can_be_resumed_unless_the_participant_withdrew(tmp_path: Path) -> None:
-    ended = "The session has no footer: it ended without saying why."
-    for name, entries, last in (("on", [], f"{ended} It can be resumed."), ("off", [WITHDRAWN], ended)):
+    none = "The session has no footer: it"
+    again = f"{none} is running, or it was cut off and can be resumed."
+    for name, entries, last in (("on", [], again), ("off", [WITHDRAWN], f"{none} was cut off.")):
         (folder := tmp_path / name).mkdir()
         assert told(folder, Phase(state="ready"), *entries).splitlines()[-1] == last
 
