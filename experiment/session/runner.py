@@ -351,7 +351,7 @@ class _Session:
             if event is Event.PAUSE:
                 return questions.BY_EXPERIMENTER
             self._follow(event)
-            if event is Event.LOST and (pause := self._wait_for_tracker()):
+            if event is Event.LOST and (pause := self._wait_for_device()):
                 return pause
         return ""
 
@@ -381,8 +381,8 @@ class _Session:
             return f"trial {trial} was begun {MOST_ATTEMPTS} times; see to the rig, then go on"
         return ""
 
-    def _wait_for_tracker(self) -> str:
-        """Wait for the tracker to be plugged in again; return why the session pauses instead, or nothing."""
+    def _wait_for_device(self) -> str:
+        """Wait for the device that fell silent; return why the session pauses instead, or nothing."""
         console, lost = self.devices.console, self._attempts.outage
         wait_s = min(self.devices.reconnect_s, math.ceil(self._exposed.left_s))
         self.log.write(entries.Phase(state=self._state, detail=lost))
@@ -391,12 +391,12 @@ class _Session:
         if pause := self._missing(wait_s):
             return pause
         self._follow(Event.FOUND)
-        self.log.write(entries.Phase(state=self._state, detail="the tracker is back"))
-        console.tell(Notice("The tracker is back; the trial begins again."))
+        self.log.write(entries.Phase(state=self._state, detail="the device is back"))
+        console.tell(Notice("The device is back; the trial begins again."))
         return ""
 
     def _missing(self, wait_s: float) -> str:
-        """Wait so long for the tracker, and see between whether to go on; return why the session pauses, or nothing."""
+        """Wait so long for the device, and see between whether to go on; return why the session pauses, or nothing."""
         slices = max(math.ceil(wait_s / SLICE_S), 1)
         for _ in range(slices):
             try:

@@ -182,7 +182,7 @@ def test_a_tracker_that_is_unplugged_in_mid_step_is_waited_for_and_nothing_is_lo
     )
     assert (code, err) == (0, "")
     assert "waits for 300 s" in out
-    assert "tracker is back" in out
+    assert "device is back" in out
     assert "complete: 4 answers" in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
@@ -220,7 +220,7 @@ def test_a_tracker_that_is_unplugged_between_two_steps_is_waited_for(
         "run", "study.toml", "-p", "01", "--task", task, "--rig", "rig.toml", "--dataset", "dataset"
     )
     assert (code, err) == (0, "")
-    assert "tracker is back" in out
+    assert "device is back" in out
     assert "complete: 4 answers" in out
     folder = Path("dataset") / "sourcedata" / "sub-01"
     entries = journal.read(folder / f"sub-01_task-{task}_journal.jsonl").entries
