@@ -132,12 +132,17 @@ def test_a_servo_that_stands_still_is_told_of_within_3_s_and_another_takes_its_p
     with ForceDeviceProcess() as device, SerialLine() as line:
         foot = Foot(line, HAND, real_time=True, rest_mm=5.0, noise_mm=0.0, tick_s=1 / HAND.rate_hz)
         servo = ServoProcess(replace(ordered(line, device), stall_ms=200), MonotonicClock())
-        os.kill(servo._process.pid, signal.SIGSTOP)
+        stopped = servo._process
+        stopped.send_signal(signal.SIGSTOP)
         stopped_s = time.monotonic()
-        with pytest.raises(ServoError) as told:
-            while time.monotonic() - stopped_s < 3.0:
-                servo.read()
-        servo.reconnect()
+        try:
+            with pytest.raises(ServoError) as told:
+                while time.monotonic() - stopped_s < 3.0:
+                    servo.read()
+            servo.reconnect()
+        finally:
+            # Where it was replaced, it has been ended already.
+            stopped.send_signal(signal.SIGCONT)
         assert servo.read() is not None
         servo.close()
         foot.close()
