@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from palpate.experiment.protocol.models import ExclusionRule, PlannedTest, Protocol
 
 ALL_TASKS = "all"
+AGAIN = "done again"
+"""What is said, in place of a rule, of an attempt that was repeated."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ def exclude(
     """
     rules = tuple(rules)
     found = [
-        _attempt(row, "done again", f"attempt {row['attempt']} was done again: {row['redo_reason']}")
+        _attempt(row, AGAIN, f"attempt {row['attempt']} was done again: {row['redo_reason']}")
         for _, row in attempts[~attempts["counted"]].iterrows()
     ]
     present = set(attempts["participant"])
@@ -85,13 +87,16 @@ def exclude(
 
 
 def nothing_left(dataset: str, exclusions: Iterable[Exclusion]) -> DatasetError:
-    """Return the error for a dataset without a trial left: each rule, how often it acted, and a reason that it gave."""
+    """Return the error for a dataset without a trial left: each rule, how often it acted, and a reason that it gave.
+
+    Attempts that were done again come last: nobody can act on these.
+    """
     by_rule: dict[str, list[str]] = {}
     for one in exclusions:
         by_rule.setdefault(one.rule, []).append(one.reason)
     told = "; ".join(
         f"{rule}, {plural(len(reasons), 'time')} ({'such as: ' if len(set(reasons)) > 1 else ''}{reasons[0]})"
-        for rule, reasons in by_rule.items()
+        for rule, reasons in sorted(by_rule.items(), key=lambda item: item[0] == AGAIN)
     )
     return DatasetError(dataset, f"every trial is left out: {told}", "check the exclusion rules of the protocol")
 

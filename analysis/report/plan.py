@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from palpate.analysis.documents.tables import Column, Record, Section, blocks, number, p_is, plural, tabulate
 from palpate.analysis.published.numbers import Published
-from palpate.analysis.reading.study import Exclusion, Study, sentences
+from palpate.analysis.reading.study import AGAIN, Exclusion, Study, sentences
 
 if TYPE_CHECKING:
     from palpate.analysis.identification.planned import Planned
@@ -337,7 +337,7 @@ def _by_rule(study: Study) -> list[Record]:
         for rule in rules.values()
     ]  # fmt: skip
     whole = {one.rule for one in study.exclusions if one.trial is None}
-    named = {"done again": "attempt was done again", "no data": "no events in the dataset", "withdrawn": "withdrew"}
+    named = {AGAIN: "attempt was done again", "no data": "no events in the dataset", "withdrawn": "withdrew"}
     records += [
         {"rule": rule, "count": count, "action": "participant" if rule in whole else "attempt",
          "when": named.get(rule, "-")}

@@ -172,9 +172,10 @@ def test_when_nothing_is_left_each_rule_stands_once(approved: SnapshotAssertion)
     attempts.loc[attempts["trial"] == 1, "answered"] = attempts["participant"].map({"1": "sand", "2": "(none)"})
     found, _ = exclude(attempts, NOBODY, [_rule("answers-below", 3, "exclude-participant")])
     assert not attempts["included"].any()
-    assert (
-        str(nothing_left("lab", (*found, Exclusion("3", ALL_TASKS, None, None, "withdrawn", "withdrew")))) == approved
-    )
+    again = Exclusion("1", "real", 2, 1, "done again", "attempt 1 was done again: slipped")
+    gone = Exclusion("3", ALL_TASKS, None, None, "withdrawn", "withdrew")
+    # What nobody can act on stands last.
+    assert str(nothing_left("lab", (again, *found, gone))) == approved
 
 
 def test_the_rules_come_from_the_protocol_in_the_dataset(tmp_path: Path, repository_root: Path) -> None:
