@@ -89,7 +89,8 @@ def differences(dataset: Dataset) -> Iterator[Finding]:
             earlier = (_differing(root, made(then)) for then in _since_footer(contents))
             unmade = not until_footer(contents).lines and not _has_table(root, header)
             unlike = [] if unmade else min([unlike, *earlier], key=len)
-        yield from unlike
+        older = unlike and any(not _differing(root, made(then)) for then in _at_footers(contents))
+        yield from _older(root, unlike) if older else unlike
 
 
 def lost_traces(dataset: Dataset) -> Iterator[Finding]:
@@ -114,12 +115,14 @@ def _of_study(dataset: Dataset) -> list[Finding]:
     """Return each file of all participants that the journals do not give, with or without those under way."""
     root, under_way = dataset.root, dataset.under_way
     unlike = _differing(root, build.study_files(root, dataset))
-    if not (unlike and under_way):
-        return unlike
-    ended = tuple((path, of) for path, of in dataset.sessions if path not in under_way or _has_table(root, of))
-    files = build.study_files(root, replace(dataset, sessions=ended))
-    # Before the first session ends nothing is made that could be missed.
-    return _differing(root, {path: content for path, content in files.items() if ended or path.exists()})
+    if unlike and under_way:
+        ended = tuple((path, of) for path, of in dataset.sessions if path not in under_way or _has_table(root, of))
+        files = build.study_files(root, replace(dataset, sessions=ended))
+        # Before the first session ends nothing is made that could be missed.
+        unlike = _differing(root, {path: content for path, content in files.items() if ended or path.exists()})
+    made = tuple((path, of) for path, of in dataset.sessions if _has_table(root, of))
+    older = unlike and not _differing(root, build.study_files(root, replace(dataset, sessions=made)))
+    return [*_older(root, unlike)] if older else unlike
 
 
 def _differing(root: Path, files: bids.Files) -> list[Finding]:
@@ -132,6 +135,12 @@ def _since_footer(contents: journal.Contents) -> Iterator[journal.Contents]:
     lines, ended = contents.lines, len(until_footer(contents).lines)
     for count in range(len(lines) - 1, max(ended, 1) - 1, -1):
         yield replace(contents, lines=lines[:count])
+
+
+def _at_footers(contents: journal.Contents) -> Iterator[journal.Contents]:
+    """Yield a journal as it was whenever its session ended, the latest first."""
+    while (contents := until_footer(replace(contents, lines=contents.lines[:-1]))).lines:
+        yield contents
 
 
 def until_footer(contents: journal.Contents) -> journal.Contents:
@@ -158,6 +167,14 @@ def _difference(root: Path, path: Path, content: bytes) -> Finding | None:
     remedy = build_again(root, "compare both with a backup, then make the tables again", suffices=False)
     what = _differing_line(path, content) if keys is None else _differing_key(path, content, keys)
     return Finding(f"{what}: {CAUSE}", path, remedy=remedy) if what else None
+
+
+def _older(root: Path, unlike: Sequence[Finding]) -> Iterator[Finding]:
+    """Yield what is wrong with tables that journals gave before their last lines, as a kill leaves them."""
+    for one in unlike:
+        yield Finding(
+            "is older than the journals, which gave it before", one.where, remedy=build_again(root, "make it again")
+        )
 
 
 def _missing(root: Path, path: Path) -> Finding:

@@ -16,13 +16,13 @@ from palpate.experiment import storage
 from palpate.experiment.dataset import bids, build, checks, register, status
 from palpate.experiment.dataset.signatures import Signer
 from palpate.experiment.dataset.verify import FOREIGN, MISTYPED, Report, verify
-from palpate.experiment.errors import DatasetError, OtherFormat
+from palpate.experiment.errors import DatasetError, OtherFormat, Remedy
 from palpate.experiment.protocol import approval
 from palpate.experiment.records import chain
 from palpate.experiment.study import enrolment
 from palpate.experiment.study.roster import Roster
 from tests.conftest import Palpate
-from tests.experiment.dataset.studies import MadeStudy, make_study
+from tests.experiment.dataset.studies import DAY, MadeStudy, make_study
 from tests.faults.anchors import forge
 
 ANEW = "NOT PROVEN: a person who can write to this folder could have made journals, heads and tables anew"
@@ -330,6 +330,32 @@ def test_an_open_session_is_told_as_open_and_not_accused(study: MadeStudy, visit
     told = {finding.place(): finding.clause() for finding in verify(study.root).findings}
     assert told[inside(study, study.journal(1, 1))].endswith("; its session is open: it was paused with 3 trials to go")
     assert "open" not in told[inside(study, study.journal(1, 0))]
+
+
+def test_tables_that_are_older_than_their_journals_are_made_again_by_a_command(study: MadeStudy) -> None:
+    one = study.tasks[0]
+    asked = study.header(one.participant, one.tasks[1])
+    study.run(asked, "cq")
+    build.build(study.root)
+    study.run(asked, "aptc")
+    enrolment.enrol(study.file, "03", DAY, root=study.root, seed=None)
+    study.run(study.header("03", study.tasks[2].tasks[0]))
+    report = verify(study.root)
+    found = [one for one in report.findings if one.verdict == "refuses"]
+    tables = [
+        inside(study, bids.beh_path(study.root, one.participant, one.tasks[1], f"events.{kind}"))
+        for kind in ("tsv", "json")
+    ]
+    assert {"participants.tsv", *tables} < {one.place() for one in found}
+    assert {one.remedy.command for one in found if isinstance(one.remedy, Remedy)} == {
+        ("palpate", "build", str(study.root))
+    }
+    assert advises_commands(report)
+    table = study.root / tables[0]
+    table.write_bytes(table.read_bytes().replace(b"PARTICIPANT", b"PARTICIPANt", 1))
+    assert not advises_commands(verify(study.root))
+    build.build(study.root)
+    assert verify(study.root).refused == 0
 
 
 def test_before_the_first_session_has_ended_there_is_no_table_that_is_missed(tmp_path: Path, palpate: Palpate) -> None:
